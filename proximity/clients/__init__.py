@@ -6,6 +6,7 @@ The layouts are those of one version: whoever installs another one writes them o
 
 import os
 from collections.abc import Callable
+from importlib.metadata import distribution
 from pathlib import Path
 
 import proximity
@@ -40,7 +41,15 @@ def client_files(language: str) -> dict[str, str]:
         )
         for path in sorted(folder.rglob("*.*"))
     }
-    return {name: layout(), **texts}
+    return {name: layout(), "LICENSE": license_text(), **texts}
+
+
+def license_text() -> str:
+    """Return the licence, from the checkout or the installed distribution."""
+    path = Path(proximity.__file__).parent.parent / "LICENSE"
+    if path.is_file() and (path.parent / "pyproject.toml").is_file():
+        return path.read_text(encoding="utf-8")
+    return distribution("cad-proximity").read_text("licenses/LICENSE") or ""
 
 
 def write_client(language: str, folder: str | os.PathLike[str]) -> dict[str, bool]:

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 import proximity
-from proximity.clients import write_client
+from proximity.clients import license_text, write_client
 from proximity.core import CORE
 from proximity.core.library_in_c import library_path
 from proximity.errors import ProximityError
@@ -20,6 +20,7 @@ PLACES = {
     CORE / "mailbox" / "proximity_mailbox.h": "include",
     HERE / "proximity.hpp": "include",
     HERE / "package" / "proximity-config.cmake": "lib/cmake/proximity",
+    HERE / "package" / "proximity-config-version.cmake": "lib/cmake/proximity",
     HERE / "package" / "proximity.pc": "lib/pkgconfig",
     HERE / "examples" / "distances.c": "examples",
     HERE / "examples" / "moving.c": "examples",
@@ -37,6 +38,7 @@ def write_library(folder: str | os.PathLike[str]) -> dict[str, bool]:
     contents: dict[str, str | bytes] = {
         f"lib/{library.name}": library.read_bytes(),
         "include/proximity_message.h": header_text(),
+        "LICENSE": license_text(),
     }
     import_library = library.with_suffix(".lib")
     if import_library.is_file():

@@ -6,18 +6,19 @@ import sys
 from pathlib import Path
 
 import proximity
-from proximity.clients import client_files
+from proximity.clients import client_files, license_text
 from proximity.core.library_in_c import NATIVE
 from proximity.errors import ProximityError
+from proximity.message.javascript_layout import layout_types
 from proximity.system.written_files import write_files
 
 HERE = Path(__file__).parent / "wasm"
 MODULES = ("proximity.plain.wasm", "proximity.relaxed.wasm")
 """Of which a checkout may have only the second, for browsers that have relaxed vector instructions."""
+CLIENT_FILES = ("proximity_client.mjs", "layout.mjs")
+"""Of the service's client: its clock, and the layout of contacts."""
 TOOL = Path(proximity.__file__).parent.parent / "tools" / "build_kernels.py"
 BUILD = "python tools/build_kernels.py --target wasm32 --every-set --isolated"
-CLIENT_FILES = ("proximity_client.mjs", "layout.mjs")
-"""Of the service's client: what reads the records of contacts."""
 
 
 def package_files() -> dict[str, str | bytes]:
@@ -37,6 +38,8 @@ def package_files() -> dict[str, str | bytes]:
     return {
         **own,
         **{name: client[name] for name in CLIENT_FILES},
+        "layout.d.mts": layout_types(),
+        "LICENSE": license_text(),
         **{name: (NATIVE / name).read_bytes() for name in found},
     }
 

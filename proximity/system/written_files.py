@@ -13,8 +13,11 @@ def write_files(
 ) -> dict[str, bool]:
     """Write files into a folder, which is made where it is not there.
 
-    *kept*: files that are left alone where they are there already.
+    *kept*: files that are left alone where they are there already. A package of Python is no such folder:
+    they would be imported with it.
     """
+    if Path(folder, "__init__.py").is_file():
+        raise ProximityError(f"{folder}: is a package of Python, expected another folder, such as engine")
     written = {}
     for name, content in contents.items():
         path = Path(folder) / name

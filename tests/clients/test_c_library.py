@@ -400,8 +400,6 @@ def test_what_cannot_be_done_is_told(tmp_path):
         opened.call("use_instructions", opened._scene, b"v9")
     with pytest.raises(ArgumentError, match="there is no part -1, expected 0 to 2"):
         opened.hide("nobody")
-    with pytest.raises(PoseError, match="row 1 is no rigid transform"):
-        opened.move_many(["part 0", "part 1"], [np.eye(4), 2.0 * np.eye(4)])
     with pytest.raises(ArgumentError, match="max_distance is -1, expected a length of 0 m or more"):
         opened.closest(point, max_distance=-1.0)
     with pytest.raises(ArgumentError, match="max_distance is nan"):
@@ -411,6 +409,45 @@ def test_what_cannot_be_done_is_told(tmp_path):
     with pytest.raises(NotWatertightError, match="no part has an inside"):
         sheet.contains(point)
     assert answers(opened) == answers(crowd(3))  # nothing of this has changed anything
+
+
+def matrix_with(row, column, number):
+    matrix = np.eye(4)
+    matrix[row, column] = number
+    return matrix
+
+
+@pytest.mark.parametrize(
+    ("matrix", "speed", "words"),
+    [
+        (np.diag([25.4, 25.4, 25.4, 1.0]), None, "the matrix scales by 25.4, expected 1: a part keeps its"),
+        (
+            np.diag([1.0, 1.0, 2.0, 1.0]),
+            None,
+            r"scales or shears \(its axes are 1, 1 and 2 long\), expected a",
+        ),
+        (
+            matrix_with(0, 1, 0.3),
+            None,
+            r"scales or shears \(its axes are 1, 1.04\d* and 1 long\), expected a",
+        ),
+        (np.diag([1.0, 1.0, -1.0, 1.0]), None, r"the matrix mirrors \(determinant -1\), expected \+1"),
+        (matrix_with(2, 3, np.nan), None, "the matrix has numbers that are not finite"),
+        (matrix_with(3, 0, 0.1), None, "is column by column, expected row by row, with the translation at 3"),
+        (2.0 * np.eye(4), None, "the matrix has the last row 0 0 0 2, expected 0 0 0 1"),
+        (matrix_with(0, 3, 1e150), None, r"the matrix leads 1e\+150 m away, expected at most 2.5e\+149 m"),
+        (np.eye(4), [np.inf, 0, 0], "a velocity is not finite"),
+        (np.eye(4), [1e10, 0, 0], r"or the velocity is above 1e\+09 m/s or rad/s"),
+    ],
+)
+def test_pose_that_cannot_be_used_names_part_and_cause(matrix, speed, words):
+    opened, before = through_library(crowd(3)), answers(crowd(3))
+
+    with pytest.raises(PoseError, match=f"^part 'part 1': .*{words}"):
+        opened.move_many(
+            ["part 0", "part 1"], [np.eye(4), matrix], None if speed is None else [np.zeros(3), speed]
+        )
+    assert answers(opened) == before
 
 
 def bits_of(clearance):

@@ -31,7 +31,7 @@ POINTS = ["0", "0", "0.02", "0.06", "0.02", "0.004"]
 def folder(tmp_path_factory):
     """What is written, and a scene beside it."""
     folder = tmp_path_factory.mktemp("program")
-    c_package.write_library(folder / "proximity")
+    c_package.write_library(folder / "engine")
     proximity.load(MESHES / "bracket.stl", units="mm").save(folder / "bracket.prox")
     return folder
 
@@ -39,8 +39,8 @@ def folder(tmp_path_factory):
 def linked(folder, source, *options, tool=None):
     """A program of a source, warnings being errors."""
     program = folder / f"{source.stem}_{len(list(folder.iterdir()))}"
-    library = folder / "proximity" / "lib"
-    where = [f"-I{folder}/proximity/include", f"-L{library}", "-lproximity", f"-Wl,-rpath,{library}", "-lm"]
+    library = folder / "engine" / "lib"
+    where = [f"-I{folder}/engine/include", f"-L{library}", "-lproximity", f"-Wl,-rpath,{library}", "-lm"]
     run(tool or c_compiler(), *WARNINGS, *options, source, "-o", program, *where)
     return program
 
@@ -59,7 +59,7 @@ def expected_lines():
 @has_library
 @pytest.mark.parametrize("standard", ["c99", "c11"])
 def test_examples_run_from_an_empty_folder(folder, standard):
-    examples = folder / "proximity" / "examples"
+    examples = folder / "engine" / "examples"
 
     distances = linked(folder, examples / "distances.c", f"-std={standard}")
     moving = linked(folder, examples / "moving.c", f"-std={standard}")
@@ -77,7 +77,7 @@ def test_examples_run_from_an_empty_folder(folder, standard):
 @has_library
 @pytest.mark.skipif(sys.platform != "linux", reason="mailboxes are of Linux")
 def test_example_of_a_mailbox_follows_a_service_that_starts_anew(folder):
-    program = linked(folder, folder / "proximity" / "examples" / "mailbox_receiver.c", "-std=c99")
+    program = linked(folder, folder / "engine" / "examples" / "mailbox_receiver.c", "-std=c99")
     name = f"receiver-{os.getpid()}"
     with subprocess.Popen([program, name, "60"], stdout=subprocess.PIPE, text=True) as receiver:
         lines = receiver.stdout
@@ -137,6 +137,41 @@ def test_header_for_cpp_closes_scenes_and_throws(folder):
 
 
 @has_library
+def test_header_for_cpp_without_exceptions_has_a_status(folder):
+    source = folder / "status.cpp"
+    source.write_text("""
+#include <proximity.hpp>
+int main(int, char **words)
+{
+    proximity::Scene none("none.prox"), scene(words[1]);
+    std::array<proximity::Vector, 1> points{};
+    std::array<double, 2> distances{7.0, 7.0};
+    std::array<std::int64_t, 1> instants{1};
+    std::printf("%d %s\\n", proximity::status().code, proximity::status().sentence);
+    none.signed_distance(points, std::span<double>(distances).first(1));
+    std::printf("%d %g\\n", proximity::status().code, distances[0]);
+    proximity::status().code = PROXIMITY_OK;
+    scene.signed_distance(points, distances);
+    std::printf("%s\\n", proximity::status().sentence);
+    proximity::Tracker tracker(scene, 2), lost(none, 2);
+    std::printf("%zu\\n", tracker.tick(points, instants, 1).size() + lost.tick(points, instants, 1).size());
+    std::array<proximity::Vector, 2> both{};
+    std::array<std::int64_t, 2> then{1, 1};
+    std::printf("%zu\\n", tracker.tick(both, then, 1).size());
+}
+""")
+    program = linked(folder, source, "-std=c++20", "-fno-exceptions", tool=compiler("c++", "g++", "clang++"))
+
+    assert run(program, folder / "bracket.prox").splitlines() == [
+        "3 none.prox: it cannot be opened (No such file or directory)",
+        "1 7",
+        "spans have different numbers of rows",
+        "0",
+        "2",
+    ]
+
+
+@has_library
 def test_program_of_the_guide_prints_what_is_shown(folder):
     page = PAGES["guide/c-library.md"]
     code, printed = (re.search(rf"```{kind}\n(.*?)```", page, re.DOTALL)[1] for kind in ("c", "text"))
@@ -169,8 +204,11 @@ def test_cmake_finds_the_library(folder):
     project.mkdir()
     (project / "CMakeLists.txt").write_text(
         "cmake_minimum_required(VERSION 3.13)\nproject(program C)\n"
-        f"find_package(proximity CONFIG REQUIRED PATHS {folder}/proximity NO_DEFAULT_PATH)\n"
-        f"add_executable(program {folder}/proximity/examples/moving.c)\n"
+        f"find_package(proximity 99 CONFIG QUIET PATHS {folder}/engine NO_DEFAULT_PATH)\n"
+        'if(proximity_FOUND)\n  message(FATAL_ERROR "version 99 was found")\nendif()\n'
+        f"find_package(proximity {proximity.__version__} EXACT CONFIG REQUIRED PATHS {folder}/engine "
+        "NO_DEFAULT_PATH)\n"
+        f"add_executable(program {folder}/engine/examples/moving.c)\n"
         "target_link_libraries(program PRIVATE proximity::proximity)\n"
     )
     c_compiler()
@@ -184,7 +222,7 @@ def test_cmake_finds_the_library(folder):
 @has_library
 @pytest.mark.skipif(not shutil.which("pkg-config"), reason="there is no pkg-config")
 def test_pkg_config_finds_the_library(folder):
-    environment = os.environ | {"PKG_CONFIG_PATH": str(folder / "proximity/lib/pkgconfig")}
+    environment = os.environ | {"PKG_CONFIG_PATH": str(folder / "engine/lib/pkgconfig")}
     words = [
         subprocess.run(
             ["pkg-config", *options, "proximity"], env=environment, capture_output=True, text=True, check=True
@@ -193,6 +231,14 @@ def test_pkg_config_finds_the_library(folder):
     ]
 
     assert words[0] == proximity.__version__ and words[1].split()[-1] == "-lproximity"
+
+
+def test_package_of_python_is_no_folder_to_write_to(tmp_path):
+    (tmp_path / "__init__.py").touch()
+
+    with pytest.raises(ProximityError, match="is a package of Python, expected another folder, such as eng"):
+        c_package.write_library(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["__init__.py"]
 
 
 @has_library

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def prepare(folder):
+def prepare(folder, program):
     """Put the library's sources together, but for the wrappers of kernels: those are the library's own."""
     from core_tables import tables_header, tables_source
 
@@ -31,7 +31,7 @@ def prepare(folder):
     (folder / "core_tables.c").write_text(tables.replace(NO_SETS, ""))
     names = ("library/*.[ch]", "mailbox/*.[ch]", "cpython/runtime.c", "cpython/processor.c", "cpython/*.h")
     own = [source for name in names for source in CORE.glob(name)]
-    clients = [SUPPORT / "clients" / name for name in ("library_sets.c", "library_driver.c")]
+    clients = [SUPPORT / "clients" / name for name in ("library_sets.c", program)]
     for source in [*own, *clients]:
         text = source.read_text()
         (folder / source.name).write_text(
@@ -39,21 +39,25 @@ def prepare(folder):
         )
 
 
-@pytest.fixture(scope="module")
-def driver(tmp_path_factory):
-    """A program that opens files, changes them, and uses their scenes."""
-    folder = tmp_path_factory.mktemp("driver")
-    prepare(folder)
-    files = ["-o", folder / "driver", *folder.glob("*.c"), "-lm", "-ldl"]
-    command = [c_compiler(), *OPTIONS, f"-I{folder}", *files]
-    built = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
-    if "asan" in built.stderr:
+def built(folder, program, options):
+    """A program with the library's sources; skips where the compiler has no such sanitizers."""
+    prepare(folder, program)
+    files = ["-o", folder / "driver", *folder.glob("*.c"), "-lm", "-ldl", "-pthread"]
+    command = [c_compiler(), *options, f"-I{folder}", *files]
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
+    if "asan" in done.stderr or "tsan" in done.stderr:
         pytest.skip("the compiler has no sanitizers")
-    assert built.returncode == 0, built.stderr
+    assert done.returncode == 0, done.stderr
     return folder / "driver"
 
 
-def opened_and_refused(driver, paths):
+@pytest.fixture(scope="module")
+def driver(tmp_path_factory):
+    """A program that opens files, changes them, and uses their scenes."""
+    return built(tmp_path_factory.mktemp("driver"), "library_driver.c", OPTIONS)
+
+
+def printed(driver, paths):
     done = subprocess.run(
         [driver, *paths],
         env=os.environ | {"LIBRARY": str(library_in_c.library_path())},
@@ -63,7 +67,21 @@ def opened_and_refused(driver, paths):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    return tuple(map(int, done.stdout.split()))
+    return done.stdout
+
+
+def opened_and_refused(driver, paths):
+    return tuple(map(int, printed(driver, paths).split()))
+
+
+@pytest.mark.slow
+def test_a_thread_that_posts_and_one_that_ticks_have_no_race(tmp_path):
+    program = built(tmp_path, "posting_driver.c", ["-g", "-O1", "-fsanitize=thread", "-D_GNU_SOURCE"])
+    mutated_scenes.SCENES["crowd"]().save(tmp_path / "crowd.prox")
+
+    ticks, *reached = printed(program, [tmp_path / "crowd.prox"]).split()
+
+    assert int(ticks) > 3000 and sorted(reached) == ["0.099999", "0.100000"]
 
 
 @pytest.mark.slow

@@ -120,7 +120,7 @@ def test_answers_are_those_of_python(package, tmp_path):
         "3 none.prox: it cannot be opened (No such file or directory)",
         "4 it is no compiled scene; `proximity compile` makes one of files of parts",
         f"1 there is no part 7777, expected 0 to {count - 1}",
-        "5 row 0 is no rigid transform, or leads too far away, or its velocity is too large",
+        *2 * [f"5 part '{scene.parts[0].name}': the matrix has the last row 0 0 0 0, expected 0 0 0 1"],
         "1 an array has the wrong length, expected a row for each that is asked",
         "1 max_distance is -1, expected a length of 0 m or more",
         "1 there is no scene, no place for the tracker, or no finger",

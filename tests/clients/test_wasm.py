@@ -155,17 +155,19 @@ const { readFileSync } = await import("node:fs");
 const scene = (await load()).open(readFileSync("assembly.prox"));
 const tracker = scene.tracker(2, { radius: 0.005, budget: 64 });
 const contacts = [];
+const plain = (_, value) => (typeof value === "bigint" ? Number(value)
+  : typeof value === "number" && !Number.isFinite(value) ? String(value) : value);
 for (let k = 0; k < 200; k++) {
   const now = 1_000_000_000n + BigInt(k) * 1_000_000n;
   const positions = [0.3 - 0.001 * k, 0.05, 0.05, NaN, 0, 0];
   const corners = [0, 0.5, 1].flatMap((x) => [0.3 - 0.001 * k - 0.3 * x, 0.05 - 0.04 * x, 0.05 - 0.05 * x]);
   corners.push(...new Array(9).fill(NaN));
   const known = { velocities: [-1, 0, 0, 0, 0, 0], corners, pathBends: [0, 0.3, 1], bends: [0.3, 0] };
-  contacts.push(...tracker.tick(positions, k % 2 ? now : [now, now], now + 300n, k < 100 ? {} : known));
+  const found = tracker.tick(positions, k % 2 ? now : [now, now], now + 300n, k < 100 ? undefined : known);
+  contacts.push(...(k < 150 ? found.map((each) => each.copy()) : JSON.parse(JSON.stringify(found, plain))));
 }
 tracker.close();
-console.log(JSON.stringify(contacts, (_, value) => (typeof value === "bigint" ? Number(value)
-  : typeof value === "number" && !Number.isFinite(value) ? String(value) : value)));
+console.log(JSON.stringify(contacts, plain));
 """,
     )
     scene = proximity.load(folder / "assembly.prox")
@@ -207,7 +209,17 @@ for (const action of [() => scene.signedDistance([1, 2]), () => scene.closest([0
   () => scene.tracker(2).tick([0, 0, 0, 0, 0, 0], [0n], 0n), () => scene.tracker(1).tick([0, 0, 0], 0, 0n),
   () => { kept = scene.tracker(1); scene.close(); scene.distance([0, 0, 0]); },
   () => { engine.open(bytes); kept.tick([0, 0, 0], 0n, 0n); },
-  () => { kept.close(); kept.tick([0, 0, 0], 0n, 0n); }]) {
+  () => { kept.close(); kept.tick([0, 0, 0], 0n, 0n); },
+  () => {
+    const tracker = engine.open(bytes).tracker(1), [contact] = tracker.tick([0, 0, 0], 0n, 0n);
+    tracker.close();
+    return contact.lower;
+  },
+  () => engine.open(new TextEncoder().encode(" <!DOCTYPE html>")),
+  () => {
+    const some = engine.open(bytes), out = some.closest([0, 0, 0]);
+    some.closest([0, 0, 0, 1, 1, 1], { out });
+  }]) {
   try {
     action();
     sentences.push("nothing");
@@ -223,6 +235,8 @@ console.log(JSON.stringify(sentences));
         "expected radius, latency", "expected three times two or more for each of 1", "expected 3",
         "there are 1 instants, expected 6 and 2", "expected BigInt, such as",
         "the scene is closed", "the scene is closed", "the tracker is closed",
+        "the tracker of this contact is closed", "these bytes are HTML, expected a compiled scene",
+        "out.signedDistance has 1 numbers, expected 2",
     )  # fmt: skip
     assert len(told) == len(expected)
     for sentence, words in zip(told, expected, strict=True):
@@ -238,7 +252,7 @@ def test_example_and_programs_of_the_guide_print_distances(folder):
     proximity.load(MESHES / "bracket.stl", units="mm").save(folder / "bracket.prox")
     assert len(programs) == 2
     for code, printed in programs:
-        (folder / "program.mjs").write_text(code.replace("./proximity/", "./"))
+        (folder / "program.mjs").write_text(code.replace("./engine/", "./"))
         assert run(folder, "program.mjs") == printed
 
 

@@ -137,6 +137,16 @@ class LibraryScene:
         addresses = [None if each is None else _address(each) for each in given]
         self.call("move", self._scene, _address(rows), ctypes.c_size_t(len(rows)), *addresses)
 
+    def post(self, name: str, matrix: Any, pose_ns: int, speed: Any = None, turn: Any = None) -> None:
+        """Say where a part is, for the next tick."""
+        given = [None if each is None else np.array(each, np.float64) for each in (matrix, speed, turn)]
+        pose, *velocities = (None if each is None else _address(each) for each in given)
+        self.call("post", self._scene, self._part(name), pose, ctypes.c_int64(pose_ns), *velocities)
+
+    def take(self, instant_ns: int) -> None:
+        """Put parts where they were posted."""
+        self.call("take", self._scene, ctypes.c_int64(instant_ns))
+
     def hide(self, name: str, is_hidden: bool = True) -> None:
         """Hide a part, or show it."""
         self.call("hide", self._scene, self._part(name), int(is_hidden))

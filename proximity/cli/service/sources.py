@@ -27,7 +27,7 @@ def c(out: FOLDER) -> None:
     """Write the engine for C and C++: a shared library for your own process, header, CMake package, examples.
 
     Examples:
-      proximity client c --out proximity
+      proximity client c --out engine
     """
     from proximity.clients.c_package import write_library
 
@@ -38,7 +38,7 @@ def wasm(out: FOLDER) -> None:
     """Write the engine for browsers and Node: WebAssembly, an ES module with types, an example.
 
     Examples:
-      proximity client wasm --out site/proximity
+      proximity client wasm --out site/engine
     """
     from proximity.clients.wasm_package import BUILD, MODULES, write_package
 

@@ -1,10 +1,12 @@
-// proximity for C++20: scenes and trackers that close themselves, spans, and exceptions. See proximity.h.
+// proximity for C++20: scenes and trackers that close themselves, with spans and exceptions. With -fno-exceptions
+// errors are kept as proximity::status(). See proximity.h.
 #ifndef PROXIMITY_HPP
 #define PROXIMITY_HPP
 
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstdio>
 #include <limits>
 #include <memory>
 #include <span>
@@ -26,23 +28,46 @@ using Clearance = proximity_clearance_answer;
 
 inline constexpr double unlimited = std::numeric_limits<double>::infinity();
 
-/// What went wrong, in a sentence; `code` is one of PROXIMITY_...
+/// An error, with a sentence that says what was expected; `code` is one of PROXIMITY_...
 class Error : public std::runtime_error {
 public:
-    explicit Error(const proximity_error &error) : std::runtime_error(error.sentence), code(error.code) {}
     Error(std::int32_t number, const std::string &sentence) : std::runtime_error(sentence), code(number) {}
     const std::int32_t code;
 };
 
+#if !defined(__cpp_exceptions)
+/// The last error of this thread, in programs without exceptions: check `code` after a call, and set it to
+/// PROXIMITY_OK. A call that fails writes no output; a scene or a tracker that cannot be made is empty.
+inline proximity_error &status()
+{
+    static thread_local proximity_error last{};
+    return last;
+}
+#endif
+
 namespace detail {
 
+/// Throw an error, or keep it as the status where there are no exceptions.
+inline void fail(std::int32_t code, const char *sentence)
+{
+#if defined(__cpp_exceptions)
+    throw Error(code, sentence);
+#else
+    status().code = code;
+    std::snprintf(status().sentence, sizeof status().sentence, "%s", sentence);
+#endif
+}
+
+/// Call a function of the library; whether it succeeded.
 template <typename Function, typename... Arguments>
-void call(Function function, Arguments... arguments)
+bool call(Function function, Arguments... arguments)
 {
     proximity_error error;
-    if (function(arguments..., &error) != PROXIMITY_OK) {
-        throw Error(error);
+    const bool is_done = function(arguments..., &error) == PROXIMITY_OK;
+    if (!is_done) {
+        fail(error.code, error.sentence);
     }
+    return is_done;
 }
 
 inline const double *numbers(std::span<const Vector> rows)
@@ -50,20 +75,22 @@ inline const double *numbers(std::span<const Vector> rows)
     return rows.empty() ? nullptr : rows.front().data();
 }
 
-/// The numbers of what may be left out: none where there are no rows.
-inline const double *numbers_if_given(std::span<const Vector> rows, std::size_t count)
-{
-    if (!rows.empty() && rows.size() != count) {
-        throw std::invalid_argument("spans have different numbers of rows");
-    }
-    return numbers(rows);
-}
-
-inline void same(std::size_t one, std::size_t other)
+/// Whether spans have as many rows; an error where they have not.
+inline bool same(std::size_t one, std::size_t other)
 {
     if (one != other) {
-        throw std::invalid_argument("spans have different numbers of rows");
+        fail(PROXIMITY_BAD_ARGUMENT, "spans have different numbers of rows");
     }
+    return one == other;
+}
+
+/// Whether the library is the one that this header belongs to; an error where it is not.
+inline bool has_interface()
+{
+    if (proximity_interface() != PROXIMITY_INTERFACE) {
+        fail(PROXIMITY_BAD_ARGUMENT, "the library has another interface than this header: take both from one version");
+    }
+    return proximity_interface() == PROXIMITY_INTERFACE;
 }
 
 }  // namespace detail
@@ -71,11 +98,18 @@ inline void same(std::size_t one, std::size_t other)
 /// A compiled scene. Const members ask, from any number of threads; the others change.
 class Scene {
 public:
-    explicit Scene(const std::string &path) { detail::call(proximity_open, path.c_str(), address()); }
+    explicit Scene(const std::string &path)
+    {
+        if (detail::has_interface()) {
+            detail::call(proximity_open, path.c_str(), address());
+        }
+    }
     /// The bytes stay the caller's, at a multiple of 8, until the scene and its trackers are gone.
     explicit Scene(std::span<const std::byte> bytes)
     {
-        detail::call(proximity_open_bytes, static_cast<const void *>(bytes.data()), bytes.size(), address());
+        if (detail::has_interface()) {
+            detail::call(proximity_open_bytes, static_cast<const void *>(bytes.data()), bytes.size(), address());
+        }
     }
     Scene(Scene &&other) noexcept : scene_(std::exchange(other.scene_, nullptr)) {}
     Scene &operator=(Scene &&other) noexcept
@@ -93,7 +127,7 @@ public:
     {
         const std::int32_t found = find(name);
         if (found == PROXIMITY_NO_PART) {
-            throw Error(PROXIMITY_BAD_ARGUMENT, "there is no part named '" + name + "'");
+            detail::fail(PROXIMITY_BAD_ARGUMENT, ("there is no part named '" + name + "'").c_str());
         }
         return found;
     }
@@ -104,7 +138,7 @@ public:
     }
     Matrix pose(std::int32_t part) const
     {
-        Matrix matrix;
+        Matrix matrix{};
         detail::call(proximity_pose, get(), part, matrix.data());
         return matrix;
     }
@@ -137,11 +171,28 @@ public:
     void move(std::span<const std::int32_t> parts, std::span<const Matrix> poses,
               std::span<const Vector> velocities = {}, std::span<const Vector> angular_velocities = {})
     {
-        detail::same(parts.size(), poses.size());
+        if (!(detail::same(parts.size(), poses.size()) &&
+              (velocities.empty() || detail::same(velocities.size(), parts.size())) &&
+              (angular_velocities.empty() || detail::same(angular_velocities.size(), parts.size())))) {
+            return;
+        }
         detail::call(proximity_move, scene_, parts.data(), parts.size(),
                      poses.empty() ? nullptr : static_cast<const double *>(poses.front().data()),
-                     detail::numbers_if_given(velocities, parts.size()),
-                     detail::numbers_if_given(angular_velocities, parts.size()));
+                     detail::numbers(velocities),
+                     detail::numbers(angular_velocities));
+    }
+    /// Post the pose of a part from another thread than the one that ticks; see proximity_post.
+    void post(std::int32_t part, const Matrix &pose, std::int64_t pose_ns, const Vector *velocity = nullptr,
+              const Vector *angular_velocity = nullptr)
+    {
+        detail::call(proximity_post, scene_, part, pose.data(), pose_ns,
+                     velocity != nullptr ? velocity->data() : nullptr,
+                     angular_velocity != nullptr ? angular_velocity->data() : nullptr);
+    }
+    /// Apply posted poses for an instant, in programs that have no tracker.
+    void take(std::int64_t instant_ns)
+    {
+        detail::call(proximity_take, scene_, instant_ns);
     }
     /// N/m and N s/m; 0: the part is rigid.
     void set_surface(std::int32_t part, double stiffness, double damping = 0.0)
@@ -152,52 +203,66 @@ public:
 
     void closest(std::span<const Vector> points, std::span<ClosestPoint> answers, double limit = unlimited) const
     {
-        detail::same(points.size(), answers.size());
+        if (!detail::same(points.size(), answers.size())) {
+            return;
+        }
         detail::call(proximity_closest, get(), detail::numbers(points), points.size(), limit, answers.data());
     }
     void signed_distance(std::span<const Vector> points, std::span<double> distances) const
     {
-        detail::same(points.size(), distances.size());
+        if (!detail::same(points.size(), distances.size())) {
+            return;
+        }
         detail::call(proximity_signed_distance, get(), detail::numbers(points), points.size(), distances.data());
     }
     void distance(std::span<const Vector> points, std::span<double> distances) const
     {
-        detail::same(points.size(), distances.size());
+        if (!detail::same(points.size(), distances.size())) {
+            return;
+        }
         detail::call(proximity_distance, get(), detail::numbers(points), points.size(), distances.data());
     }
     void contains(std::span<const Vector> points, std::span<std::uint8_t> is_inside) const
     {
-        detail::same(points.size(), is_inside.size());
+        if (!detail::same(points.size(), is_inside.size())) {
+            return;
+        }
         detail::call(proximity_contains, get(), detail::numbers(points), points.size(), is_inside.data());
     }
     void cast(std::span<const Vector> origins, std::span<const Vector> directions, std::span<RayHit> answers,
               double limit = unlimited) const
     {
-        detail::same(origins.size(), directions.size());
-        detail::same(origins.size(), answers.size());
+        if (!(detail::same(origins.size(), directions.size()) &&
+              detail::same(origins.size(), answers.size()))) {
+            return;
+        }
         detail::call(proximity_cast, get(), detail::numbers(origins), detail::numbers(directions), origins.size(), limit,
                      answers.data());
     }
     void cast_distance(std::span<const Vector> origins, std::span<const Vector> directions,
                        std::span<double> distances, double limit = unlimited) const
     {
-        detail::same(origins.size(), directions.size());
-        detail::same(origins.size(), distances.size());
+        if (!(detail::same(origins.size(), directions.size()) &&
+              detail::same(origins.size(), distances.size()))) {
+            return;
+        }
         detail::call(proximity_cast_distance, get(), detail::numbers(origins), detail::numbers(directions),
                      origins.size(), limit, distances.data());
     }
     void closest_to_segments(std::span<const Vector> starts, std::span<const Vector> ends,
                              std::span<SegmentHit> answers, double limit = unlimited) const
     {
-        detail::same(starts.size(), ends.size());
-        detail::same(starts.size(), answers.size());
+        if (!(detail::same(starts.size(), ends.size()) &&
+              detail::same(starts.size(), answers.size()))) {
+            return;
+        }
         detail::call(proximity_closest_to_segments, get(), detail::numbers(starts), detail::numbers(ends),
                      starts.size(), limit, answers.data());
     }
     Clearance clearance(std::int32_t first, std::int32_t second, double limit = unlimited, double tolerance = 0.0,
                         std::size_t budget = 0) const
     {
-        Clearance answer;
+        Clearance answer{};
         detail::call(proximity_clearance, get(), first, second, limit, tolerance, budget, &answer);
         return answer;
     }
@@ -224,16 +289,18 @@ public:
         tracker_.reset(made);
     }
 
-    /// The contacts of all fingers, which the next tick writes over. Without velocities these are estimated.
+    /// The contacts of all fingers, which the next tick writes over; none where it fails. Without velocities these are
+    /// estimated.
     std::span<const proximity_contact> tick(std::span<const Vector> positions, std::span<const std::int64_t> pose_ns,
                                             std::int64_t now_ns, const proximity_paths *paths = nullptr,
                                             std::span<const Vector> velocities = {})
     {
-        detail::same(positions.size(), contacts_.size());
-        detail::same(pose_ns.size(), contacts_.size());
-        detail::call(proximity_tick, tracker_.get(), detail::numbers(positions), pose_ns.data(), now_ns,
-                     detail::numbers_if_given(velocities, contacts_.size()), paths, contacts_.data());
-        return contacts_;
+        const bool is_done =
+            detail::same(positions.size(), contacts_.size()) && detail::same(pose_ns.size(), contacts_.size()) &&
+            (velocities.empty() || detail::same(velocities.size(), contacts_.size())) &&
+            detail::call(proximity_tick, tracker_.get(), detail::numbers(positions), pose_ns.data(), now_ns,
+                         detail::numbers(velocities), paths, contacts_.data());
+        return {contacts_.data(), is_done ? contacts_.size() : 0};
     }
     /// m, of one fingertip.
     void set_radius(std::size_t finger, double radius)

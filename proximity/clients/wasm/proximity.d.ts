@@ -1,4 +1,7 @@
 // Types of proximity.mjs, which says what each function does.
+import { ContactFlag, type ContactFields } from "./layout.mjs";
+
+export { ContactFlag, type ContactFields };
 
 export const NO_PART: -1;
 export const NO_FACE: -1;
@@ -85,8 +88,11 @@ export interface Motion {
   bends?: ArrayLike<number>;
 }
 
-/** The fields of a contact, by their names in the message (signed_distance); whole numbers of 64 bits are BigInt. */
-export type Contact = Record<string, number | bigint | number[]>;
+/** What the last tick found for a finger; it changes with the next one, and `copy` keeps it. */
+export interface Contact extends ContactFields {
+  copy(): ContactFields;
+  toJSON(): ContactFields;
+}
 
 export function hasRelaxed(): boolean;
 export function load(source?: BufferSource | WebAssembly.Module): Promise<Engine>;
@@ -95,6 +101,7 @@ export class Engine {
   private constructor();
   readonly version: string;
   open(bytes: BufferSource): Scene;
+  fetch(url: RequestInfo | URL): Promise<Scene>;
 }
 
 export class Scene {
@@ -112,7 +119,7 @@ export class Scene {
   signedDistance(points: Rows, out?: Float64Array): Float64Array;
   distance(points: Rows, out?: Float64Array): Float64Array;
   contains(points: Rows): Uint8Array;
-  closest(points: Rows, limit?: Limit): ClosestPoints;
+  closest(points: Rows, limit?: Limit & { out?: ClosestPoints }): ClosestPoints;
   cast(origins: Rows, directions: Rows, limit?: Limit): RayHits;
   castDistance(origins: Rows, directions: Rows, limit?: Limit): Float64Array;
   closestToSegments(starts: Rows, ends: Rows, limit?: Limit): SegmentHits;

@@ -7,8 +7,9 @@
 // package, bit for bit where the processor fuses multiply-add and the browser has relaxed vector instructions, as
 // almost all have; see `Engine.instructions`.
 
-import { readRecord } from "./proximity_client.mjs";
-import { RECORDS } from "./layout.mjs";
+import { ContactFlag, RECORDS } from "./layout.mjs";
+
+export { ContactFlag };
 
 /** Records of answers: names of the numbers of eight bytes, then those of four. */
 const CLOSEST = { size: 96, reals: { signedDistance: 1, point: 3, gradient: 3, barycentric: 3 },
@@ -51,7 +52,9 @@ export async function load(source) {
   if (typeof WebAssembly === "undefined") {
     throw new ProximityError(7, "this browser has no WebAssembly, which distances are computed with");
   }
-  let module = source ?? (await bytesBeside(`proximity.${hasRelaxed() ? "relaxed" : "plain"}.wasm`));
+  // Each address is written out, so that bundlers find both files.
+  let module = source ?? (await engineBytes(hasRelaxed() ? new URL("proximity.relaxed.wasm", import.meta.url)
+    : new URL("proximity.plain.wasm", import.meta.url)));
   if (!(module instanceof WebAssembly.Module)) {
     module = await WebAssembly.compile(module).catch((failure) => {
       throw new ProximityError(7, `the engine cannot be compiled here: ${failure.message}`);
@@ -60,34 +63,44 @@ export async function load(source) {
   return new Engine(await WebAssembly.instantiate(module, {}));
 }
 
-async function bytesBeside(name) {
-  const url = new URL(name, import.meta.url);
-  const missing = (reason) => new ProximityError(3, `${url.href}: ${reason}${hasRelaxed() ? ""
-    : "; it is for browsers without relaxed vector instructions (Node has them since version 21, before with "
-    + "--experimental-wasm-relaxed-simd), and `proximity client wasm` says how it is compiled"}`);
-  if (url.protocol === "file:" && typeof process !== "undefined") {
-    return (await import("node:fs/promises")).readFile(url).catch(({ code }) => {
-      throw missing(code === "ENOENT" ? "there is no such file" : `it cannot be read (${code})`);
-    });
-  }
-  const answer = await fetch(url);
-  if (!answer.ok) throw missing(`${answer.status} ${answer.statusText}`);
-  return answer.arrayBuffer();
+async function engineBytes(url) {
+  const advice = hasRelaxed() ? "" : "; it is for browsers without relaxed vector instructions (Node has them since "
+    + "version 21, before with --experimental-wasm-relaxed-simd), and `proximity client wasm` says how it is compiled";
+  if (url.protocol !== "file:" || typeof process === "undefined") return fetched(url, "WebAssembly", advice);
+  return (await import("node:fs/promises")).readFile(url).catch(({ code }) => {
+    const reason = code === "ENOENT" ? "there is no such file" : `it cannot be read (${code})`;
+    throw new ProximityError(3, `${url.href}: ${reason}${advice}`);
+  });
 }
+
+/** The bytes at an address; a server's page for what it does not have is refused. */
+async function fetched(url, expected, advice = "") {
+  const where = String(url?.url ?? url), refuse = (reason) => {
+    throw new ProximityError(3, `${where}: ${reason}${advice}`);
+  };
+  const answer = await fetch(url).catch((failure) => refuse(`it cannot be fetched (${failure.message})`));
+  if (!answer.ok) refuse(`${answer.status} ${answer.statusText}`);
+  const bytes = new Uint8Array(await answer.arrayBuffer());
+  return isHtml(bytes) ? refuse(`these bytes are HTML, expected ${expected}: servers send a page for what they lack`) : bytes;
+}
+
+const isHtml = (bytes) => /^\s*<(!doctype|html|head|body)/i.test(text.decode(bytes.subarray(0, 100)));
 
 /** The memory of one engine, and calls of its functions. Scenes of one engine share it; another thread needs an
  * engine of its own. */
 export class Engine {
-  #calls;
+  #calls; // functions by their names without "proximity_"
   #memory;
   #scratch = [0, 0, 0]; // addresses of blocks that are written to and read from at every call
   #sizes = [0, 0, 0];
   #bytes;
   #reals;
+  #view;
   #error;
 
   constructor(instance) {
-    this.#calls = instance.exports;
+    const functions = Object.entries(instance.exports).map(([name, found]) => [name.replace("proximity_", ""), found]);
+    this.#calls = Object.fromEntries(functions);
     this.#memory = instance.exports.memory;
     this.#calls._initialize();
     this.#error = this.allocate(ERROR_SIZE);
@@ -95,20 +108,27 @@ export class Engine {
 
   /** The version of the package, as text. */
   get version() {
-    return this.textAt(this.#calls.proximity_version());
+    return this.textAt(this.#calls.version());
   }
 
   /** Open the bytes of a compiled scene, which are copied. */
   open(bytes) {
-    const given = ArrayBuffer.isView(bytes) ? bytes : new Uint8Array(bytes);
+    const given = ArrayBuffer.isView(bytes) ? new Uint8Array(bytes.buffer, bytes.byteOffset, bytes.byteLength)
+      : new Uint8Array(bytes);
+    if (isHtml(given)) throw new ProximityError(4, "these bytes are HTML, expected a compiled scene: a page of the server?");
     const address = this.allocate(given.byteLength);
     try {
-      this.bytes.set(new Uint8Array(given.buffer, given.byteOffset, given.byteLength), address);
+      this.bytes.set(given, address);
       return new Scene(this, address, given.byteLength);
     } catch (failure) {
       this.free(address);
       throw failure;
     }
+  }
+
+  /** Fetch a compiled scene and open it. *url*: as `fetch` takes it. */
+  async fetch(url) {
+    return this.open(await fetched(url, "a compiled scene"));
   }
 
   // --- for scenes and trackers -------------------------------------------------------------------------
@@ -124,7 +144,8 @@ export class Engine {
   }
 
   get view() {
-    return new DataView(this.#memory.buffer);
+    if (this.#view?.buffer !== this.#memory.buffer) this.#view = new DataView(this.#memory.buffer);
+    return this.#view;
   }
 
   allocate(size) {
@@ -161,12 +182,12 @@ export class Engine {
   }
 
   call(name, ...words) {
-    return this.#calls[`proximity_${name}`](...words);
+    return this.#calls[name](...words);
   }
 
   /** Call a function that returns a number of an error; its sentence is thrown. */
   checked(name, ...words) {
-    const code = this.#calls[`proximity_${name}`](...words, this.#error);
+    const code = this.#calls[name](...words, this.#error);
     if (code !== 0) throw new ProximityError(code, this.textAt(this.#error + 4));
   }
 }
@@ -308,12 +329,13 @@ export class Scene {
   }
 
   /** The surface points nearest to points: arrays signedDistance, point, gradient, barycentric, part, face,
-   * feature, isSigned. Beyond *maxDistance*, m, there is none. */
-  closest(points, { maxDistance = Infinity } = {}) {
+   * feature, isSigned. Beyond *maxDistance*, m, there is none. *out*: an earlier answer for as many points, which is
+   * written over. */
+  closest(points, { maxDistance = Infinity, out } = {}) {
     const engine = this.#engine, count = rowCount(points, "points");
     const rows = engine.written(0, points), answers = engine.block(1, CLOSEST.size * count);
     engine.checked("closest", this.#open, rows, count, maxDistance, answers);
-    return this.#records(CLOSEST, answers, count);
+    return this.#records(CLOSEST, answers, count, out);
   }
 
   /** The first hits of rays: arrays distance, point, normal, barycentric, part, face. Directions have any length. */
@@ -343,20 +365,26 @@ export class Scene {
     return record === null ? this.#taken(answers, count) : this.#records(record, answers, count);
   }
 
-  #records(record, address, count) {
-    const { reals } = this.#engine, words = new Int32Array(reals.buffer);
-    const answers = {};
+  #records(record, address, count, out) {
+    const { reals } = this.#engine, words = new Int32Array(reals.buffer), answers = out ?? {};
+    const column = (name, width, make) => {
+      const found = (answers[name] ??= new make(width * count));
+      if (found.length !== width * count) {
+        throw new ProximityError(1, `out.${name} has ${found.length} numbers, expected ${width * count}`);
+      }
+      return found;
+    };
     let offset = 0;
     for (const [name, width] of Object.entries(record.reals)) {
-      const column = (answers[name] = new Float64Array(width * count));
+      const found = column(name, width, Float64Array);
       for (let row = 0, at = (address + offset) / 8; row < count; row++, at += record.size / 8) {
-        for (let k = 0; k < width; k++) column[width * row + k] = reals[at + k];
+        for (let k = 0; k < width; k++) found[width * row + k] = reals[at + k];
       }
       offset += 8 * width;
     }
     for (const name of record.words) {
-      const column = (answers[name] = new Int32Array(count));
-      for (let row = 0, at = (address + offset) / 4; row < count; row++, at += record.size / 4) column[row] = words[at];
+      const found = column(name, 1, Int32Array);
+      for (let row = 0, at = (address + offset) / 4; row < count; row++, at += record.size / 4) found[row] = words[at];
       offset += 4;
     }
     return answers;
@@ -380,11 +408,78 @@ export class Scene {
   }
 }
 
+const NOTHING = [0, 0]; // addresses of what is not given
+
+function instant(given) {
+  if (typeof given === "bigint") return given;
+  throw new ProximityError(1, "poseNs and nowNs are instants in ns, expected BigInt, such as clockNs() of the client or BigInt(Math.round(1e6 * performance.now()))");
+}
+
+const READERS = {
+  Float64: (view, at) => view.getFloat64(at, true),
+  BigInt64: (view, at) => view.getBigInt64(at, true),
+  BigUint64: (view, at) => view.getBigUint64(at, true),
+  Int32: (view, at) => view.getInt32(at, true),
+  Uint32: (view, at) => view.getUint32(at, true),
+  Uint16: (view, at) => view.getUint16(at, true),
+  Uint8: (view, at) => view.getUint8(at),
+};
+
+const ENDED = {
+  get view() {
+    throw new ProximityError(1, "the tracker of this contact is closed; `copy` would have kept it");
+  },
+};
+
+/** What the last tick found for one finger: fields with the names of the message, such as signed_distance, which are
+ * read where the engine keeps them, and change with the next tick. `copy` keeps them. */
+export class Contact {
+  static names = [];
+  #engine;
+  #at; // its address
+
+  constructor(engine, address) {
+    this.#engine = engine;
+    this.#at = address;
+  }
+
+  static {
+    for (const [name, { type, size, offset, count }] of Object.entries(RECORDS.contact.fields)) {
+      if (name === "reserved") continue;
+      const read = READERS[type];
+      const one = function () {
+        return read(this.#engine.view, this.#at + offset);
+      };
+      const several = function () {
+        const { view } = this.#engine;
+        return Array.from({ length: count }, (_, k) => read(view, this.#at + offset + k * size));
+      };
+      Object.defineProperty(Contact.prototype, name, { get: count === 1 ? one : several, enumerable: true });
+      Contact.names.push(name);
+    }
+  }
+
+  /** Let contacts throw when they are read: their tracker is closed. */
+  static end(contacts) {
+    for (const contact of contacts) contact.#engine = ENDED;
+  }
+
+  /** A plain object with the values of now. */
+  copy() {
+    return Object.fromEntries(Contact.names.map((name) => [name, this[name]]));
+  }
+
+  toJSON() {
+    return this.copy();
+  }
+}
+
 /** Answers for every fingertip at every tick: bounds of distances, predictions, time and place of contact. */
 export class Tracker {
   #engine;
   #scene; // its address, or an error where it is closed
   #address;
+  #records; // address of the contacts
   #contacts;
 
   constructor(engine, scene, fingers, settings) {
@@ -401,32 +496,29 @@ export class Tracker {
     }
     engine.checked("create_tracker", scene(), fingers, place, to);
     this.#address = engine.view.getUint32(to, true);
-    this.#contacts = engine.allocate(RECORDS.contact.size * fingers);
+    const { size } = RECORDS.contact;
+    this.#records = engine.allocate(size * fingers);
+    this.#contacts = Array.from({ length: fingers }, (_, finger) => new Contact(engine, this.#records + size * finger));
   }
 
   /** Answer for all fingers: *positions* has three numbers a finger, not finite where it is not tracked; *poseNs*,
-   * one instant for all fingers or one for each, and *nowNs* are BigInt, ns, on one clock. A list of contacts, whose
-   * fields have the names of the message, such as signed_distance. *given*, each as far as it is known: velocities, three numbers a finger, m/s; corners, the path of each
+   * one instant for all fingers or one for each, and *nowNs* are BigInt, ns, on one clock. A list of `Contact`, the same
+   * at each tick. *given*, each as far as it is known: velocities, three numbers a finger, m/s; corners, the path of each
    * fingertip as it bends, equally many corners of three numbers a finger, m, not finite for a finger that has none;
    * pathBends, the bend at each corner, evenly from 0 to 1 without them; bends, that of each finger at its pose. */
-  tick(positions, poseNs, nowNs, given = {}) {
+  tick(positions, poseNs, nowNs, given) {
     if (this.#address === 0) throw new ProximityError(1, "the tracker is closed");
     this.#scene();
-    const engine = this.#engine, { fingers } = this;
-    const poseInstants = typeof poseNs === "object" ? Array.from(poseNs) : new Array(fingers).fill(poseNs);
-    if (positions.length !== 3 * fingers || poseInstants.length !== fingers) {
-      throw new ProximityError(1, `positions have ${positions.length} numbers and there are ${poseInstants.length} instants, expected ${3 * fingers} and ${fingers}`);
-    }
-    if (![...poseInstants, nowNs].every((instant) => typeof instant === "bigint")) {
-      throw new ProximityError(1, "poseNs and nowNs are instants in ns, expected BigInt, such as clockNs() of the client or BigInt(Math.round(1e6 * performance.now()))");
+    const engine = this.#engine, { fingers } = this, isOne = typeof poseNs !== "object";
+    if (positions.length !== 3 * fingers || !(isOne || poseNs.length === fingers)) {
+      throw new ProximityError(1, `positions have ${positions.length} numbers and there are ${isOne ? fingers : poseNs.length} instants, expected ${3 * fingers} and ${fingers}`);
     }
     const rows = engine.written(0, positions), instants = engine.block(1, 8 * fingers);
-    const [velocities, paths] = this.#motion(given);
-    const { view } = engine;
-    poseInstants.forEach((instant, k) => view.setBigInt64(instants + 8 * k, instant, true));
-    engine.checked("tick", this.#address, rows, instants, nowNs, velocities, paths, this.#contacts);
-    const records = engine.view, { size } = RECORDS.contact; // the memory may have grown
-    return Array.from({ length: fingers }, (_, k) => readRecord(records, this.#contacts + k * size, RECORDS.contact));
+    const [velocities, paths] = given ? this.#motion(given) : NOTHING;
+    const { view } = engine; // behind all that makes the memory grow
+    for (let k = 0; k < fingers; k++) view.setBigInt64(instants + 8 * k, instant(isOne ? poseNs : poseNs[k]), true);
+    engine.checked("tick", this.#address, rows, instants, instant(nowNs), velocities, paths, this.#records);
+    return this.#contacts;
   }
 
   /** Write what else is known of fingers; the addresses of velocities and of the record of paths, 0 for none. */
@@ -468,7 +560,8 @@ export class Tracker {
   close() {
     if (this.#address !== 0) {
       this.#engine.call("destroy_tracker", this.#address);
-      this.#engine.free(this.#contacts);
+      this.#engine.free(this.#records);
+      Contact.end(this.#contacts);
     }
     this.#address = 0;
   }

@@ -120,6 +120,17 @@ PROXIMITY_API int proximity_move(proximity_scene *scene, const int32_t *parts, s
                                  const double *matrices, const double *velocities,
                                  const double *angular_velocities, proximity_error *error);
 
+/* Post the pose of a part from another thread than the one that ticks. Lock-free: the newest pose of each part is
+   applied at the start of the next tick, or by proximity_take. One thread may post, and one other thread may tick and
+   ask the scene meanwhile. `pose_ns` is the instant of the pose, on the clock of the fingers: the part moves on with
+   its velocities (m/s and rad/s; NULL: at rest) to the newest instant of the fingers, and stops 100 ms after `pose_ns`.
+   The first call allocates memory. */
+PROXIMITY_API int proximity_post(proximity_scene *scene, int32_t part, const double *matrix, int64_t pose_ns,
+                                 const double *velocity, const double *angular_velocity, proximity_error *error);
+
+/* Apply posted poses for an instant, in programs that have no tracker. *Changes.* */
+PROXIMITY_API int proximity_take(proximity_scene *scene, int64_t instant_ns, proximity_error *error);
+
 /* Hide a part from all that is asked (`is_hidden` not 0), or show it again. *Changes.* */
 PROXIMITY_API int proximity_hide(proximity_scene *scene, int32_t part, int is_hidden, proximity_error *error);
 

@@ -47,7 +47,7 @@ PROXIMITY_API int proximity_set_radius(proximity_tracker *tracker, size_t finger
                                        proximity_error *error);
 
 /* Answer for all fingers. One thread at a time ticks a tracker; it *asks* the scene, whose parts may have moved
-   since the tick before. Nothing is allocated, but at the first tick after parts were hidden or shown and where
+   since the tick before, and *changes* it if poses were posted (proximity_post). Nothing is allocated, but at the first tick after parts were hidden or shown and where
    paths have another number of corners.
 
    `positions` has 3 numbers a finger, m, in the scene's frame; a finger whose row is not finite is not tracked.

@@ -227,6 +227,7 @@ void proximity_release(const proximity_scene *kept)
         free(scene->boxes);
         free(scene->names);
         free(scene->copies);
+        free(scene->posts);
         free(scene);
     }
 }
@@ -347,9 +348,8 @@ static int no_such_part(const proximity_scene *scene, int32_t part, proximity_er
                             (int)scene->archive.part_count - 1);
 }
 
-/* The first row of a move that cannot be used, or -1; velocities may be NULL. */
-static int64_t first_unfit(const proximity_scene *scene, int64_t n, const double *matrices, const double *velocities,
-                           const double *angular_velocities)
+int64_t proximity_first_unfit(const proximity_scene *scene, int64_t n, const double *matrices, const double *velocities,
+                              const double *angular_velocities)
 {
     int64_t words[] = {WORD(matrices), n, 4, 4, WORD(velocities), velocities != NULL ? n : 0, 3,
                        WORD(angular_velocities), angular_velocities != NULL ? n : 0, 3, word_of(SINGLE_TOLERANCE),
@@ -376,7 +376,7 @@ void proximity_put_parts(proximity_scene *scene, const int64_t *rows, int64_t co
                          const double *velocities, const double *angular_velocities)
 {
     scene->changes++;
-    scene->is_broken |= first_unfit(scene, count, matrices, velocities, angular_velocities) >= 0 ||
+    scene->is_broken |= proximity_first_unfit(scene, count, matrices, velocities, angular_velocities) >= 0 ||
                         !write_poses(scene, rows, count, matrices, velocities, angular_velocities);
 }
 
@@ -399,15 +399,16 @@ int proximity_move(proximity_scene *scene, const int32_t *parts, size_t count, c
             return no_such_part(scene, parts[k], error);
         }
     }
-    int64_t unfit = first_unfit(scene, (int64_t)count, matrices, velocities, angular_velocities);
+    int64_t unfit = proximity_first_unfit(scene, (int64_t)count, matrices, velocities, angular_velocities);
     if (unfit >= 0) {
-        return proximity_refuse(error, PROXIMITY_BAD_POSE,
-                                "row %lld is no rigid transform, or leads too far away, or its velocity is too large",
-                                (long long)unfit);
+        return proximity_refuse_pose(scene, parts[unfit], matrices + 16 * unfit,
+                                     velocities != NULL ? velocities + 3 * unfit : NULL,
+                                     angular_velocities != NULL ? angular_velocities + 3 * unfit : NULL, error);
     }
     scene->changes++;
     for (size_t k = 0; k < count; k++) {
         int64_t row = parts[k];
+        proximity_carry_no_more(scene, parts[k]);
         if (!write_poses(scene, &row, 1, matrices + 16 * k, velocities != NULL ? velocities + 3 * k : NULL,
                          angular_velocities != NULL ? angular_velocities + 3 * k : NULL)) {
             return fail_half_way(scene, error);

@@ -23,6 +23,7 @@ struct proximity_scene {
     float *boxes;
     int64_t changes, epoch, boxes_version, sort_steps; /* epoch: grows when parts are hidden or shown */
     int tree;
+    struct Posts *posts; /* poses posted by another thread (posted.c); NULL before the first */
 };
 
 /* A scene over the arrays of a model, which are its own from now on; NULL: there is no memory. */
@@ -34,6 +35,17 @@ void proximity_release(const proximity_scene *scene);
 
 /* The sentence about a scene that cannot be asked, as an error; PROXIMITY_OK where it can. */
 int proximity_refuse_scene(const proximity_scene *scene, proximity_error *error);
+
+/* The first row of a move that cannot be used, or -1; velocities may be NULL. */
+int64_t proximity_first_unfit(const proximity_scene *scene, int64_t n, const double *matrices, const double *velocities,
+                              const double *angular_velocities);
+
+/* The sentence why a pose of a part cannot be used, as an error. */
+int proximity_refuse_pose(const proximity_scene *scene, int64_t part, const double *matrix, const double *velocity,
+                          const double *angular_velocity, proximity_error *error);
+
+/* Discard poses posted for a part, after proximity_move has moved it. */
+void proximity_carry_no_more(proximity_scene *scene, int32_t part);
 
 /* Put parts elsewhere, and find what follows from it; where that cannot be done the scene is broken. */
 void proximity_put_parts(proximity_scene *scene, const int64_t *rows, int64_t count, const double *matrices,

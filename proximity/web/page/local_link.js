@@ -44,7 +44,7 @@ export class LocalLink extends EventTarget {
     this.latencies.push(performance.now() - began);
     if (this.latencies.length > 600) this.latencies.shift();
     this.rate.add(nowMs, ++this.count);
-    const contacts = records.map((record, finger) => shownContact({ ...record, finger }, State.OK));
+    const contacts = records.map((record, finger) => shownContact({ ...record.copy(), finger }, State.OK));
     const ages = contacts.filter((each) => each.isKnown).map(({ finger }) => Number(now - this.instants[finger]) / 1e6);
     return { state: ages.length ? "OK" : "NO HANDS", ageMs: Math.max(...ages), contacts, header: { start_ns: now } };
   }

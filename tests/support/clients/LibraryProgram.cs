@@ -54,7 +54,7 @@ public static class LibraryProgram
             for (int k = 0; k < 6; k++)
             {
                 if (k == 3)
-                    scene.Move(0, pose);
+                    scene.Post(0, pose, 0); // as it would be moved
                 if (k == 4)
                     scene.SetSurface(0, 700, 0.5);
                 var at = new ReadOnlySpan<ProximityVector>(points, k, 2);
@@ -99,6 +99,8 @@ public static class LibraryProgram
             Tell(() => new ProximityScene(new byte[64]));
             Tell(() => scene.Hide(7777));
             Tell(() => scene.Move(0, new double[16]));
+            Tell(() => scene.Post(0, new double[16], 0));
+            scene.Take(0);
             Tell(() => scene.Distance(points, new double[3]));
             Tell(() => scene.Closest(points[0], -1));
             Tell(() => new ProximityTracker(scene, 0));

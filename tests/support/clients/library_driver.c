@@ -26,6 +26,7 @@ static void use(proximity_scene *scene)
         proximity_cast_distance(scene, points, points + 3, 49, INFINITY, distances, NULL);
         proximity_pose(scene, part, pose, NULL);
         pose[3] += 10.0 * step;
+        proximity_post(scene, part, pose, now_ns, points, points + 3, NULL);
         proximity_move(scene, &part, 1, pose, NULL, NULL, NULL);
         proximity_hide(scene, proximity_part_count(scene) - 1, step & 1, NULL);
     }
@@ -51,6 +52,8 @@ static int all_nulls_are_told(void)
            proximity_cast_distance(NULL, numbers, numbers, 1, INFINITY, numbers, NULL) == PROXIMITY_BAD_ARGUMENT &&
            proximity_pose(NULL, 0, numbers, NULL) == PROXIMITY_BAD_ARGUMENT &&
            proximity_move(NULL, &part, 1, numbers, NULL, NULL, NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_post(NULL, 0, numbers, 0, NULL, NULL, NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_take(NULL, 0, NULL) == PROXIMITY_BAD_ARGUMENT &&
            proximity_hide(NULL, 0, 1, NULL) == PROXIMITY_BAD_ARGUMENT &&
            proximity_set_surface(NULL, 0, 0.0, 0.0, NULL) == PROXIMITY_BAD_ARGUMENT &&
            proximity_use_instructions(NULL, "v3", NULL) == PROXIMITY_BAD_ARGUMENT &&

@@ -1,4 +1,5 @@
 // Asks a scene of one part through the header for C++.
+#include <cmath>
 #include <cstdio>
 #include <proximity.hpp>
 int main(int, char **words)
@@ -17,6 +18,12 @@ try {
     scene.move(parts, poses);
     scene.move(parts, poses, std::span<const proximity::Vector>(up).first(1));
     scene.move(parts, poses, {}, {});
+    scene.post(0, scene.pose(0), 0, &up[0], &up[1]);
+    scene.take(1000000);
+    if (std::abs(scene.pose(0)[11] - poses[0][11] - 0.001) > 1e-15)
+        std::printf("a posted part is not moved on\n");
+    scene.post(0, poses[0], 0);
+    scene.take(0);
     scene.use_instructions(scene.instructions());
     scene.set_surface(0, 700.0, 0.5);
     scene.closest(points, found);

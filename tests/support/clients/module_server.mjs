@@ -109,7 +109,7 @@ const ACTIONS = {
     const [velocities, corners, pathBends, bends] = more.map((list) => (list.length ? list : null));
     const known = { velocities, corners, pathBends, bends };
     const contacts = tracker.tick(positions, Array.from(words.slice(5, 5 + count)), now, known);
-    return encode("frame", {}, contacts).slice(RECORDS.frame_header.size);
+    return encode("frame", {}, contacts.map((each) => each.copy())).slice(RECORDS.frame_header.size);
   },
 };
 

@@ -146,6 +146,21 @@ namespace Proximity
 
         public void Move(int part, ReadOnlySpan<double> matrix) => Move(new ReadOnlySpan<int>(&part, 1), matrix);
 
+        /// <summary>Post the pose of a part from another thread than the one that ticks. The next tick applies the newest
+        /// pose, moved on by its velocities (m/s and rad/s) to the instant of the fingers.</summary>
+        public void Post(int part, ReadOnlySpan<double> matrix, long poseNs, ProximityVector velocity = default,
+            ProximityVector angularVelocity = default)
+        {
+            Native.Expect(matrix.Length == 16);
+            fixed (double* to = matrix)
+                Native.Check(Native.proximity_post(Handle, part, to, poseNs, &velocity, &angularVelocity,
+                    out NativeError error), ref error);
+        }
+
+        /// <summary>Apply posted poses for an instant, in programs that have no tracker.</summary>
+        public void Take(long instantNs) =>
+            Native.Check(Native.proximity_take(Handle, instantNs, out NativeError error), ref error);
+
         /// <summary>Hide a part from all that is asked, or show it again.</summary>
         public void Hide(int part, bool isHidden = true) =>
             Native.Check(Native.proximity_hide(Handle, part, isHidden ? 1 : 0, out NativeError error), ref error);
@@ -353,6 +368,10 @@ namespace Proximity
             void* upper);
         [DllImport("proximity")] internal static extern int proximity_move(NativeHandle scene, void* parts,
             UIntPtr n, void* poses, void* v, void* w, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_post(NativeHandle scene, int part,
+            void* pose, long poseNs, void* v, void* w, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_take(NativeHandle scene, long instantNs,
+            out NativeError error);
         [DllImport("proximity")] internal static extern int proximity_hide(NativeHandle scene, int part,
             int isHidden, out NativeError error);
         [DllImport("proximity")] internal static extern int proximity_set_surface(NativeHandle scene, int part,

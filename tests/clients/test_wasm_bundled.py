@@ -1,0 +1,90 @@
+"""The engine for browsers as programs with a bundler and types take it: `tsc --strict`, and a build of Vite.
+
+They are installed by npm: npm install --prefix FOLDER typescript vite, with FOLDER/node_modules/.bin in PATH.
+"""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from browsing import browser
+from project import MESHES, SUPPORT
+
+import proximity
+from proximity.clients import wasm_package
+
+PROGRAM = SUPPORT / "clients" / "bundled"
+PLACE = "http://engine.test/"
+pytestmark = pytest.mark.skipif(
+    not all((wasm_package.NATIVE / name).is_file() for name in wasm_package.MODULES),
+    reason="the engine for browsers is not compiled",
+)
+
+
+def tool(name: str) -> str:
+    found = shutil.which(name)
+    if found is None:
+        pytest.skip(f"there is no {name}: npm install --prefix FOLDER typescript vite, and FOLDER in PATH")
+    return found
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An npm project with the program, and the engine as an installed package."""
+    made = tmp_path_factory.mktemp("bundled")
+    shutil.copytree(PROGRAM, made, dirs_exist_ok=True)
+    wasm_package.write_package(made / "node_modules" / "proximity-engine")
+    return made
+
+
+def compiled(folder: Path, program: str, resolution: str, module: str) -> str:
+    """What the compiler of TypeScript says of a program; nothing where all types fit."""
+    options = ("--strict", "--noEmit", "--target", "es2022", "--module", module)
+    command = [tool("tsc"), *options, "--moduleResolution", resolution, program]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False).stdout
+
+
+@pytest.mark.parametrize(("resolution", "module"), [("bundler", "esnext"), ("nodenext", "nodenext")])
+def test_an_ordinary_program_has_the_right_types(project, resolution, module):
+    (project / "package.json").write_text('{"type": "module"}')
+
+    assert compiled(project, "program.ts", resolution, module) == ""
+
+
+def test_a_wrong_field_of_a_contact_is_found_by_its_type(project):
+    text = (project / "program.ts").read_text().replace("kept.lower", "kept.lowest")
+    (project / "wrong.ts").write_text(text)
+
+    said = compiled(project, "wrong.ts", "bundler", "esnext")
+
+    assert "'lowest' does not exist on type 'ContactFields'" in said
+
+
+@pytest.mark.browser
+def test_a_bundle_finds_its_modules_in_a_browser(project):
+    subprocess.run([tool("vite"), "build", "--base", "./", "--logLevel", "error"], cwd=project, check=True)
+    built = project / "dist"
+    assert len(list(built.rglob("*.wasm"))) == 2
+    scene = proximity.load(MESHES / "bracket.stl", units="mm")
+    scene.save(built / "scene.prox")
+
+    def answer(route, request):
+        path = built / request.url.removeprefix(PLACE)
+        route.fulfill(path=path) if path.is_file() else route.fulfill(status=404, body="")
+
+    with browser() as running:
+        page = running.new_page()
+        page.route(PLACE + "**", answer)
+        page.goto(PLACE + "index.html")
+        page.wait_for_function("document.getElementById('told').textContent !== ''")
+        told = json.loads(page.text_content("#told"))
+
+    lower, upper = scene.bounds
+    assert told["distances"] == scene.signed_distance([upper, lower]).tolist()
+    assert told["again"] and told["isTracked"] == [True, True] and told["point"] == 3
+    assert (told["age"], told["instructions"]) == (0, "relaxed")
+    ticked = proximity.Tracker(scene, fingers=2, radius=0.005).tick([upper, lower], 10**6, 10**6)
+    assert told["lower"] == ticked["lower"][0]
+    assert "index.html: these bytes are HTML, expected a compiled scene" in told["page"]
