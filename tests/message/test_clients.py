@@ -14,6 +14,7 @@ from client_programs import LANGUAGES, PATIENCE, Events, ask, build, driver_sour
 from ports import free_port
 from wire import KNOWN, MS, SESSION, Clock, Wire, frame, sealed
 
+from proximity.core.receiver_state import MOST_SKIPPED
 from proximity.message import (
     ADDITIONS,
     CHANGES,
@@ -27,7 +28,6 @@ from proximity.message import (
 )
 from proximity.transport import MessageReader, Subscriber, open_inlet, open_publisher
 from proximity.transport.message_key import write_key
-from proximity.transport.message_reader import MOST_SKIPPED
 
 
 @pytest.fixture(scope="module", params=LANGUAGES)

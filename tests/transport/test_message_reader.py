@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wire import MS, NOW, SESSION, Clock, Wire, frame, sealed
 
+from proximity.core.receiver_state import MOST_AT_ONCE, MOST_FLAWED, MOST_SKIPPED
 from proximity.message import FRAME, MAX_RECORDS, MOVES, POSES, Defect, Message
-from proximity.transport.message_reader import MOST_AT_ONCE, MOST_FLAWED, MOST_SKIPPED, MessageReader
+from proximity.transport.message_reader import MessageReader
 
 SECOND = 1000 * MS
 
@@ -20,7 +21,10 @@ class Bench:
     def __init__(self, *, shares_clock=True, kinds=(FRAME,), **settings):
         self.clock, self.wire = Clock(), Wire(shares_clock)
         self.reader = MessageReader(self.wire, kinds, self.clock, **settings)
-        self.counts = self.reader.counts
+
+    @property
+    def counts(self):
+        return self.reader.counts
 
     def arrive(self, *messages):
         """Let messages arrive; their numbers that were let through, (session, sequence)."""

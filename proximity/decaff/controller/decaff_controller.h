@@ -70,9 +70,6 @@ extern "C" {
 
 /* --- constants --- */
 
-#define DECAFF_UNIT_ERROR 0.001               /* by which a normal's length may differ from 1 */
-#define DECAFF_MOST_RUNS 64u                  /* runs of the publisher that are remembered */
-#define DECAFF_RESTART_SILENCE_NS INT64_C(50000000) /* after which another run of the publisher is believed */
 #define DECAFF_LEAST_BEND (-0.1)              /* no hand bends farther than these; assumed */
 #define DECAFF_MOST_BEND 1.1
 #define DECAFF_MOST_RATE 100.0                /* 1/s: no finger bends faster; assumed */
@@ -224,14 +221,11 @@ enum decaff_fault {
     DECAFF_FAULT_MOTOR     /* the motor reports a fault */
 };
 
-/* What became of a datagram. Up to CHECKSUM as enum proximity_flaw. */
+/* What became of a datagram. Up to CONTENT as enum proximity_flaw. */
 enum decaff_reason {
     DECAFF_REASON_USED = 0,
-    DECAFF_REASON_OLD = PROXIMITY_FLAW_CHECKSUM + 1, /* overtaken or repeated */
-    DECAFF_REASON_FUTURE,                         /* from the future */
-    DECAFF_REASON_CONTENT,                        /* without sense */
-    DECAFF_REASON_UNVERIFIED,                     /* not verified by the key */
-    DECAFF_REASON_OTHER,                          /* a description: names, of which nothing is needed */
+    DECAFF_REASON_UNVERIFIED = PROXIMITY_FLAW_CONTENT + 1, /* not verified by the key */
+    DECAFF_REASON_OTHER, /* a description: names, of which nothing is needed */
     DECAFF_REASON_COUNT
 };
 
@@ -255,27 +249,14 @@ decaff_real decaff_drum_position(const decaff_path *path, decaff_real angle);
 
 /* --- the subscriber: the newest frame, and how far it can be trusted --- */
 
-/* A run of the publisher that another one has followed, and its last number. */
-typedef struct decaff_run {
-    uint64_t session;
-    uint64_t sequence;
-} decaff_run;
-
 typedef struct decaff_subscriber {
     uint32_t counts[DECAFF_REASON_COUNT]; /* of datagrams, by enum decaff_reason */
-    uint64_t lost;                        /* numbers that were left out since the first */
-    bool has_frame;
-    proximity_frame_header header;           /* of the newest frame that was used */
+    proximity_receiver receiver;          /* of the service's runs and its clock; has numbers that were lost */
+    proximity_frame_header header;        /* of the newest frame that was used */
     proximity_contact contacts[DECAFF_MOST_FINGERS];
 
-    bool shares_clock;
     bool has_key;
     uint8_t key[PROXIMITY_KEY_BYTES];
-    proximity_clock clock;
-    int64_t heard_ns;
-    uint64_t newest_session;
-    decaff_run ended[DECAFF_MOST_RUNS];   /* oldest first */
-    size_t ended_count;
 } decaff_subscriber;
 
 /* What is known at a sample of the servo. The subscriber writes all but the last five. */
