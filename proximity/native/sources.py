@@ -20,7 +20,8 @@ def kernel_sources() -> list[Path]:
 
 def sources_in_c() -> list[Path]:
     """Return the files of what the extension has in C beside kernels."""
-    patterns = ("decaff/controller/*.c", "decaff/controller/*.h", "core/receiver/*", "core/receiver_state.py")
+    controller = ("decaff/controller/*.c", "decaff/controller/*.in", "decaff/controller/records.py")
+    patterns = (*controller, "core/receiver/*", "core/receiver_state.py")
     return sorted(path for pattern in patterns for path in PACKAGE.glob(pattern))
 
 

@@ -13,7 +13,7 @@ from sealed_frames import frame
 from wire import MS, SESSION, Clock, Wire
 
 from proximity.decaff.controller.chip_sources import controller_sources, write_controller
-from proximity.decaff.controller.compiled import HEADER, SETTINGS
+from proximity.decaff.controller.compiled import SETTINGS
 from proximity.decaff.controller.controller import (
     DrumState,
     FingerController,
@@ -23,6 +23,7 @@ from proximity.decaff.controller.controller import (
     Trust,
     largest_passive_stiffness,
 )
+from proximity.decaff.controller.records import controller_header
 from proximity.decaff.controller.settings import CableRule, ControllerSettings, Limits
 from proximity.decaff.drum.servo import DriveMode
 from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
@@ -302,7 +303,7 @@ def test_bound_of_passivity_in_closed_form_is_colgates(damping):
 
 
 def test_numbers_that_python_has_as_well_are_the_same():
-    text = HEADER.read_text()
+    text = controller_header()
     for name, number in {"LEAST_BEND": LEAST_BEND, "MOST_BEND": MOST_BEND}.items():
         (written,) = re.findall(rf"#define DECAFF_{name} (\S*)", text)
         assert float(re.sub(r"[()]", "", written)) == number

@@ -46,7 +46,9 @@ def test_subscriber(name, shares_clock, is_keyed):
         assert used == (verdict is None)
         found.append(verdict)
 
+    counts = subscriber.counts
     assert found == expected_of(name)
+    assert (counts.received, counts.lost, counts.sessions) == ROWS[name].counts()
 
 
 @pytest.mark.processes
@@ -55,10 +57,10 @@ def test_clients(driver, tmp_path):
         events = Events(shares_clock, is_keyed)
         for data, now, _ in datagrams(ROWS[name]):
             events.offer(data, now)
-        found, (received, *_), _ = events.answers(driver, tmp_path)
+        found, counts, _ = events.answers(driver, tmp_path)
 
         assert found == expected_of(name), (name, shares_clock, is_keyed)
-        assert received == found.count(None)
+        assert counts == ROWS[name].counts(), (name, shares_clock, is_keyed)
 
 
 @pytest.mark.processes

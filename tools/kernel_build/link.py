@@ -14,6 +14,7 @@ from kernel_build.state import ROOT, core_digest, digest_in_c
 from kernel_build.targets import Target
 from kernel_build.windows import python_library
 from proximity.core import CORE
+from proximity.decaff.controller.records import controller_header
 from proximity.message.c_header import header_text
 from proximity.native.in_c import C_CODE
 
@@ -32,6 +33,7 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
     """Return the extension module."""
     extension = folder / target.extension
     (folder / "proximity_message.h").write_text(header_text(), encoding="ascii")
+    (folder / "decaff_controller.h").write_text(controller_header(), encoding="ascii")
     sources = [table, *sorted(PYTHON.glob("*.c")), *CONTROLLER.glob("*.c"), RECEIVER]
     compiled = [_compiled(target, source, folder, *_headers(target)) for source in sources]
     files = map(str, [*compiled, *objects])

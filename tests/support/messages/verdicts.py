@@ -5,6 +5,7 @@ instants of sending to the instant of arrival.
 """
 
 from collections.abc import Mapping
+from itertools import pairwise
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -41,6 +42,12 @@ class Row(NamedTuple):
     shares_clock: tuple[bool, ...]
     is_keyed: tuple[bool, ...]
     steps: tuple[Step, ...]
+    lost: int = 0
+
+    def counts(self) -> tuple[int, int, int]:
+        """Messages that are used, numbers that are lost, and runs that are followed."""
+        used = [step.session for step in self.steps if step.verdict is None]
+        return len(used), self.lost, 1 + sum(one != other for one, other in pairwise(used))
 
 
 BOTH = (True, False)
@@ -60,9 +67,18 @@ def _instants(verdict: Defect, instant: int) -> tuple[Step, ...]:
     return _header(verdict, publish_ns=instant), _header(verdict, pose_ns=instant)
 
 
+def _two_publishers(other: int) -> Row:
+    """As of two services that send datagrams to one port: the distances would be of two scenes in turn."""
+    steps = (Step(other * (k % 2), k, None if k % 2 else OLD) for k in range(2, 100))
+    return Row(BOTH, OPEN, (Step(0, 0), Step(other, 1, later=SILENCE + 1), *steps), lost=1 + 49)
+
+
 ROWS = {
     "repeated and overtaken": Row(
-        BOTH, BOTH, (Step(0, 4), Step(0, 4, OLD), Step(0, 3, OLD), Step(0, 0, OLD), Step(0, 5), Step(0, 9))
+        BOTH,
+        BOTH,
+        (Step(0, 4), Step(0, 4, OLD), Step(0, 3, OLD), Step(0, 0, OLD), Step(0, 5), Step(0, 9)),
+        lost=3,
     ),
     "numbers far beyond the last": Row(
         BOTH,
@@ -78,31 +94,45 @@ ROWS = {
             Step(2, FAR),
             Step(3, 4),
         ),
+        lost=MOST_SKIPPED - 1 + 4,  # of a run that was joined late none is known to be missing
     ),
-    "another run at once": Row(BOTH, BOTH, (Step(0, 1000), Step(1, 0, later=1), Step(1, 1))),
+    "another run at once": Row(
+        BOTH, BOTH, (Step(0, 1000), Step(0, 1002), Step(1, 3, later=1), Step(1, 4)), lost=1 + 3
+    ),
+    "another run from its beginning": Row(BOTH, BOTH, (Step(0, 1000), Step(1, 0, later=1), Step(1, 1))),
     "an earlier run never comes back": Row(
         BOTH,
         BOTH,
         (Step(0, 0), Step(0, 1), Step(1, 0), Step(0, 1, OLD), Step(0, 0, OLD, 10_000 * MS), Step(1, 1)),
     ),
     "an interrupted run goes on": Row(
-        BOTH, OPEN, (Step(0, 10), Step(5, 0), Step(0, 12, OLD, SILENCE), Step(0, 10, OLD, 1), Step(0, 12))
-    ),
-    "two publishers side by side": Row(
         BOTH,
         OPEN,
-        (Step(0, 0), Step(5, 1), *(Step(5 * (k % 2), k, None if k % 2 else OLD) for k in range(2, 60))),
+        (Step(0, 10), Step(5, 0), Step(0, 12, OLD, SILENCE), Step(0, 10, OLD, 1), Step(0, 12)),
+        lost=1,
     ),
+    "two publishers side by side": _two_publishers(5),
+    "two publishers side by side, the other with its calendar put back": _two_publishers(-5),
     "a calendar put back, here": Row(
         SHARED,
         OPEN,
-        (Step(0, 1000), Step(-9, 0, OLD, sent=-2 * MS), Step(-9, 0), Step(-9, 1), Step(0, 1001, OLD)),
+        (
+            Step(0, 1000),
+            Step(-9, 0, OLD, sent=-2 * MS),
+            Step(-9, 0, OLD, 10_000 * MS, -20_000 * MS),  # as of a run that was never seen
+            Step(-9, 0),
+            Step(-9, 1),
+            Step(0, 1001, OLD),
+        ),
     ),
     "a calendar put back, elsewhere": Row(
-        FOREIGN, OPEN, (Step(0, 1000), Step(-9, 0, OLD, SILENCE), Step(-9, 1, later=1), Step(0, 1001, OLD))
+        FOREIGN,
+        OPEN,
+        (Step(0, 1000), Step(-9, 0, OLD, SILENCE), Step(-9, 1, later=1), Step(0, 1001, OLD)),
+        lost=1,
     ),
     "a recording that the key verifies": Row(
-        BOTH, KEYED, (Step(0, 5), Step(9, 0), Step(0, 6, OLD, 100 * SILENCE), Step(8, 9, OLD), Step(9, 1))
+        BOTH, KEYED, (Step(0, 5), Step(9, 0), Step(0, 6, OLD, 200 * SILENCE), Step(8, 9, OLD), Step(9, 1))
     ),
     "runs that are remembered": Row(
         SHARED,
@@ -113,6 +143,7 @@ ROWS = {
             Step(0, 0),
             Step(MOST_RUNS + 1, 9, OLD),
         ),
+        lost=3 * (MOST_RUNS + 1),
     ),
     "instants that no clock shows": Row(
         BOTH,
