@@ -39,7 +39,8 @@ signature · sources
 loop
 mailbox
 library
-cpython · library_in_c · loop_records · receiver
+library_in_c · loop_records · receiver · receiver_in_c
+cpython · receiver_state
 """,
     "proximity.kernels": """
 tracking

@@ -11,7 +11,7 @@ from itertools import accumulate
 import numpy as np
 
 import proximity
-from proximity.core import loop_records
+from proximity.core import loop_records, receiver_state
 from proximity.kernels import layout
 from proximity.kernels.contact_record import (
     CONTACT_RECORD,
@@ -33,7 +33,7 @@ from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
 from proximity.kernels.tracking.part_drift import MOVER_COLUMNS, POSE_COLUMNS
 from proximity.kernels.tracking.track import MOST_NS, SETTINGS, TRACK
 from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
-from proximity.message.envelope import MAX_FUTURE_NS
+from proximity.message.c_header import structure
 from proximity.message.instant_advice import OTHER_CLOCK_NS
 from proximity.native.signature import BUNDLES
 from proximity.pose import ORTHONORMAL_TOLERANCE, SINGLE_TOLERANCE
@@ -90,7 +90,7 @@ _NUMBERS = {
     "FUTURE": motion.FUTURE,
     "TOO_OLD": motion.TOO_OLD,
     "BACKWARDS": motion.BACKWARDS,
-    "AHEAD_NS": MAX_FUTURE_NS,
+    "AHEAD_NS": receiver_state.AHEAD_NS,
     "OTHER_CLOCK_NS": OTHER_CLOCK_NS,
     "MOST_BUDGET": tracker_arguments.MOST,
     "LONGEST_LATENCY": tracker_arguments.LONGEST_LATENCY,
@@ -107,19 +107,22 @@ _RECORDS = {
     "Estimate": ESTIMATE,
     **loop_records.RECORDS,
 }
-_TYPES = {"f8": "double", "i8": "int64_t", "u8": "uint64_t"}
 
 
 def tables_header() -> str:
     """Return the text of ``core_tables.h``: records of kernels, numbers, and which wrapper is which."""
-    lines = ["#ifndef PROXIMITY_CORE_TABLES_H", "#define PROXIMITY_CORE_TABLES_H", "#include <stdint.h>"]
+    lines = [
+        "#ifndef PROXIMITY_CORE_TABLES_H",
+        "#define PROXIMITY_CORE_TABLES_H",
+        '#include "proximity_message.h"',
+    ]
     lines += [f"#define {name} {value!r}" for name, value in _NUMBERS.items()]
     lines += [f'#define PACKAGE_VERSION "{proximity.__version__}"']
     parameters = inspect.signature(Tracker).parameters
     lines += [f"#define DEFAULT_{name.upper()} {parameters[name].default!r}" for name in _DEFAULTS]
     lines += [f"#define LOOP_{name} {length}" for name, length in loop_records.LENGTHS.items()]
     for name, record in _RECORDS.items():
-        lines += _record(name, record, layout.SCENE_FIELDS)
+        lines += [structure(name, record, _RECORDS | receiver_state.RECORDS, layout.SCENE_FIELDS)]
     arrays = BUNDLES["TrackerArrays"]
     ends = accumulate((array.word_count for array in arrays.arrays), initial=0)
     places = zip((*arrays.kind._fields, "end"), ends, strict=True)
@@ -150,18 +153,3 @@ def tables_source(sets: Iterable[tuple[str, dict[str, str]]], digest: str, diges
     lines += [f'__attribute__((used)) static const char digest_in_c[] = "in C {digest_in_c}";']
     lines += [f'__attribute__((used)) static const char {name}[] = "for {name}";' for name, _ in sets]
     return "\n".join([*lines, ""])
-
-
-def _record(name: str, record: np.dtype, aliases: Iterable[str]) -> list[str]:
-    """The declaration of a record: of numbers of eight bytes, and of records that are declared already."""
-    lines = []
-    for field, (kind, *_) in sorted(record.fields.items(), key=lambda item: item[1][1]):  # type: ignore[union-attr]
-        if field not in aliases:
-            lengths = "".join(f"[{length}]" for length in kind.shape)
-            lines.append(f"    {_type(kind.base)} {field}{lengths};")
-    return [f"typedef struct {name} {{", *lines, f"}} {name};"]
-
-
-def _type(kind: np.dtype) -> str:
-    """Name of a number's or a record's type in C."""
-    return _TYPES.get(kind.str[1:]) or next(name for name, record in _RECORDS.items() if record is kind)

@@ -4,22 +4,11 @@
 those of NumPy's arrays.
 """
 
-from typing import Any
+from proximity.core.receiver_state import REAL, RECEIVER, WHOLE
+from proximity.core.receiver_state import record as _record
 
-import numpy as np
-
-WHOLE, COUNT, REAL = "<i8", "<u8", "<f8"
-BINS, RUNS, OUTPUTS, HOSTS, DEFECTS, STATES = 1216, 64, 8, 4, 9, 6
+BINS, OUTPUTS, HOSTS, STATES = 1216, 8, 4, 6
 """Lengths, in C ``LOOP_BINS`` and so on."""
-
-
-def _record(*fields: Any) -> np.dtype:
-    """A record of fields: names, apart by spaces, of whole numbers; or such names, a type, and a length."""
-    listed = []
-    for each in fields:
-        names, kind, *lengths = (each, WHOLE) if isinstance(each, str) else each
-        listed += [(name, kind, *lengths) for name in names.split()]
-    return np.dtype(listed)
 
 
 MOTION = _record(
@@ -71,14 +60,6 @@ OUTPUT = _record(
     "first_failure",
     "lost",  # for which the system had no room
 )
-RUN = _record("kind", ("session sequence", COUNT))
-"""A run of a publisher that another one has followed."""
-SEEN = _record(
-    "is_any",
-    ("session sequence", COUNT),
-    "sent_ns taken_ns",
-)
-"""Of one kind of messages: the last one that was used."""
 INPUT = _record(
     "is_measured",  # whether messages are of a sensor, not of poses
     "socket",  # -1: none
@@ -89,12 +70,9 @@ INPUT = _record(
     "host_count port",  # IPv4, in the order of the network; 0: any port
     "key",
     "message longest",  # where a message is read to, and how long it may be
-    "received lost sessions refused unverified unserved failures first_failure",
-    ("flawed", WHOLE, DEFECTS),
-    ("newest_session", COUNT),
-    ("seen", SEEN, 3),
-    ("ended", RUN, RUNS),
-    "ended_count looked_ns",
+    "refused unverified unserved failures first_failure",
+    ("receiver", RECEIVER),
+    "looked_ns",
 )
 RECORDING = _record(
     "times_ns positions rows",  # from 0 on; of all fingers; 0: there is none
@@ -146,10 +124,8 @@ LOOP = _record(
 
 LENGTHS = {
     "BINS": BINS,
-    "RUNS": RUNS,
     "OUTPUTS": OUTPUTS,
     "HOSTS": HOSTS,
-    "DEFECTS": DEFECTS,
     "STATES": STATES,
 }
 RECORDS = {
@@ -158,8 +134,6 @@ RECORDS = {
     "LoopSource": SOURCE,
     "LoopContacts": CONTACTS,
     "LoopOutput": OUTPUT,
-    "LoopRun": RUN,
-    "LoopSeen": SEEN,
     "LoopInput": INPUT,
     "LoopRecording": RECORDING,
     "LoopTimes": TIMES,

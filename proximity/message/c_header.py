@@ -7,13 +7,13 @@ numbers, and a function that tells whether bytes are a frame.
 import ast
 import inspect
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from itertools import pairwise
 
 import numpy as np
 
-from proximity.core import CORE
+from proximity.core import CORE, receiver_state
 from proximity.message.changes import (
     ADDITION_FIELDS,
     ADDITIONS,
@@ -84,7 +84,6 @@ CRC_POLYNOMIAL = 0xEDB88320
 """Of the CRC-32, lowest bit first."""
 _C_TYPES = {"u1": "uint8_t", "u2": "uint16_t", "u4": "uint32_t", "u8": "uint64_t"}
 _C_TYPES |= {"i4": "int32_t", "i8": "int64_t", "f8": "double"}
-_DEFECTS = (Defect.SHORT, Defect.MAGIC, Defect.VERSION, Defect.SIZE, Defect.CHECKSUM)
 
 
 def header_text() -> str:
@@ -95,10 +94,14 @@ def header_text() -> str:
         "PATH_CORNERS": str(PATH_CORNERS),
         "BLOCK_VERTICES": str(BLOCK_VERTICES),
         "CHECKED_FROM": str(CHECKED_FROM),
+        "LIMITS": "\n".join(_limits()),
         "MAGICS": "\n".join(_magics()),
         "ENUMS": "\n\n".join(enum_text(name, values) for name, values in ENUMS.items()),
         "RECORDS": "\n\n".join(_record(name, *reported) for name, reported in RECORDS.items()),
         "BLANKS": "\n".join(_blank(name, RECORDS[name][1]) for name in SENT),
+        "STATE": "\n".join(
+            structure(name, record, receiver_state.RECORDS) for name, record in receiver_state.RECORDS.items()
+        ),
         "FLAWS": "\n".join(_flaws()),
         "CRC_TABLE": _crc_table(),
         "ASSERTS": "\n".join(_assertions()),
@@ -113,12 +116,33 @@ def meanings_of(values: type[Enum]) -> dict[str, str]:
     """Meanings of an enumeration's members: the texts below them in its source; empty where there is none."""
     (definition,) = ast.parse(inspect.getsource(values)).body
     assert isinstance(definition, ast.ClassDef)
-    meanings = dict.fromkeys(values.__members__, "")
-    for member, below in pairwise(definition.body):
+    return dict.fromkeys(values.__members__, "") | _texts_below(definition.body)
+
+
+def _texts_below(statements: Sequence[ast.stmt]) -> dict[str, str]:
+    """The texts below assignments, by the names that are assigned."""
+    texts = {}
+    for statement, below in pairwise(statements):
         is_text = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
-        if isinstance(member, ast.Assign) and isinstance(member.targets[0], ast.Name) and is_text:
-            meanings[member.targets[0].id] = " ".join(str(below.value.value).split())  # type: ignore[attr-defined]
-    return meanings
+        if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name) and is_text:
+            texts[statement.targets[0].id] = " ".join(str(below.value.value).split())  # type: ignore[attr-defined]
+    return texts
+
+
+def structure(
+    name: str, record: np.dtype, declared: Mapping[str, np.dtype], passed: Iterable[str] = ()
+) -> str:
+    """The declaration of a record in C: of numbers of eight bytes, and of records that are *declared* before.
+
+    Fields of *passed* are other names for bytes of others.
+    """
+    lines = [f"typedef struct {name} {{"]
+    for field, (kind, *_) in sorted(record.fields.items(), key=lambda item: item[1][1]):  # type: ignore[union-attr]
+        if field not in passed:
+            names = (known for known, each in declared.items() if each is kind.base)
+            lengths = "".join(f"[{length}]" for length in kind.shape)
+            lines.append(f"    {_C_TYPES.get(kind.base.str[1:]) or next(names)} {field}{lengths};")
+    return "\n".join([*lines, f"}} {name};"])
 
 
 def c_type(field: Field) -> str:
@@ -140,6 +164,14 @@ def _magics() -> Iterator[str]:
         yield f'#define PROXIMITY_{kind.name.upper()}_MAGIC 0x{kind.magic:08x}u /* "{letters}" */'
 
 
+def _limits() -> Iterator[str]:
+    texts = _texts_below(ast.parse(inspect.getsource(receiver_state)).body)
+    for name, value in receiver_state.LIMITS.items():
+        number = f"INT64_C({value})" if name.endswith("_NS") else repr(value)
+        yield from comment_lines(texts[name], "")
+        yield f"#define PROXIMITY_{name} {number}"
+
+
 def enum_text(name: str, values: type[Enum]) -> str:
     """An enumeration in C. Members whose values are words are numbered in their order.
 
@@ -155,8 +187,8 @@ def enum_text(name: str, values: type[Enum]) -> str:
 
 
 def _flaws() -> Iterator[str]:
-    for number, defect in enumerate(_DEFECTS, 1):
-        comma = "," if number < len(_DEFECTS) else ""
+    for number, defect in enumerate(Defect, 1):
+        comma = "," if number < len(Defect) else ""
         yield f"    PROXIMITY_FLAW_{defect.name} = {number}{comma} /* {defect.value} */"
 
 

@@ -13,9 +13,6 @@ from proximity.checks import shown_number
 from proximity.kernels import contact_record
 from proximity.message.fields import VECTOR, Field, dtype_of
 
-UNIT_ERROR = 1e-3
-"""By which a normal's length may differ from 1."""
-
 
 class ContactFlag(IntFlag):
     """What is known about a finger at this tick; a set of bits in ``contacts["flags"]``."""

@@ -9,6 +9,7 @@ from enum import Enum, Flag
 
 import numpy as np
 
+from proximity.core.receiver_state import LIMITS
 from proximity.message.c_header import ENUMS, KINDS, RECORDS, SENT, is_nan, meanings_of
 from proximity.message.envelope import CHECKED_FROM, MAX_RECORDS, VERSION
 from proximity.message.fields import ROTATION, VECTOR, Field, dtype_of
@@ -63,6 +64,9 @@ def csharp_layout() -> str:
         "CheckedFrom": CHECKED_FROM,
     }
     constants = [f"        public const int {name} = {value};" for name, value in numbers.items()]
+    for name, value in LIMITS.items():
+        kind = "double" if isinstance(value, float) else "long"
+        constants.append(f"        public const {kind} {pascal(name)} = {value!r};")
     constants += [
         f"        public const uint {pascal(kind.name)}Magic = 0x{kind.magic:08x};" for kind in KINDS
     ]

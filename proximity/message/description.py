@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from proximity.core.receiver_state import MOST_NAMES
 from proximity.message.changes import NAME_BYTES
 from proximity.message.envelope import PREFIX_FIELDS, Defect, Kind, parts_of
 from proximity.message.fields import Field, dtype_of, reserved
 
 MOST_LABELS = 64
 """Names in one message: a datagram of 5184 bytes at most."""
-MOST_NAMES = 1 << 20
-"""Of parts and fingers: a publisher that claims more is not believed."""
 
 DESCRIPTION_FIELDS = (
     *PREFIX_FIELDS,

@@ -21,8 +21,6 @@ VERSION = 2
 """Of the layout of all messages. A receiver takes its own version and no other; 1 was of other names."""
 MAX_RECORDS = 4096
 """Most records a message may have: a hand's skin."""
-MAX_FUTURE_NS = 5_000_000
-"""An instant farther in the future than this is a mistake of some clock."""
 
 PREFIX_FIELDS = (
     Field("magic", "<u4", "", "which kind of message"),

@@ -20,7 +20,8 @@ def kernel_sources() -> list[Path]:
 
 def sources_in_c() -> list[Path]:
     """Return the files of what the extension has in C beside kernels."""
-    patterns = ("decaff/controller/*.c", "decaff/controller/*.h", "core/receiver/*.in")
+    controller = ("decaff/controller/*.c", "decaff/controller/*.in", "decaff/controller/records.py")
+    patterns = (*controller, "core/receiver/*", "core/receiver_state.py")
     return sorted(path for pattern in patterns for path in PACKAGE.glob(pattern))
 
 
@@ -28,7 +29,7 @@ def core_sources() -> list[Path]:
     """Return the C sources of `proximity.core`, and the records that they share with Python."""
     core = PACKAGE / "core"
     in_c = (path for path in core.rglob("*") if path.suffix in {".c", ".h", ".in"})
-    return sorted([*in_c, core / "loop_records.py"])
+    return sorted([*in_c, core / "loop_records.py", core / "receiver_state.py"])
 
 
 @cache

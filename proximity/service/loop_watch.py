@@ -2,13 +2,12 @@
 
 import logging
 import os
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from proximity.message import Defect, State
+from proximity.message import State
 from proximity.message.instant_advice import FROM_FUTURE, OUT_OF_ORDER, on_backwards, on_future, on_too_old
 from proximity.service.contact_source import ContactSource
 from proximity.service.inputs.sources import PoseInput
@@ -20,7 +19,6 @@ from proximity.system.time_units import NS_PER_MS
 from proximity.transport import Counts, Publisher
 
 LOGGER = logging.getLogger("proximity.service")
-_DEFECTS = (Defect.SHORT, Defect.MAGIC, Defect.VERSION, Defect.SIZE, Defect.CHECKSUM, Defect.OLD)
 
 
 class LoopWatch:
@@ -101,11 +99,7 @@ class LoopWatch:
     def _direct_notes(self) -> list[str]:
         """Sentences on messages that the loop received by itself and did not use."""
         taken, address = self._memory.input, self._address
-        flawed = {
-            defect: int(taken["flawed"][k + 1]) for k, defect in enumerate(_DEFECTS) if taken["flawed"][k + 1]
-        }
-        names = "received", "lost", "sessions", "refused", "unverified"
-        counts = Counts(**{name: int(taken[name]) for name in names}, flawed=Counter(flawed))
+        counts = Counts.of(taken["receiver"], int(taken["refused"]), int(taken["unverified"]))
         notes = []
         if taken["unserved"]:
             notes.append(f"{address}: {taken['unserved']} poses of fingers that are not served")

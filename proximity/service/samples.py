@@ -6,9 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from proximity.core.receiver_state import AHEAD_NS
 from proximity.kernels.tracking.motion import BACKWARDS, FUTURE, TOO_OLD, USABLE
 from proximity.message import MAX_RECORDS, MEASUREMENT
-from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.message.instant_advice import FROM_FUTURE, OUT_OF_ORDER, on_backwards, on_future, on_too_old
 from proximity.service import finger_kernels
 from proximity.system.time_units import NS_PER_MS
@@ -124,7 +124,7 @@ class NewestSamples:
         defects = self._defects[: len(fingers)]
         finger_kernels.update_newest(
             newest.pose_ns, newest.values, self._refused_ns, self._row_of, fingers, given.pose_ns,
-            given.values, defects, now_ns - self._stale_after_ns, now_ns + MAX_FUTURE_NS,
+            given.values, defects, now_ns - self._stale_after_ns, now_ns + AHEAD_NS,
         )  # fmt: skip
         if not defects.any():
             every = slice(None)

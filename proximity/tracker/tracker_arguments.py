@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import FLOAT64, as_float64, not_negative, positive, shown, whole
+from proximity.core.receiver_state import AHEAD_NS
 from proximity.errors import ArgumentError
 from proximity.kernels.contact_record import unknown_contact
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
@@ -23,7 +24,6 @@ from proximity.kernels.tracking.tick import ALL_IN_MILLIMETRES, DONE, HAS_DEFECT
 from proximity.kernels.tracking.track import MOST_NS
 from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
 from proximity.message import ContactFlag
-from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.message.instant_advice import FROM_FUTURE, OTHER_CLOCK_NS, on_future, on_too_old
 from proximity.scene.model.assembly import Model
 from proximity.scene.queries.checked_query import in_millimetres, size_of
@@ -163,7 +163,7 @@ def new_settings(
     settings["max_acceleration"] = positive("max_acceleration", max_acceleration, "m/s²")
     steps = DEFAULT_BUDGET if budget is None else whole("budget", budget)
     settings["budget"] = min(steps, MOST)
-    settings["ahead_ns"] = MAX_FUTURE_NS
+    settings["ahead_ns"] = AHEAD_NS
     settings["other_clock_ns"] = OTHER_CLOCK_NS
     return settings
 

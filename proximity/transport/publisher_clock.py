@@ -1,17 +1,13 @@
 """The clock of a publisher on another machine, guessed from when its messages arrive."""
 
-NS_PER_DRIFT = 5000
-"""ns in which two quartz clocks may drift apart by one: 200e-6, twice what their makers promise."""
-TRANSIT_NS = 1_000_000
-"""A message is thought to have travelled that long at least: what no receiver can measure alone."""
-SETTLING_NS = 50_000_000
-"""For so long a clock is watched before it is believed."""
-PACE_NS = 25_000_000
-"""By how much messages may be faster on their way than the first, and one that settles slower."""
-JUMP_NS = 1_000_000_000
-"""A new run that begins later by more has another clock; less may be a longer way."""
-BACK_NS = 5_000_000
-"""By how much threads that send side by side may be out of order; an instant earlier by more steps back."""
+from proximity.core.receiver_state import (
+    BACK_NS,
+    JUMP_NS,
+    NS_PER_DRIFT,
+    PACE_NS,
+    SETTLING_NS,
+    TRANSIT_NS,
+)
 
 
 class ForeignClock:

@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import as_number, not_negative
+from proximity.core.receiver_state import STALE_AFTER_NS
 from proximity.errors import ArgumentError
 from proximity.message import CONTACT, DESCRIPTION, FRAME, Defect, Kind, State
 from proximity.message.description import Description, DescriptionMessages
-from proximity.transport.contact_age import AgedContacts, forget
+from proximity.transport.contact_age import forget, widen
 from proximity.transport.link import Inlet
 from proximity.transport.message_reader import Counts, MessageReader
 from proximity.transport.publisher_clock import ForeignClock
 from proximity.transport.received_frame import ReceivedFrame
 
-STALE_AFTER = 0.08
+STALE_AFTER = 1e-9 * STALE_AFTER_NS
 """s after ``valid_until`` at which a frame is worth nothing; poses are then 100 ms old."""
 MAX_SPEED = 3.0
 """m/s: no finger is faster, as the tracker has it by default."""
@@ -121,12 +122,11 @@ class Subscriber:
         )
         self._is_new = False
         self._as_published = self._shown = _NO_CONTACTS  # the newest, made worse; the same, read-only
-        self._aged: AgedContacts | None = None  # what is reported of a late frame
         self._is_forgotten = False
 
     @property
     def counts(self) -> Counts:
-        """Numbers of frames received and lost, and of messages refused, so far."""
+        """Numbers of frames received and lost, and of messages refused, up to now: they do not go on."""
         return self._reader.counts
 
     @property
@@ -248,7 +248,7 @@ class Subscriber:
     def _accept(self, now: int) -> None:
         """Make the frame in the spare buffer the newest."""
         self._newest, self._spare = self._spare, self._newest
-        self._is_new, self._is_forgotten, self._aged = True, False, None
+        self._is_new, self._is_forgotten = True, False
         if self._foreign is not None and self._newest is not None:
             self._foreign.arrived(self._newest.publish_ns, now, is_new_run=self._reader.is_new_run)
 
@@ -272,15 +272,13 @@ class Subscriber:
         else:
             state = max(held.state, State.LATE) if now > held.expires_ns else held.state
         if state is State.LATE and held.state in _USED:
-            if self._aged is None:
-                self._copy(held)
-                self._aged = AgedContacts(self._as_published, self._max_speed, self._max_acceleration)
-            self._aged.update(now)
+            self._copy(held)
+            widen(self._as_published, now, self._max_speed, self._max_acceleration)
             self._is_forgotten = False
         elif not self._is_forgotten:
             self._copy(held)
             forget(self._as_published)
-            self._is_forgotten, self._aged = True, None
+            self._is_forgotten = True
         return state, self._shown
 
     def _copy(self, held: ReceivedFrame) -> None:

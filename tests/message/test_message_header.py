@@ -13,17 +13,17 @@ from hypothesis import strategies as st
 from ports import free_port
 from wire import KNOWN, MS, NOW, Clock, Wire, frame, sealed
 
+from proximity.core import receiver_state
+from proximity.core.receiver_state import LIMITS
 from proximity.message import CONTACT, FRAME, POSES, Defect, Message, State, c_header, validate
 from proximity.message.c_header import ENUMS, KINDS, RECORDS, header_text, meanings_of, record_name
-from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.message.fields import dtype_of
 from proximity.transport import Subscriber, open_inlet, widen
 from proximity.transport.message_key import write_key
 from proximity.transport.publisher_clock import ForeignClock
-from proximity.transport.received_frame import LONGEST_VALID_NS
 from proximity.transport.subscriber import STALE_AFTER
 
-FLAWS = [None, Defect.SHORT, Defect.MAGIC, Defect.VERSION, Defect.SIZE, Defect.CHECKSUM]
+FLAWS = [None, *Defect]
 FINITE = st.floats(-10, 10)
 
 LIBRARY = """
@@ -39,8 +39,14 @@ void seal_poses(void *data, size_t size, uint64_t session, uint64_t sequence)
 {
     proximity_seal(data, size, PROXIMITY_POSES_MAGIC, sizeof(proximity_input_header), session, sequence);
 }
-int makes_sense(const void *data, int64_t latest) { return proximity_makes_sense(data, latest); }
-int state_at(const void *data, int64_t now) { return (int)proximity_state_at(data, now); }
+int content_flaw(const proximity_frame_header *frame, int64_t base)
+{
+    return (int)proximity_content_flaw(frame, frame + 1, base);
+}
+int state_at(const void *data, int64_t now)
+{
+    return (int)proximity_state_at(data, now, PROXIMITY_STALE_AFTER_NS);
+}
 double lower_at(const void *data, int64_t now, double speed, double acceleration)
 {
     return proximity_lower_at(data, now, speed, acceleration);
@@ -61,7 +67,7 @@ void clock_hear(uint64_t session, int64_t sent, int64_t now)
     proximity_clock_hear(&heard, session, sent, now);
 }
 int64_t clock_theirs(int64_t now) { return proximity_clock_theirs(&heard, now); }
-int clock_is_certain(void) { return heard.is_certain; }
+int clock_is_certain(void) { return heard.is_certain != 0; }
 """
 
 
@@ -80,7 +86,7 @@ FUNCTIONS = {
     "check_poses": (ctypes.c_int, text, size),
     "seal_poses": (None, pointer, size, ctypes.c_uint64, ctypes.c_uint64),
     "tag_of": (None, text, text, size, text), "verified": (size, text, text, size),
-    "key_of_text": (ctypes.c_int, text, text), "makes_sense": (ctypes.c_int, pointer, whole),
+    "key_of_text": (ctypes.c_int, text, text), "content_flaw": (ctypes.c_int, pointer, whole),
     "state_at": (ctypes.c_int, pointer, whole), "lower_at": (real, pointer, whole, real, real),
     "clock_hear": (None, ctypes.c_uint64, whole, whole), "clock_theirs": (whole, whole),
 }  # fmt: skip
@@ -135,11 +141,9 @@ def test_every_number_is_that_of_python(folder):
     expected = {f"PROXIMITY_{kind.name.upper()}_MAGIC": kind.magic for kind in KINDS}
     for name, values in ENUMS.items():
         expected |= {f"PROXIMITY_{name.upper()}_{member.name}": int(member) for member in values}
-    expected |= {
-        "PROXIMITY_LONGEST_VALID_NS": LONGEST_VALID_NS,
-        "PROXIMITY_STALE_AFTER_NS": round(1e9 * STALE_AFTER),
-        "PROXIMITY_AHEAD_NS": MAX_FUTURE_NS,
-    }
+    expected |= {f"PROXIMITY_FLAW_{defect.name}": number for number, defect in enumerate(Defect, 1)}
+    expected |= {f"PROXIMITY_{name}": value for name, value in LIMITS.items() if isinstance(value, int)}
+    assert LIMITS["STALE_AFTER_NS"] == round(1e9 * STALE_AFTER)
     lines = [f'printf("{name} %lld\\n", (long long){name});' for name in expected]
     assert printed(folder, "numbers", lines) == [[name, str(number)] for name, number in expected.items()]
 
@@ -378,23 +382,38 @@ def test_clock_is_that_of_python_after_mistakes_and_restarts(library, rows):
 
 
 @pytest.mark.parametrize(
-    ("part", "name", "value"),
+    ("part", "name", "value", "defect"),
     [
-        ("records", "lower", 0.051), ("records", "upper", np.nan), ("records", "signed_distance", np.nan),
-        ("records", "pose_ns", NOW - 2 * MS), ("records", "pose_ns", NOW + 5 * MS + 1),
-        ("header", "state", 6), ("header", "source", 3), ("header", "pose_ns", -1),
-        ("header", "pose_ns", NOW + 5 * MS + 1), ("header", "publish_ns", NOW + 5 * MS + 1),
+        ("records", "lower", 0.051, Defect.CONTENT), ("records", "upper", np.nan, Defect.CONTENT),
+        ("records", "signed_distance", np.nan, Defect.CONTENT),
+        ("records", "pose_ns", NOW - 2 * MS, Defect.CONTENT),
+        ("records", "pose_ns", NOW + 5 * MS + 1, Defect.CONTENT), ("header", "state", 6, Defect.CONTENT),
+        ("header", "source", 3, Defect.CONTENT), ("header", "pose_ns", -1, Defect.CONTENT),
+        ("header", "pose_ns", NOW + 5 * MS + 1, Defect.FUTURE),
+        ("header", "publish_ns", NOW + 5 * MS + 1, Defect.FUTURE),
     ],
 )  # fmt: skip
-def test_frame_without_sense_is_seen(library, part, name, value):
+def test_frame_without_sense_is_seen(library, part, name, value, defect):
     message = frame()
     data = message.data.ctypes.data
-    assert library.makes_sense(data, NOW + 5 * MS) == 1
+    assert library.content_flaw(data, NOW) == 0
     getattr(message, part)[name][... if part == "header" else 4] = value
-    assert library.makes_sense(data, NOW + 5 * MS) == 0
+    assert FLAWS[library.content_flaw(data, NOW)] is defect
     if part == "records":
         message.records["flags"][4] = 0
-        assert library.makes_sense(data, NOW + 5 * MS) == 1
+        assert library.content_flaw(data, NOW) == 0
+
+
+def test_state_of_a_receiver_is_that_of_numpy(folder):
+    lines, expected = [], []
+    for name, record in receiver_state.RECORDS.items():
+        lines.append(f'printf("{name} . %zu 0\\n", sizeof({name}));')
+        expected.append([name, ".", str(record.itemsize), "0"])
+        for field, (part, offset) in record.fields.items():
+            place = f"sizeof((({name} *)0)->{field}), offsetof({name}, {field})"
+            lines.append(f'printf("{name} {field} %zu %zu\\n", {place});')
+            expected.append([name, field, str(part.itemsize), str(offset)])
+    assert printed(folder, "state", lines) == expected
 
 
 def test_contact_of_the_header_is_the_one_of_python():

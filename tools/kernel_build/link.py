@@ -14,12 +14,14 @@ from kernel_build.state import ROOT, core_digest, digest_in_c
 from kernel_build.targets import Target
 from kernel_build.windows import python_library
 from proximity.core import CORE
+from proximity.decaff.controller.records import controller_header
 from proximity.message.c_header import header_text
 from proximity.native.in_c import C_CODE
 
 HEADERS = Path(__file__).resolve().parent / "headers"
 PYTHON = CORE / "cpython"
 CONTROLLER = ROOT / "proximity" / "decaff" / "controller"
+RECEIVER = CORE / "receiver" / "receiver_entries.c"
 LIBRARY = [CORE / name for name in ("library", "loop", "mailbox")]
 _BIONIC = ["-D__errno_location=__errno", "-U__linux__", "-fno-builtin", "-mno-outline-atomics", "-fPIC"]
 """For Android: what its C library names otherwise than the one whose headers are here. There is no shared
@@ -31,7 +33,8 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
     """Return the extension module."""
     extension = folder / target.extension
     (folder / "proximity_message.h").write_text(header_text(), encoding="ascii")
-    sources = [table, *sorted(PYTHON.glob("*.c")), *CONTROLLER.glob("*.c")]
+    (folder / "decaff_controller.h").write_text(controller_header(), encoding="ascii")
+    sources = [table, *sorted(PYTHON.glob("*.c")), *CONTROLLER.glob("*.c"), RECEIVER]
     compiled = [_compiled(target, source, folder, *_headers(target)) for source in sources]
     files = map(str, [*compiled, *objects])
     zig(target, folder, "-shared", "-s", "-o", str(extension), *files, *_system(target, compiled, folder))
@@ -120,7 +123,9 @@ def entry_table(wrappers: list[tuple[str, str, str]], digest: str) -> str:
 
 def _functions_in_c() -> list[str]:
     """Names of the entry points that are written in C."""
-    text = (CONTROLLER / "controller_entries.c").read_text(encoding="ascii")
+    text = "".join(
+        path.read_text(encoding="ascii") for path in (CONTROLLER / "controller_entries.c", RECEIVER)
+    )
     return re.findall(r"^int (\w+)\(void \*\*unused, void \*\*no_error, int64_t words\)", text, re.MULTILINE)
 
 

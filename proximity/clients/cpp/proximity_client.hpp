@@ -109,9 +109,6 @@ struct reading {
     bool is_valid() const { return state == PROXIMITY_STATE_OK || state == PROXIMITY_STATE_DEGRADED; }
 };
 
-inline constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-inline constexpr double infinity = std::numeric_limits<double>::infinity();
-
 /// The monotonic clock, ns; on Linux that of a service on this machine.
 inline std::int64_t clock_ns()
 {
@@ -124,89 +121,15 @@ inline constexpr bool clock_is_that_of_services = true;
 inline constexpr bool clock_is_that_of_services = false; // elsewhere it is learnt from what arrives
 #endif
 
-namespace detail {
-
-inline double length(const double *v) { return std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
-
-/// The lesser and the larger of two; nan where one of them is.
-inline double lesser(double a, double b) { return std::isnan(a) || a < b ? a : b; }
-inline double larger(double a, double b) { return std::isnan(a) || a > b ? a : b; }
-
-/// How long ago an instant was, whatever number it is.
-inline std::int64_t since(std::int64_t then, std::int64_t now)
-{
-    constexpr std::int64_t most = std::numeric_limits<std::int64_t>::max();
-    return then < 0 && now > most + then ? most : now - then;
-}
-
-} // namespace detail
-
-/// Make a contact hold at a later instant: as far as finger and parts may have come, less is known.
-inline void widen(proximity_contact &c, std::int64_t now_ns, double max_speed, double max_acceleration)
-{
-    const bool is_tracked = (c.flags & PROXIMITY_FLAG_TRACKED) != 0;
-    const bool is_geometry = c.source == PROXIMITY_SOURCE_GEOMETRY;
-    double relative[3];
-    for (int axis = 0; axis < 3; axis++)
-        relative[axis] = c.velocity[axis] - c.part_velocity[axis];
-    const double part_speed = std::fmax(detail::length(c.part_velocity), 0.0); // fmax passes over nan
-    const double limit = max_speed + part_speed;
-    double going = is_geometry ? detail::length(relative) : std::fabs(c.approach_speed);
-    // How far off that velocity may be, and how much faster other parts are, is in the predictions.
-    const double lead = 1e-9 * static_cast<double>(detail::since(c.pose_ns, c.predicted_ns));
-    double spread = c.predicted_upper - c.predicted_lower - (is_geometry ? 0.0 : c.upper - c.lower);
-    spread *= 0.5 / lead;
-    const bool is_finite = lead > 0.0 && spread < infinity;
-    spread = is_finite ? spread : 0.0;
-    if (!(spread < max_speed)) // it may be that of a finger that could turn round
-        going = std::fmax(going, part_speed);
-    const bool is_known = (c.flags & PROXIMITY_FLAG_PREDICTED) != 0 && is_finite;
-    const double at_first = is_known ? going + spread : nan;
-    const double at_last = is_known ? limit + spread : std::fmax(limit, part_speed + spread);
-    const double ever = std::fmax(limit + spread, std::numeric_limits<double>::min());
-    c.age_ns = detail::since(c.pose_ns, now_ns);
-    const double elapsed = std::fmax(1e-9 * static_cast<double>(c.age_ns), 0.0);
-    const double drift = std::fmin(at_first + 0.5 * max_acceleration * elapsed, at_last) * elapsed;
-    c.lower = c.predicted_lower = c.lower - drift;
-    c.upper = c.predicted_upper = c.upper + drift;
-    const double free = elapsed + detail::larger(c.lower, 0.0) / ever;
-    c.time_to_contact_lower = detail::lesser(c.time_to_contact_lower, free);
-    if (is_tracked)
-        c.signed_distance = c.predicted_distance = c.lower;
-    c.predicted_ns = now_ns;
-    c.contact_bend_error += infinity;
-    c.force_is_valid = 0;
-    c.flags &= ~static_cast<std::uint32_t>(PROXIMITY_FLAG_EXACT | PROXIMITY_FLAG_SKIPPED | PROXIMITY_FLAG_PREDICTED
-                                           | PROXIMITY_FLAG_CONTACT_FOUND);
-    c.flags |= is_tracked ? static_cast<std::uint32_t>(PROXIMITY_FLAG_BOUNDED) : 0u;
-}
-
-/// Leave nothing of a contact but whose it is, where it comes from and when that was.
-inline void forget(proximity_contact &c)
-{
-    for (double *vector : {c.position, c.velocity, c.point_on_finger, c.point_on_part, c.normal, c.part_velocity})
-        std::fill_n(vector, 3, nan);
-    for (double *number : {&c.signed_distance, &c.approach_speed, &c.predicted_distance, &c.time_to_contact,
-                           &c.bend, &c.bend_rate, &c.contact_bend, &c.contact_bend_error, &c.contact_bend_rate,
-                           &c.stiffness, &c.damping, &c.force})
-        *number = nan;
-    c.lower = c.predicted_lower = -infinity;
-    c.upper = c.predicted_upper = infinity;
-    c.time_to_contact_lower = 0.0;
-    c.flags = 0;
-    c.part = c.face = -1;
-    c.surface = PROXIMITY_SURFACE_UNKNOWN;
-    c.mode = PROXIMITY_MODE_HOLD;
-    c.force_is_valid = 0;
-}
-
 /// Judges frames and lets the newest age; without a network, so that other transports can use it.
 class frame_reader {
 public:
     /// `shares_clock`: the publisher is on this machine; `is_keyed`: what is offered was verified by a key.
     frame_reader(bool shares_clock, bool is_keyed, limits ageing)
-        : shares_clock_(shares_clock), is_keyed_(is_keyed), ageing_(ageing)
+        : ageing_(ageing)
     {
+        receiver_.shares_clock = shares_clock ? 1 : 0;
+        receiver_.is_keyed = is_keyed ? 1 : 0;
     }
 
     /// Take a frame, or a description, that arrived at an instant of this machine's clock; what is wrong with it.
@@ -221,20 +144,13 @@ public:
     /// What is known at an instant of this machine's clock.
     reading at(std::int64_t now_ns)
     {
-        const bool is_believed = shares_clock_ || clock_.is_certain != 0;
         reading now;
-        now.now_ns = shares_clock_ || clock_.is_heard == 0 ? now_ns : proximity_clock_theirs(&clock_, now_ns);
-        if (!last_)
+        now.now_ns = proximity_theirs(&receiver_, now_ns);
+        if (receiver_.received == 0)
             return now;
-        const std::int64_t expires = std::min(held_.valid_until_ns, held_.pose_ns + PROXIMITY_LONGEST_VALID_NS);
-        const bool is_over = now.now_ns > expires;
-        now.state = static_cast<proximity_state>(held_.state);
-        if (!is_believed || (is_over && now.now_ns - ageing_.stale_after_ns > expires))
-            now.state = std::max(now.state, PROXIMITY_STATE_STALE);
-        else if (is_over)
-            now.state = std::max(now.state, PROXIMITY_STATE_LATE);
+        now.state = proximity_trust(&receiver_, &held_, now.now_ns, ageing_.stale_after_ns);
         now.is_new = std::exchange(is_new_, false);
-        now.age_ns = std::max<std::int64_t>(detail::since(held_.pose_ns, now.now_ns), 0);
+        now.age_ns = std::max<std::int64_t>(proximity_time_between(held_.pose_ns, now.now_ns), 0);
         now.header = &held_;
         now.contacts = contacts_;
         if (now.is_valid())
@@ -243,9 +159,9 @@ public:
         const bool is_used = now.state == PROXIMITY_STATE_LATE && held_.state != PROXIMITY_STATE_STARTING;
         for (proximity_contact &contact : shown_) {
             if (is_used)
-                widen(contact, now.now_ns, ageing_.max_speed, ageing_.max_acceleration);
+                proximity_widen(&contact, now.now_ns, ageing_.max_speed, ageing_.max_acceleration);
             else
-                forget(contact);
+                proximity_forget(&contact);
         }
         now.contacts = shown_;
         return now;
@@ -255,7 +171,7 @@ public:
     /// a second of the first frame and of each change.
     std::string_view part_name(std::int32_t part) const
     {
-        const bool is_of_frame = last_ && names_of_[0] == held_.session && names_of_[1] == held_.epoch;
+        const bool is_of_frame = receiver_.received > 0 && names_of_[0] == held_.session && names_of_[1] == held_.epoch;
         const auto row = static_cast<std::size_t>(part); // -1, no part, is beyond all
         return is_of_frame && row < part_names_.size() ? std::string_view(part_names_[row]) : std::string_view();
     }
@@ -264,25 +180,14 @@ public:
     counts &counted() { return counts_; }
 
 private:
-    struct seen {
-        std::uint64_t session, sequence;
-        std::int64_t sent_ns, now_ns;
-    };
-    static constexpr std::int64_t restart_silence_ns = 50000000; // then another run may have begun
-    static constexpr std::size_t most_runs = 64;                 // that are remembered
-    static constexpr std::int64_t most_ns = std::int64_t{1} << 62;
-    static constexpr std::uint64_t most_names = 1 << 20; // who claims more is not believed
     using numbers = std::array<std::uint64_t, 4>;        // of a description: session, epoch, parts, fingers
 
-    bool shares_clock_, is_keyed_, is_new_ = false;
+    bool is_new_ = false;
     limits ageing_;
     counts counts_;
-    proximity_clock clock_{};
-    proximity_frame_header arrived_{}, held_{};
-    std::vector<proximity_contact> candidate_, contacts_, shown_;
-    std::optional<seen> last_;
-    std::uint64_t newest_session_ = 0;
-    std::vector<std::pair<std::uint64_t, std::uint64_t>> ended_; // session, last number; oldest first
+    proximity_receiver receiver_{};
+    proximity_frame_header held_{};
+    std::vector<proximity_contact> contacts_, shown_;
     numbers names_of_{}, labels_of_{};
     std::vector<std::string> part_names_;
     std::map<std::uint64_t, std::string> labels_; // of a description of which not all has come
@@ -306,7 +211,7 @@ private:
         std::memcpy(&header, message.data(), sizeof header);
         const numbers of{header.session, header.epoch, header.part_count, header.finger_count};
         const std::uint64_t total = of[2] + of[3], first = header.first;
-        if (total > most_names || first + header.count > total)
+        if (total > PROXIMITY_MOST_NAMES || first + header.count > total)
             return flaw::content;
         if (of != labels_of_ || first == 0)
             labels_.clear();
@@ -328,105 +233,19 @@ private:
 
     flaw judge(std::span<const std::byte> message, std::int64_t now_ns)
     {
-        const int wrong = proximity_check_frame(message.data(), message.size());
-        if (wrong != PROXIMITY_FLAW_NONE)
-            return static_cast<flaw>(wrong);
-        std::memcpy(&arrived_, message.data(), sizeof arrived_);
-        const seen next{arrived_.session, arrived_.sequence, arrived_.publish_ns, now_ns};
-        if (is_old(next))
-            return flaw::old;
-        candidate_.resize(arrived_.count);
-        if (arrived_.count > 0)
-            std::memcpy(candidate_.data(), message.data() + sizeof arrived_, arrived_.count * sizeof(proximity_contact));
-        const flaw reason = content_flaw(now_ns);
-        if (reason == flaw::none)
-            accept(next);
-        return reason;
-    }
-
-    auto ended(std::uint64_t session)
-    {
-        return std::find_if(ended_.begin(), ended_.end(), [=](const auto &run) { return run.first == session; });
-    }
-
-    /// Whether a message was overtaken or is repeated; see the documentation of proximity's Examiner.
-    bool is_old(const seen &next)
-    {
-        if (is_keyed_ && next.session < newest_session_)
-            return true; // of an earlier run: with a key that may be a recording
-        if (!last_)
-            return false;
-        if (next.session == last_->session)
-            return next.sequence <= last_->sequence || next.sequence - last_->sequence > PROXIMITY_MOST_SKIPPED;
-        const auto run = ended(next.session);
-        if (next.session > last_->session && run == ended_.end())
-            return false;
-        const bool is_silent = next.now_ns - last_->now_ns > restart_silence_ns;
-        if (run != ended_.end())
-            return !(is_silent && next.sequence > run->second);
-        return !(shares_clock_ ? next.sent_ns > last_->sent_ns : is_silent);
-    }
-
-    flaw content_flaw(std::int64_t now_ns) const
-    {
-        if (arrived_.state > PROXIMITY_STATE_STOPPING || arrived_.source > PROXIMITY_SOURCE_HELD)
-            return flaw::content;
-        const std::int64_t base = shares_clock_ ? now_ns : arrived_.publish_ns;
-        const std::int64_t latest = std::min(base, most_ns - PROXIMITY_AHEAD_NS) + PROXIMITY_AHEAD_NS;
-        if (arrived_.pose_ns > latest || arrived_.publish_ns > latest)
-            return flaw::future;
-        const auto makes_sense = [&](const proximity_contact &c) { return is_sound(c, latest); };
-        return std::all_of(candidate_.begin(), candidate_.end(), makes_sense) ? flaw::none : flaw::content;
-    }
-
-    bool is_sound(const proximity_contact &c, std::int64_t latest) const
-    {
-        if (c.surface > PROXIMITY_SURFACE_DEFORMABLE || c.mode > PROXIMITY_MODE_HOLD
-            || c.source > PROXIMITY_SOURCE_HELD || c.force_is_valid > 1)
-            return false;
-        if ((c.flags & PROXIMITY_FLAG_TRACKED) == 0)
-            return true;
-        const std::span<const double> place(c.position);
-        const bool is_placed = std::all_of(place.begin(), place.end(), [](double x) { return std::isfinite(x); });
-        const bool is_unknown = c.source != PROXIMITY_SOURCE_GEOMETRY
-                                && std::any_of(place.begin(), place.end(), [](double x) { return std::isnan(x); });
-        const double normal_sq = c.normal[0] * c.normal[0] + c.normal[1] * c.normal[1] + c.normal[2] * c.normal[2];
-        return c.lower <= c.signed_distance && c.signed_distance <= c.upper
-               && c.predicted_lower <= c.predicted_upper && !std::isnan(c.predicted_distance)
-               && c.time_to_contact_lower <= c.time_to_contact && (is_placed || is_unknown)
-               && !(normal_sq < 0.999 * 0.999 || normal_sq > 1.001 * 1.001) // nan: there is no normal
-               && c.pose_ns >= arrived_.pose_ns && c.pose_ns <= latest;
-    }
-
-    void accept(const seen &next)
-    {
-        std::uint64_t expected = next.sequence; // of the very first none is missing
-        if (last_ && last_->session == next.session) {
-            expected = last_->sequence + 1;
-        } else {
-            counts_.sessions++;
-            if (last_) {
-                expected = 0;
-                const auto run = ended(next.session);
-                if (run != ended_.end()) {
-                    expected = run->second + 1;
-                    ended_.erase(run);
-                }
-                ended_.emplace_back(last_->session, last_->sequence);
-                if (ended_.size() > most_runs)
-                    ended_.erase(ended_.begin());
-            }
-        }
-        const std::uint64_t missing = next.sequence - expected;
-        counts_.lost += missing <= PROXIMITY_MOST_SKIPPED ? missing : 0; // of a run that was joined late
-        counts_.received++;
-        if (!shares_clock_)
-            proximity_clock_hear(&clock_, next.session, next.sent_ns, next.now_ns);
-        last_ = next;
-        newest_session_ = std::max(newest_session_, next.session);
-        held_ = arrived_;
-        contacts_.swap(candidate_);
+        const flaw reason = static_cast<flaw>(
+            proximity_take_frame(&receiver_, message.data(), message.size(), PROXIMITY_MAX_RECORDS, now_ns));
+        if (reason != flaw::none)
+            return reason;
+        std::memcpy(&held_, message.data(), sizeof held_);
+        contacts_.resize(held_.count);
+        if (held_.count > 0)
+            std::memcpy(contacts_.data(), message.data() + sizeof held_, held_.count * sizeof(proximity_contact));
+        counts_.received = receiver_.received;
+        counts_.lost = receiver_.lost;
+        counts_.sessions = receiver_.sessions;
         is_new_ = true;
+        return reason;
     }
 };
 
@@ -564,7 +383,7 @@ public:
     /// Take what has arrived and say what is known now; never waits.
     reading read()
     {
-        for (int taken = 0, unused = 0; taken < 1024 && unused < 256; taken++) {
+        for (int taken = 0, unused = 0; taken < PROXIMITY_MOST_AT_ONCE && unused < PROXIMITY_MOST_FLAWED; taken++) {
             sockaddr_in sender{};
             socklen_t length = sizeof sender;
             const auto size = recvfrom(socket_.get(), reinterpret_cast<char *>(buffer_.data()), buffer_.size(), 0,

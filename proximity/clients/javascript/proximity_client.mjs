@@ -4,19 +4,12 @@
 // them, are BigInt. A field of several numbers is an array, row by row. There is no network here: proximity_udp.mjs
 // has that for Node, and in a browser bytes come from a WebSocket.
 
-import { CHECKED_FROM, ENUMS, KINDS, MAX_RECORDS, RECORDS, VERSION } from "./layout.mjs";
+import { CHECKED_FROM, ENUMS, KINDS, LIMITS, MAX_RECORDS, RECORDS, VERSION } from "./layout.mjs";
 
 const { ContactFlag, Mode, PartAction, Source, State, Surface } = ENUMS;
 export { ContactFlag, Mode, PartAction, Source, State, Surface };
 export const STATE_NAMES = Object.keys(State);
 
-const LONGEST_VALID_NS = 1_000_000_000n; // after its oldest pose no frame is valid for longer
-const AHEAD_NS = 5_000_000n; // an instant farther in the future is a mistake
-const MOST_SKIPPED = 100_000_000n; // numbers; by more no message is ahead of the last of its run
-const RESTART_SILENCE_NS = 50_000_000n; // of a publisher elsewhere: then another run may have begun
-const MOST_RUNS = 64; // that are remembered
-const MOST_NS = 2n ** 62n;
-const MOST_NAMES = 2 ** 20; // who claims more is not believed
 const utf8 = new TextEncoder();
 const text = new TextDecoder();
 
@@ -229,20 +222,20 @@ class ForeignClock {
   hear(session, sent, now) {
     const offset = now - sent;
     const fastest = grown(this.#offset, this.#seen, now);
-    const pace = 25_000_000n + (now > this.#first ? now - this.#first : 0n) / 5000n;
+    const pace = grown(LIMITS.PACE_NS, this.#first, now);
     const isNewRun = this.#session !== null && this.#session !== session;
     this.#session = session;
-    if (this.#sent === null || sent < this.#sent - 5_000_000n || (isNewRun && offset > fastest + 1_000_000_000n)) {
+    if (this.#sent === null || sent < this.#sent - LIMITS.BACK_NS || (isNewRun && offset > fastest + LIMITS.JUMP_NS)) {
       const before = this.#former === null ? offset : grown(...this.#former, now);
       this.#former = null;
-      this.#begin(offset > before && offset <= before + 1_000_000_000n ? before : offset, now);
+      this.#begin(offset > before && offset <= before + LIMITS.JUMP_NS ? before : offset, now);
     } else if (offset < this.#firstOffset - pace) {
       if (this.isCertain) this.#former = [this.#offset, this.#seen];
       this.#begin(offset, now);
     } else {
       this.#offset = offset < fastest ? offset : fastest;
       this.#seen = now;
-      if (offset <= this.#firstOffset + pace && now - this.#first >= 50_000_000n) {
+      if (offset <= this.#firstOffset + pace && now - this.#first >= LIMITS.SETTLING_NS) {
         this.isCertain = true;
         this.#former = null;
       }
@@ -258,10 +251,10 @@ class ForeignClock {
   }
 
   /** What their clock shows, rather late than early. */
-  theirs = (now) => (this.#sent === null ? now : now - this.#offset + 1_000_000n);
+  theirs = (now) => (this.#sent === null ? now : now - this.#offset + LIMITS.TRANSIT_NS);
 }
 
-const grown = (offset, seen, now) => offset + (now > seen ? now - seen : 0n) / 5000n;
+const grown = (offset, seen, now) => offset + (now > seen ? now - seen : 0n) / LIMITS.NS_PER_DRIFT;
 
 /** Judges frames and lets the newest age; without a network. Instants are of this machine's clock, ns, BigInt. */
 export class FrameReader {
@@ -301,7 +294,7 @@ export class FrameReader {
     const held = this.#held;
     if (held === null) return { state: "STALE", isValid: false, isNew: false, nowNs: now, ageNs: -1n, header: null, contacts: [] };
     const { header } = held;
-    const ends = header.pose_ns + LONGEST_VALID_NS;
+    const ends = header.pose_ns + LIMITS.LONGEST_VALID_NS;
     const expires = header.valid_until_ns < ends ? header.valid_until_ns : ends;
     let state = header.state;
     if (!isBelieved || now > expires + this.#limits.staleAfterNs) state = Math.max(state, State.STALE);
@@ -329,7 +322,7 @@ export class FrameReader {
     const { header, records } = decode(bytes, "description");
     const { session, epoch, part_count: partCount, finger_count: fingerCount, first } = header;
     const total = partCount + fingerCount;
-    if (total > MOST_NAMES || first + records.length > total) return "content";
+    if (total > LIMITS.MOST_NAMES || first + records.length > total) return "content";
     const of = [session, epoch, partCount, fingerCount].join();
     if (of !== this.#labels.of || first === 0) this.#labels = { of, names: new Map() };
     const { names } = this.#labels;
@@ -364,11 +357,11 @@ export class FrameReader {
     const last = this.#last;
     if (last === null) return false;
     if (session === last.session) {
-      return sequence <= last.sequence || sequence - last.sequence > MOST_SKIPPED;
+      return sequence <= last.sequence || sequence - last.sequence > LIMITS.MOST_SKIPPED;
     }
     const wasFollowed = this.#ended.has(session);
     if (session > last.session && !wasFollowed) return false;
-    const isSilent = now - last.now > RESTART_SILENCE_NS;
+    const isSilent = now - last.now > LIMITS.RESTART_SILENCE_NS;
     if (wasFollowed) return !(isSilent && sequence > this.#ended.get(session));
     return !(this.#isShared ? sent > last.sent : isSilent);
   }
@@ -382,10 +375,10 @@ export class FrameReader {
       this.#ended.set(last.session, last.sequence);
       before = this.#ended.get(session) ?? -1n;
       this.#ended.delete(session);
-      if (this.#ended.size > MOST_RUNS) this.#ended.delete(this.#ended.keys().next().value);
+      if (this.#ended.size > LIMITS.MOST_RUNS) this.#ended.delete(this.#ended.keys().next().value);
     }
     const missing = sequence - before - 1n;
-    this.counts.lost += missing <= MOST_SKIPPED ? missing : 0n; // of a run that was joined late
+    this.counts.lost += missing <= LIMITS.MOST_SKIPPED ? missing : 0n; // of a run that was joined late
     this.counts.received++;
     this.#last = { session, sequence, sent, now };
     if (session > this.#newestSession) this.#newestSession = session;
@@ -395,8 +388,9 @@ export class FrameReader {
 
 function contentFlaw({ header, records }, base) {
   if (header.state > State.STOPPING || header.source > Source.HELD) return "content";
-  const latest = base + AHEAD_NS < MOST_NS ? base + AHEAD_NS : MOST_NS;
+  const latest = base + LIMITS.AHEAD_NS < LIMITS.LAST_NS ? base + LIMITS.AHEAD_NS : LIMITS.LAST_NS;
   if (header.pose_ns > latest || header.publish_ns > latest) return "future";
+  if (header.pose_ns < 0n || header.publish_ns < 0n) return "content";
   return records.every((c) => isSound(c, header.pose_ns, latest)) ? "" : "content";
 }
 
@@ -409,7 +403,7 @@ function isSound(c, earliest, latest) {
   return (
     c.lower <= c.signed_distance && c.signed_distance <= c.upper && c.predicted_lower <= c.predicted_upper &&
     !Number.isNaN(c.predicted_distance) && c.time_to_contact_lower <= c.time_to_contact && isPlaced &&
-    !(normalSq < 0.999 ** 2 || normalSq > 1.001 ** 2) && // nan: there is no normal
+    !(normalSq < (1 - LIMITS.UNIT_ERROR) ** 2 || normalSq > (1 + LIMITS.UNIT_ERROR) ** 2) && // nan: there is no normal
     c.pose_ns >= earliest && c.pose_ns <= latest
   );
 }

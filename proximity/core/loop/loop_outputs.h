@@ -29,11 +29,12 @@ static void make_checksum_tables(void)
 }
 
 /* The CRC-32 of bytes whose number is a multiple of eight, as those of messages are. */
-static uint32_t checksum(const uint8_t *bytes, int64_t size)
+static uint32_t checksum(const void *data, size_t size)
 {
+    const uint8_t *bytes = data;
     const uint32_t(*t)[256] = checksum_tables;
     uint32_t crc = 0xffffffffu;
-    for (int64_t at = 0; at < size; at += 8) {
+    for (size_t at = 0; at < size; at += 8) {
         uint32_t a, b;
         memcpy(&a, bytes + at, 4);
         memcpy(&b, bytes + at + 4, 4);
@@ -63,7 +64,7 @@ static void seal(LoopOutput *output, uint8_t *message, int64_t size, int kind)
     }
     prefix->session = (uint64_t)output->session;
     prefix->sequence = (uint64_t)output->sequences[kind]++;
-    prefix->checksum = checksum(message + 8, size - 8);
+    prefix->checksum = checksum(message + 8, (size_t)size - 8);
 }
 
 static void send_message(LoopOutput *output, uint8_t *message, int64_t size, int kind, uint8_t *datagram)

@@ -6,9 +6,6 @@
 
 #include "loop_outputs.h"
 
-enum { MOST_AT_ONCE = 256, MOST_FLAWED = 32 };
-static const int64_t SILENCE_NS = 50000000;
-
 static int64_t clock_now_ns(const Loop *loop)
 {
     return loop->is_simulated ? loop->simulated_ns : system_now_ns();
@@ -19,120 +16,31 @@ static const InstructionSet *set_of(const Loop *loop)
     return POINTER(loop->set);
 }
 
-/* The flaw of bytes that claim to be poses, as proximity_check() has it. */
-static int flaw_of(const uint8_t *message, int64_t size, int is_measured, int *kind)
-{
-    const proximity_input_header *header = (const proximity_input_header *)(const void *)message;
-    int64_t stride;
-    if (size < (int64_t)sizeof(proximity_prefix)) {
-        return PROXIMITY_FLAW_SHORT;
-    }
-    *kind = is_measured ? 2 : header->magic == PROXIMITY_PATH_POSES_MAGIC;
-    stride = (int64_t)(*kind == 2 ? sizeof(proximity_measurement) : *kind ? sizeof(proximity_path_pose) : sizeof(proximity_finger_pose));
-    if (size < (int64_t)sizeof *header) {
-        return PROXIMITY_FLAW_SHORT;
-    }
-    if (header->magic != (*kind == 2 ? PROXIMITY_MEASURED_MAGIC : *kind ? PROXIMITY_PATH_POSES_MAGIC : PROXIMITY_POSES_MAGIC)) {
-        return PROXIMITY_FLAW_MAGIC;
-    }
-    if (header->version != PROXIMITY_VERSION) {
-        return PROXIMITY_FLAW_VERSION;
-    }
-    int64_t body = size - (int64_t)sizeof *header;
-    if (header->size != (uint64_t)size || header->header_size != sizeof *header || body % stride != 0 ||
-        body / stride > PROXIMITY_MAX_RECORDS) {
-        return PROXIMITY_FLAW_SIZE;
-    }
-    if (checksum(message + 8, size - 8) != header->checksum) {
-        return PROXIMITY_FLAW_CHECKSUM;
-    }
-    return header->count == (uint64_t)(body / stride) ? PROXIMITY_FLAW_NONE : PROXIMITY_FLAW_SIZE;
-}
-
-static LoopRun *ended_run(LoopInput *input, int kind, uint64_t session)
-{
-    for (int64_t k = 0; k < input->ended_count; k++) {
-        if (input->ended[k].kind == kind && input->ended[k].session == session) {
-            return &input->ended[k];
-        }
-    }
-    return NULL;
-}
-
-/* Whether a message was overtaken or is repeated; see `MessageReader`. */
-static int is_old(LoopInput *input, int kind, const proximity_input_header *header, int64_t now_ns)
-{
-    const LoopSeen *last = &input->seen[kind];
-    const LoopRun *run = ended_run(input, kind, header->session);
-    if (header->session < input->newest_session && input->key != 0) {
-        return 1;
-    }
-    if (!last->is_any) {
-        return 0;
-    }
-    if (header->session == last->session) {
-        return !(header->sequence > last->sequence && header->sequence - last->sequence <= PROXIMITY_MOST_SKIPPED);
-    }
-    if (header->session > last->session && run == NULL) {
-        return 0;
-    }
-    if (run != NULL) {
-        return !(now_ns - last->taken_ns > SILENCE_NS && header->sequence > run->sequence);
-    }
-    return !(header->send_ns > last->sent_ns); /* on one machine clocks are one */
-}
-
-static void forget_run(LoopInput *input, LoopRun *run)
-{
-    LoopRun *end = input->ended + input->ended_count--;
-    memmove(run, run + 1, (size_t)(end - run - 1) * sizeof *run);
-}
-
-/* Count a message that is used, and those before it that are missing. */
-static void accept_message(LoopInput *input, int kind, const proximity_input_header *header, int64_t now_ns)
-{
-    LoopSeen *last = &input->seen[kind];
-    uint64_t before = header->sequence - 1;
-    if (!last->is_any) {
-        input->sessions++;
-    } else if (last->session == header->session) {
-        before = last->sequence;
-    } else {
-        LoopRun ended = {kind, last->session, last->sequence}, *run = ended_run(input, kind, header->session);
-        input->sessions++;
-        before = run != NULL ? run->sequence : UINT64_MAX;
-        if (run != NULL) {
-            forget_run(input, run);
-        } else if (input->ended_count == LOOP_RUNS) {
-            forget_run(input, input->ended);
-        }
-        input->ended[input->ended_count++] = ended;
-    }
-    uint64_t missing = header->sequence - before - 1;
-    input->lost += missing <= PROXIMITY_MOST_SKIPPED ? (int64_t)missing : 0; /* of a run that was joined late */
-    input->received++;
-    last->is_any = 1;
-    last->session = header->session;
-    last->sequence = header->sequence;
-    last->sent_ns = header->send_ns;
-    last->taken_ns = now_ns;
-    input->newest_session = header->session > input->newest_session ? header->session : input->newest_session;
-}
-
-/* Whether what was received is a message to be used; counted if it is, and if it is not, by its defect. */
+/* Whether what was received is a message to be used; counted if it is, and if it is not, by its flaw. */
 static int is_usable(LoopInput *input, const uint8_t *message, int64_t size, int64_t now_ns)
 {
+    static const uint32_t magics[] = {PROXIMITY_POSES_MAGIC, PROXIMITY_PATH_POSES_MAGIC, PROXIMITY_MEASURED_MAGIC};
+    static const size_t sizes[] = {sizeof(proximity_finger_pose), sizeof(proximity_path_pose), sizeof(proximity_measurement)};
+    const proximity_prefix *prefix = (const proximity_prefix *)(const void *)message;
     const proximity_input_header *header = (const proximity_input_header *)(const void *)message;
-    int kind = 0, flaw = size > input->longest ? PROXIMITY_FLAW_SIZE : flaw_of(message, size, input->is_measured != 0, &kind);
-    if (flaw == PROXIMITY_FLAW_NONE && is_old(input, kind, header, now_ns)) {
-        flaw = PROXIMITY_FLAW_CHECKSUM + 1;
+    proximity_receiver *receiver = &input->receiver;
+    int is_path = size >= (int64_t)sizeof *prefix && prefix->magic == PROXIMITY_PATH_POSES_MAGIC;
+    uint64_t kind = input->is_measured ? 2 : (uint64_t)is_path;
+    enum proximity_flaw flaw = PROXIMITY_FLAW_SIZE;
+    if (size <= input->longest) {
+        flaw = proximity_check(message, (size_t)size, magics[kind], sizeof *header, sizes[kind],
+                               offsetof(proximity_input_header, count));
     }
-    if (flaw != PROXIMITY_FLAW_NONE) {
-        input->flawed[flaw]++;
-        return 0;
+    receiver->shares_clock = 1; /* on one machine clocks are one */
+    receiver->is_keyed = input->key != 0;
+    if (flaw == PROXIMITY_FLAW_NONE && proximity_is_old(receiver, kind, prefix, header->send_ns, now_ns)) {
+        flaw = PROXIMITY_FLAW_OLD;
     }
-    accept_message(input, kind, header, now_ns);
-    return 1;
+    receiver->flawed[flaw]++;
+    if (flaw == PROXIMITY_FLAW_NONE) {
+        proximity_accept(receiver, kind, prefix, header->send_ns, now_ns);
+    }
+    return flaw == PROXIMITY_FLAW_NONE;
 }
 
 /* Count poses that are left out, and remember how far off the first ones were. */
@@ -296,7 +204,7 @@ static void take_messages(Loop *loop)
     LoopInput *input = &loop->input;
     uint8_t *message = POINTER(input->message);
     int flawed = 0;
-    for (int k = 0; k < MOST_AT_ONCE && flawed < MOST_FLAWED; k++) {
+    for (int k = 0; k < PROXIMITY_MOST_AT_ONCE && flawed < PROXIMITY_MOST_FLAWED; k++) {
         int64_t size = receive_message(input);
         if (size == PROXIMITY_MAILBOX_NOTHING) {
             return;

@@ -6,7 +6,8 @@ A glove that is calibrated anew, or another drum, changes ``decaff_glove.c`` alo
 import os
 from collections.abc import Sequence
 
-from proximity.decaff.controller.compiled import HEADER, MOST_STEADY, SETTINGS, SOURCE
+from proximity.decaff.controller.compiled import SETTINGS, SOURCE
+from proximity.decaff.controller.records import controller_header
 from proximity.decaff.controller.settings import ControllerSettings
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.finger_path import FingerPath
@@ -23,11 +24,9 @@ def controller_sources(
     """Return the files of a controller, by their names; *gloves* is one for all fingers, or one each."""
     paths = [FingerPath(glove) for glove in gloves]
     settings = settings or ControllerSettings(drum=paths[0].drum)
-    window, samples = "DECAFF_MOST_STEADY {}u", int(settings.record()[0].steady_samples)
-    header = HEADER.read_text(encoding="ascii").replace(window.format(MOST_STEADY), window.format(samples))
     return {
         "proximity_message.h": header_text(),
-        "decaff_controller.h": header,
+        "decaff_controller.h": controller_header(int(settings.record()[0].steady_samples)),
         "decaff_controller.c": SOURCE.read_text(encoding="ascii"),
         "decaff_glove.c": _glove_text(paths, settings),
     }

@@ -1,5 +1,5 @@
 /* The drum's controller as entry points of the extension: the memory of fingers, samples and actions lies in arrays
-   of bytes, whose layouts Python reads from decaff_controller.h. */
+   of bytes, whose layouts are those of `proximity.decaff.controller.records`. */
 #include "entry_points.h"
 
 #include <string.h>

@@ -181,155 +181,12 @@ static decaff_real retracted(const decaff_path *path)
 void decaff_subscriber_begin(decaff_subscriber *frames, bool shares_clock, const uint8_t *key)
 {
     (void)memset(frames, 0, sizeof *frames);
-    frames->shares_clock = shares_clock;
+    frames->receiver.shares_clock = shares_clock ? 1 : 0;
+    frames->receiver.is_keyed = (key != NULL) ? 1 : 0;
     frames->has_key = (key != NULL);
     if (key != NULL) {
         (void)memcpy(frames->key, key, sizeof frames->key);
     }
-}
-
-/* The row of a run that another one has followed; ended_count: it is none. */
-static size_t ended_row(const decaff_subscriber *frames, uint64_t session)
-{
-    size_t row = 0u;
-
-    while ((row < frames->ended_count) && (frames->ended[row].session != session)) {
-        row++;
-    }
-    return row;
-}
-
-/* Whether a frame was overtaken or is repeated. */
-static bool is_old(const decaff_subscriber *frames, const proximity_frame_header *next, int64_t now_ns)
-{
-    const proximity_frame_header *last = &frames->header;
-    size_t row = ended_row(frames, next->session);
-    bool was_followed = row < frames->ended_count;
-    bool is_silent = proximity_time_between(frames->heard_ns, now_ns) > DECAFF_RESTART_SILENCE_NS;
-    bool is_it;
-
-    if (frames->has_key && (next->session < frames->newest_session)) {
-        is_it = true; /* with a key what an earlier run sent may be a recording */
-    } else if (!frames->has_frame) {
-        is_it = false;
-    } else if (next->session == last->session) {
-        is_it = (next->sequence <= last->sequence)
-                || ((next->sequence - last->sequence) > (uint64_t)PROXIMITY_MOST_SKIPPED);
-    } else if (was_followed) {
-        is_it = !(is_silent && (next->sequence > frames->ended[row].sequence));
-    } else if (next->session > last->session) {
-        is_it = false;
-    } else if (frames->shares_clock) {
-        is_it = next->publish_ns <= last->publish_ns;
-    } else {
-        is_it = !is_silent;
-    }
-    return is_it;
-}
-
-/* Whether what a record says can be, by the numbers that every reader of it relies on. */
-static bool is_believable(const proximity_contact *c, const proximity_frame_header *frame, int64_t latest_ns)
-{
-    bool is_it = (c->surface <= (uint8_t)PROXIMITY_SURFACE_DEFORMABLE) && (c->mode <= (uint8_t)PROXIMITY_MODE_HOLD)
-                 && (c->source <= (uint8_t)PROXIMITY_SOURCE_HELD) && (c->force_is_valid <= 1u);
-
-    if (is_it && ((c->flags & (uint32_t)PROXIMITY_FLAG_TRACKED) != 0u)) {
-        double normal_sq = (c->normal[0] * c->normal[0]) + (c->normal[1] * c->normal[1])
-                           + (c->normal[2] * c->normal[2]);
-        double shortest = 1.0 - DECAFF_UNIT_ERROR, longest = 1.0 + DECAFF_UNIT_ERROR;
-        bool is_placed = isfinite(c->position[0]) && isfinite(c->position[1]) && isfinite(c->position[2]);
-        bool is_unplaced = isnan(c->position[0]) || isnan(c->position[1]) || isnan(c->position[2]);
-
-        is_it = (c->lower <= c->signed_distance) && (c->signed_distance <= c->upper)
-                && (c->predicted_lower <= c->predicted_upper) && !isnan(c->predicted_distance)
-                && (c->time_to_contact_lower <= c->time_to_contact)
-                && (is_placed || (is_unplaced && (c->source != (uint8_t)PROXIMITY_SOURCE_GEOMETRY)))
-                && !(normal_sq < (shortest * shortest)) && !(normal_sq > (longest * longest))
-                && (c->pose_ns >= frame->pose_ns) && (c->pose_ns <= latest_ns);
-    }
-    return is_it;
-}
-
-/* Why a frame that is whole and new is not used. `message` need not be aligned. */
-static enum decaff_reason content_reason(const decaff_subscriber *frames, const proximity_frame_header *next,
-                                         const uint8_t *message, int64_t now_ns)
-{
-    int64_t base_ns = frames->shares_clock ? now_ns : next->publish_ns;
-    int64_t most_ns = PROXIMITY_LAST_NS - PROXIMITY_AHEAD_NS;
-    int64_t latest_ns = ((base_ns < most_ns) ? base_ns : most_ns) + PROXIMITY_AHEAD_NS;
-    enum decaff_reason reason = DECAFF_REASON_USED;
-    proximity_contact contact;
-    uint32_t i;
-
-    if ((next->state > (uint8_t)PROXIMITY_STATE_STOPPING)
-        || (next->source > (uint8_t)PROXIMITY_SOURCE_HELD)) {
-        reason = DECAFF_REASON_CONTENT;
-    } else if ((next->pose_ns > latest_ns) || (next->publish_ns > latest_ns)) {
-        reason = DECAFF_REASON_FUTURE;
-    } else if ((next->pose_ns < 0) || (next->publish_ns < 0)) {
-        reason = DECAFF_REASON_CONTENT;
-    } else {
-        for (i = 0u; (i < next->count) && (reason == DECAFF_REASON_USED); i++) {
-            (void)memcpy(&contact, &message[sizeof *next + (i * sizeof contact)], sizeof contact);
-            if (!is_believable(&contact, next, latest_ns)) {
-                reason = DECAFF_REASON_CONTENT;
-            }
-        }
-    }
-    return reason;
-}
-
-/* Remember that another run has followed the one before; the last number of the new one, or none. */
-static bool follow_run(decaff_subscriber *frames, uint64_t session, uint64_t *sequence)
-{
-    size_t row = ended_row(frames, session);
-    bool was_followed = row < frames->ended_count;
-
-    if (was_followed) {
-        *sequence = frames->ended[row].sequence;
-    } else if (frames->ended_count == DECAFF_MOST_RUNS) {
-        row = 0u; /* the oldest is forgotten */
-    } else {
-        frames->ended_count++; /* room for one more, at the end */
-        row = frames->ended_count - 1u;
-    }
-    for (; (row + 1u) < frames->ended_count; row++) {
-        frames->ended[row] = frames->ended[row + 1u];
-    }
-    frames->ended[frames->ended_count - 1u].session = frames->header.session;
-    frames->ended[frames->ended_count - 1u].sequence = frames->header.sequence;
-    return was_followed;
-}
-
-static void accept(decaff_subscriber *frames, const proximity_frame_header *next, const uint8_t *message,
-                   int64_t now_ns)
-{
-    uint64_t expected = next->sequence; /* of the very first none is missing */
-
-    if (frames->has_frame && (frames->header.session == next->session)) {
-        expected = frames->header.sequence + 1u;
-    } else if (frames->has_frame) {
-        uint64_t last = 0u;
-
-        expected = follow_run(frames, next->session, &last) ? (last + 1u) : 0u;
-    } else {
-        /* the first frame */
-    }
-    if ((next->sequence - expected) <= (uint64_t)PROXIMITY_MOST_SKIPPED) {
-        frames->lost += next->sequence - expected;
-    } else {
-        /* a run that was joined late */
-    }
-    if (!frames->shares_clock) {
-        proximity_clock_hear(&frames->clock, next->session, next->publish_ns, now_ns);
-    }
-    frames->heard_ns = now_ns;
-    frames->has_frame = true;
-    if (next->session > frames->newest_session) {
-        frames->newest_session = next->session;
-    }
-    frames->header = *next;
-    (void)memcpy(frames->contacts, &message[sizeof *next], next->count * sizeof(proximity_contact));
 }
 
 enum decaff_reason decaff_subscriber_take(decaff_subscriber *frames, const void *datagram, size_t size,
@@ -338,68 +195,37 @@ enum decaff_reason decaff_subscriber_take(decaff_subscriber *frames, const void 
     const uint8_t *message = (const uint8_t *)datagram;
     size_t message_size = frames->has_key ? proximity_verified(frames->key, datagram, size) : size;
     enum decaff_reason reason = DECAFF_REASON_UNVERIFIED;
-    proximity_frame_header next;
+    proximity_prefix prefix;
 
     if ((message_size > 0u) || !frames->has_key) {
-        reason = (enum decaff_reason)proximity_check_frame(datagram, message_size);
-        if (reason == (enum decaff_reason)PROXIMITY_FLAW_NONE) {
-            (void)memcpy(&next, message, sizeof next);
-            if (next.count > DECAFF_MOST_FINGERS) {
-                reason = (enum decaff_reason)PROXIMITY_FLAW_SIZE;
-            } else if (is_old(frames, &next, now_ns)) {
-                reason = DECAFF_REASON_OLD;
-            } else {
-                reason = content_reason(frames, &next, message, now_ns);
-            }
-        } else if (reason == (enum decaff_reason)PROXIMITY_FLAW_MAGIC) {
-            (void)memcpy(&next, message, sizeof next);
-            if (next.magic == PROXIMITY_DESCRIPTION_MAGIC) {
-                reason = DECAFF_REASON_OTHER;
-            }
-        } else {
-            /* refused */
+        reason = (enum decaff_reason)proximity_take_frame(&frames->receiver, message, message_size,
+                                                          DECAFF_MOST_FINGERS, now_ns);
+    }
+    if (reason == DECAFF_REASON_USED) {
+        (void)memcpy(&frames->header, message, sizeof frames->header);
+        (void)memcpy(frames->contacts, &message[sizeof frames->header],
+                     frames->header.count * sizeof(proximity_contact));
+    } else if (reason == (enum decaff_reason)PROXIMITY_FLAW_MAGIC) {
+        (void)memcpy(&prefix, message, sizeof prefix);
+        if (prefix.magic == PROXIMITY_DESCRIPTION_MAGIC) {
+            reason = DECAFF_REASON_OTHER;
         }
+    } else {
+        /* refused */
     }
     frames->counts[reason]++;
-    if (reason == DECAFF_REASON_USED) {
-        accept(frames, &next, message, now_ns);
-    }
     return reason;
-}
-
-/* How far the newest frame can be trusted at an instant of the service's clock. */
-static enum proximity_state state_at(const decaff_subscriber *frames, int64_t now_ns)
-{
-    const proximity_frame_header *frame = &frames->header;
-    int64_t longest_ns = (frame->pose_ns < (INT64_MAX - PROXIMITY_LONGEST_VALID_NS))
-                             ? (frame->pose_ns + PROXIMITY_LONGEST_VALID_NS)
-                             : INT64_MAX;
-    int64_t expires_ns = (frame->valid_until_ns < longest_ns) ? frame->valid_until_ns : longest_ns;
-    bool is_believed = frames->shares_clock || (frames->clock.is_certain != 0);
-    enum proximity_state least = PROXIMITY_STATE_STARTING, state = (enum proximity_state)frame->state;
-
-    if (!frames->has_frame || !is_believed
-        || (proximity_time_between(expires_ns, now_ns) > PROXIMITY_STALE_AFTER_NS)) {
-        least = PROXIMITY_STATE_STALE;
-    } else if (now_ns > expires_ns) {
-        least = PROXIMITY_STATE_LATE;
-    } else {
-        /* as the frame says */
-    }
-    return (state < least) ? least : state;
 }
 
 void decaff_subscriber_look(const decaff_subscriber *frames, size_t finger, int64_t sample_ns,
                             decaff_observation *seen)
 {
-    bool is_known = frames->has_frame && (finger < (size_t)frames->header.count);
+    bool is_known = (frames->receiver.received > 0u) && (finger < (size_t)frames->header.count);
 
     (void)memset(seen, 0, sizeof *seen);
     seen->sample_ns = sample_ns;
-    seen->now_ns = (frames->shares_clock || (frames->clock.is_heard == 0))
-                       ? sample_ns
-                       : proximity_clock_theirs(&frames->clock, sample_ns);
-    seen->state = state_at(frames, seen->now_ns);
+    seen->now_ns = proximity_theirs(&frames->receiver, sample_ns);
+    seen->state = proximity_trust(&frames->receiver, &frames->header, seen->now_ns, PROXIMITY_STALE_AFTER_NS);
     seen->contact = is_known ? &frames->contacts[finger] : NULL;
     seen->session = frames->header.session;
     seen->sequence = frames->header.sequence;
@@ -426,7 +252,7 @@ static bool may_be_normal(const double *normal)
     bool is_small = greater(greater(magnitude(x), magnitude(y)), magnitude(z)) < 2.0;
     decaff_real length = is_small ? sqrt((x * x) + (y * y) + (z * z)) : (decaff_real)INFINITY;
 
-    return is_unknown || (magnitude(length - 1.0) <= DECAFF_UNIT_ERROR);
+    return is_unknown || (magnitude(length - 1.0) <= PROXIMITY_UNIT_ERROR);
 }
 
 /* Whether what a tracked finger's record says can be. */

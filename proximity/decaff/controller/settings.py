@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import not_negative, positive
-from proximity.decaff.controller.compiled import MOST_STEADY, SETTINGS, memory
+from proximity.decaff.controller.compiled import SETTINGS, memory
+from proximity.decaff.controller.records import MOST_STEADY
 from proximity.decaff.drum.drum_model import USUAL_GEAR, Drum
 from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
 from proximity.decaff.glove.glove import DRUMS

@@ -3,7 +3,6 @@
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,12 +12,6 @@ from proximity.transport import MessageReader, open_inlet
 from proximity.transport.publisher_clock import ForeignClock
 
 LOGGER = logging.getLogger("proximity.service")
-MOST_AT_ONCE = 256
-"""Messages looked at in one tick: more than shared memory keeps, so that the newest is among them however
-seldom ticks are. Moves are not overtaken by newer ones that still wait."""
-MOST_FLAWED = 32
-"""Of these, such that cannot be used: a flood of garbage takes 0.1 ms of a tick, not all."""
-
 FARTHEST_NS = 2**62
 """Between two clocks: 146 years. Instants of one that is farther off could not be reported in 64 bits."""
 
@@ -40,9 +33,7 @@ class Inbox:
     ) -> None:
         self.address = address
         self._inlet = open_inlet(address)
-        self._reader = MessageReader(
-            self._inlet, kinds, clock, most_at_once=MOST_AT_ONCE, most_flawed=MOST_FLAWED
-        )
+        self._reader = MessageReader(self._inlet, kinds, clock)
         self._foreign = ForeignClock() if is_timed and not self._inlet.shares_clock else None
         self._has_warned_of_key = False
         self._failures = 0
@@ -52,8 +43,7 @@ class Inbox:
     @property
     def notes(self) -> list[str]:
         """Sentences on messages that were lost, refused or left out."""
-        # Copies: the loop may be counting meanwhile.
-        counts = replace(self._reader.counts, flawed=self._reader.counts.flawed.copy())
+        counts = self._reader.counts
         notes = [f"{self.address}: {count} {what}" for what, count in list(self._left_out.items())]
         if counts.lost or counts.unused:
             notes.append(f"{self.address}: {counts}")

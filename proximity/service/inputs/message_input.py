@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from proximity.core.receiver_state import UNIT_ERROR
 from proximity.message import GLOVE_POSES, MEASURED, PATH_POSES, POSES, Kind, Surface
-from proximity.message.contact import UNIT_ERROR
 from proximity.service.inputs.gloves import GloveChoices, is_rotation, points_on
 from proximity.service.inputs.inbox import Inbox
 from proximity.service.samples import FingerPoses, Measurements, Samples

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from proximity.core.receiver_state import AHEAD_NS
 from proximity.errors import ArgumentError, SceneError
 from proximity.message import MOVES
-from proximity.message.envelope import MAX_FUTURE_NS
 from proximity.message.instant_advice import on_backwards, on_future, on_too_old
 from proximity.pose import nearest_rotations
 from proximity.scene.scene import Scene
@@ -207,7 +207,7 @@ class MovesInput:
         # Not by the tick's start: where the system kept us from running since, new moves are after it.
         newest_ns = max(now_ns, self._clock() + self._skipped())
         for row, (name, instant) in enumerate(zip(names, pose_ns.tolist(), strict=True)):
-            if instant > newest_ns + MAX_FUTURE_NS:
+            if instant > newest_ns + AHEAD_NS:
                 ahead_ns.append(instant - newest_ns)
             elif name in latest and instant < latest[name].pose_ns:
                 back_ns.append(latest[name].pose_ns - instant)

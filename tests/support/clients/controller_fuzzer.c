@@ -206,8 +206,8 @@ static void read_message(const message *frame, proximity_clock *clock, int64_t n
     int64_t at_ns = below(2) ? now_ns : wild_instant(now_ns);
 
     if (frame->header.count <= FINGERS)
-        (void)proximity_makes_sense(&frame->header, at_ns);
-    (void)proximity_state_at(&frame->header, at_ns);
+        (void)proximity_content_flaw(&frame->header, frame->contacts, at_ns);
+    (void)proximity_state_at(&frame->header, at_ns, PROXIMITY_STALE_AFTER_NS);
     (void)proximity_lower_at(&frame->contacts[0], at_ns, 2.0, 50.0);
     proximity_clock_hear(clock, frame->header.session, frame->header.publish_ns, at_ns);
     (void)proximity_clock_theirs(clock, at_ns);
@@ -239,7 +239,7 @@ static unsigned long live(unsigned long *used)
         now_ns += below(5000) ? PERIOD_NS : (int64_t)below(30000000);
         bend = sample % 3000 < 1000 ? 0.35 + 0.00016 * (double)(sample % 3000) : 0.51; /* closes, and presses */
         if (below(3) == 0 && sample % 7000 < 6000) {
-            write_frame(&frame, frames.shares_clock ? now_ns : now_ns + away_ns, bend, surface, source);
+            write_frame(&frame, frames.receiver.shares_clock ? now_ns : now_ns + away_ns, bend, surface, source);
             disturb(&frame, now_ns);
             send(&frames, &frame, now_ns, &session, &sequence);
             read_message(&frame, &clock, now_ns);

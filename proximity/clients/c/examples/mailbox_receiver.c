@@ -27,7 +27,7 @@ static union {
 } arrived;
 static proximity_description_header named; /* of the names: whose they are */
 static char names[MOST_PARTS][65];
-static int has_frame;
+static proximity_receiver receiver = {.shares_clock = 1};
 
 /* Hold what arrived if it is a frame, or names, and whole. */
 static void take(size_t size, int64_t now_ns)
@@ -36,11 +36,8 @@ static void take(size_t size, int64_t now_ns)
 
     if (size > sizeof arrived)
         return;
-    if (proximity_check_frame(&arrived, size) == PROXIMITY_FLAW_NONE) {
-        if (proximity_makes_sense(&arrived.frame.header, now_ns + PROXIMITY_AHEAD_NS)) {
-            memcpy(&held, &arrived, size);
-            has_frame = 1;
-        }
+    if (proximity_take_frame(&receiver, &arrived, size, MOST_FINGERS, now_ns) == PROXIMITY_FLAW_NONE) {
+        memcpy(&held, &arrived, size);
     } else if (proximity_check(&arrived, size, PROXIMITY_DESCRIPTION_MAGIC, sizeof *header, sizeof(proximity_label),
                                offsetof(proximity_description_header, count)) == PROXIMITY_FLAW_NONE) {
         named = *header;
@@ -61,11 +58,11 @@ static const char *name_of(int32_t part)
 /* Print what is known now; here a program would act. */
 static void show(int64_t now_ns)
 {
-    enum proximity_state state = proximity_state_at(&held.header, now_ns);
+    enum proximity_state state = proximity_trust(&receiver, &held.header, now_ns, PROXIMITY_STALE_AFTER_NS);
     int is_late = state == PROXIMITY_STATE_LATE, is_valid = state == PROXIMITY_STATE_OK || state == PROXIMITY_STATE_DEGRADED;
 
-    printf("%s", has_frame ? STATE[state] : "no frame yet");
-    for (uint32_t i = 0; has_frame && (is_valid || is_late) && i < held.header.count; i++) {
+    printf("%s", receiver.received ? STATE[state] : "no frame yet");
+    for (uint32_t i = 0; receiver.received && (is_valid || is_late) && i < held.header.count; i++) {
         const proximity_contact *c = &held.contacts[i];
         if ((c->flags & PROXIMITY_FLAG_TRACKED) != 0)
             printf("; finger %u: %s %.3f mm to %s", (unsigned)c->finger, is_late ? "at least" : "at",

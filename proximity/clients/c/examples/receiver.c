@@ -35,17 +35,15 @@ struct frame {
     char beyond[PROXIMITY_TAG_BYTES + 8]; /* a message that reaches in here is too large */
 };
 
-enum { STRANGER = PROXIMITY_FLAW_CHECKSUM + 1, OLD, NONSENSE, UNVERIFIED, REASONS };
-static const char *const REASON[REASONS] = {"received", "short",    "magic", "version",  "size",
-                                            "checksum", "stranger", "old",   "nonsense", "unverified"};
+enum { STRANGER = PROXIMITY_FLAW_CONTENT + 1, UNVERIFIED, REASONS };
+static const char *const REASON[REASONS] = {"received", "short",  "magic",   "version",  "size",      "checksum",
+                                            "old",      "future", "content", "stranger", "unverified"};
 static const char *const STATE[] = {"STARTING", "OK", "DEGRADED", "LATE", "STALE", "STOPPING"};
 
 static struct frame held, arrived;
-static int has_frame, is_foreign, has_key;
+static proximity_receiver receiver; /* of frames: which are used, and the clock of their sender */
 static uint8_t key[PROXIMITY_KEY_BYTES];
-static int64_t heard_ns;
-static proximity_clock foreign;
-static unsigned long lost, counts[REASONS];
+static unsigned long counts[REASONS];
 static volatile sig_atomic_t is_told_to_stop;
 
 static int64_t clock_ns(void)
@@ -56,67 +54,33 @@ static int64_t clock_ns(void)
     return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
 
-/* What is wrong with what arrived; 0: nothing. */
-static int reason_against(size_t size, int is_from_sender, int64_t now_ns)
-{
-    const proximity_frame_header *new = &arrived.header, *last = &held.header;
-    int flaw;
-
-    if (!is_from_sender)
-        return STRANGER;
-    if (size > offsetof(struct frame, beyond))
-        return PROXIMITY_FLAW_SIZE;
-    flaw = (int)proximity_check_frame(&arrived, size);
-    if (flaw != PROXIMITY_FLAW_NONE)
-        return flaw;
-    if (has_frame && new->session == last->session
-        && (new->sequence <= last->sequence || new->sequence - last->sequence > PROXIMITY_MOST_SKIPPED))
-        return OLD;
-    if (has_frame && new->session < last->session && (has_key || now_ns - heard_ns <= 1000000000))
-        return OLD; /* of a run before; after silence the sender's calendar may have been put back, but */
-                    /* with a key it may also be a recording, and then only another start is believed */
-    if (new->publish_ns > INT64_MAX / 2)
-        return NONSENSE;
-    return proximity_makes_sense(new, (is_foreign ? new->publish_ns : now_ns) + PROXIMITY_AHEAD_NS) ? 0 : NONSENSE;
-}
-
 /* Hold what arrived if it counts; whether it does. */
 static int take(size_t size, int is_from_sender)
 {
-    int64_t now_ns = clock_ns();
-    int reason;
+    int reason = is_from_sender ? (int)UNVERIFIED : (int)STRANGER;
 
-    if (is_from_sender && has_key && (size = proximity_verified(key, &arrived, size)) == 0)
-        reason = UNVERIFIED;
-    else
-        reason = reason_against(size, is_from_sender, now_ns);
+    if (is_from_sender && (!receiver.is_keyed || (size = proximity_verified(key, &arrived, size)) > 0))
+        reason = (int)proximity_take_frame(&receiver, &arrived, size, MOST_FINGERS, clock_ns());
     if (reason == (int)PROXIMITY_FLAW_MAGIC && arrived.header.magic == PROXIMITY_DESCRIPTION_MAGIC)
         return 0; /* names of parts and fingers, of which nothing is needed here */
     counts[reason]++;
-    if (reason != 0)
-        return 0;
-    if (has_frame && arrived.header.session == held.header.session)
-        lost += (unsigned long)(arrived.header.sequence - held.header.sequence - 1);
-    proximity_clock_hear(&foreign, arrived.header.session, arrived.header.publish_ns, now_ns);
-    heard_ns = now_ns;
-    has_frame = 1;
-    memcpy(&held, &arrived, size);
-    return 1;
+    if (reason == 0)
+        memcpy(&held, &arrived, size);
+    return reason == 0;
 }
 
 /* Print what is known now; here a controller would set its drum. */
 static void look(int is_new)
 {
     static int told = -1;
-    int64_t now_ns = is_foreign ? proximity_clock_theirs(&foreign, clock_ns()) : clock_ns();
-    int is_believed = has_frame && (!is_foreign || foreign.is_certain);
-    int state = is_believed ? (int)proximity_state_at(&held.header, now_ns) : (int)PROXIMITY_STATE_STALE;
+    int64_t now_ns = proximity_theirs(&receiver, clock_ns());
+    int state = (int)proximity_trust(&receiver, &held.header, now_ns, PROXIMITY_STALE_AFTER_NS);
     uint32_t i;
 
     if (!is_new && state == told && state != PROXIMITY_STATE_LATE)
         return;
     told = state;
-    if (!has_frame) {
+    if (receiver.received == 0) {
         printf("no frame yet\n");
         return;
     }
@@ -180,8 +144,8 @@ int main(int count, char **words)
         fprintf(stderr, "receiver: %s %s\n", words[4], wrong);
         return 2;
     }
-    has_key = count == 5;
-    is_foreign = ntohl(sender.sin_addr.s_addr) >> 24 != 127;
+    receiver.is_keyed = count == 5;
+    receiver.shares_clock = ntohl(sender.sin_addr.s_addr) >> 24 == 127;
     here.sin_family = AF_INET;
     here.sin_port = htons((uint16_t)port);
     waiting.fd = socket(AF_INET, SOCK_DGRAM, 0);
@@ -204,7 +168,7 @@ int main(int count, char **words)
         }
         look(is_new);
     }
-    printf("lost %lu", lost);
+    printf("lost %lu", (unsigned long)receiver.lost);
     for (reason = 0; reason < REASONS; reason++)
         printf(", %s %lu", REASON[reason], counts[reason]);
     printf("\n");

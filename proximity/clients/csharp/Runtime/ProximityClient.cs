@@ -213,7 +213,7 @@ namespace Proximity
     /// <summary>The clock of a publisher elsewhere, by the message that was fastest on its way.</summary>
     internal sealed class ProximityForeignClock
     {
-        private const long Second = 1000000000, Drift = 5000;
+        private const long Second = ProximityLayout.JumpNs, Drift = ProximityLayout.NsPerDrift;
         public bool IsCertain;
         private bool isHeard, hasFormer;
         private ulong session;
@@ -222,10 +222,10 @@ namespace Proximity
         public void Hear(ulong ofSession, long sentNs, long now)
         {
             long late = now - sentNs, fastest = offset + Math.Max(now - seen, 0) / Drift;
-            long pace = 25000000 + Math.Max(now - first, 0) / Drift;
+            long pace = ProximityLayout.PaceNs + Math.Max(now - first, 0) / Drift;
             bool isNewRun = ofSession != session;
             session = ofSession;
-            if (!isHeard || sentNs < sent - 5000000 || (isNewRun && late > fastest + Second))
+            if (!isHeard || sentNs < sent - ProximityLayout.BackNs || (isNewRun && late > fastest + Second))
             {
                 long before = hasFormer ? former + Math.Max(now - formerSeen, 0) / Drift : late;
                 hasFormer = false;
@@ -245,7 +245,7 @@ namespace Proximity
             {
                 offset = Math.Min(late, fastest);
                 seen = now;
-                if (late <= firstOffset + pace && now - first >= 50000000)
+                if (late <= firstOffset + pace && now - first >= ProximityLayout.SettlingNs)
                 {
                     IsCertain = true;
                     hasFormer = false;
@@ -256,7 +256,7 @@ namespace Proximity
         }
 
         /// <summary>What their clock shows, rather late than early.</summary>
-        public long Theirs(long now) { return isHeard ? now - offset + 1000000 : now; }
+        public long Theirs(long now) { return isHeard ? now - offset + ProximityLayout.TransitNs : now; }
 
         private void Begin(long newOffset, long now)
         {
@@ -336,12 +336,6 @@ namespace Proximity
     /// <summary>Judges frames and lets the newest age; without a network. Instants are of this machine's clock.</summary>
     public unsafe class ProximityFrameReader
     {
-        private const ulong MostSkipped = 100000000; // numbers; by more no message is ahead of the last of its run
-        private const long LongestValidNs = 1000000000, AheadNs = 5000000, RestartSilenceNs = 50000000;
-        private const long MostNs = 1L << 62;
-        private const int MostRuns = 64;
-        private const long MostNames = 1 << 20; // who claims more is not believed
-
         public readonly ProximityCounts Counts = new ProximityCounts();
         /// <summary>What the newest frame says, or worse; as of the last reading, like all that follows.</summary>
         public ProximityState State { get; private set; }
@@ -356,8 +350,8 @@ namespace Proximity
         private readonly long staleAfterNs;
         private readonly double maxSpeed, maxAcceleration;
         private readonly ProximityForeignClock clock = new ProximityForeignClock();
-        private readonly List<ulong> endedSessions = new List<ulong>(MostRuns + 1);
-        private readonly List<ulong> endedNumbers = new List<ulong>(MostRuns + 1);
+        private readonly List<ulong> endedSessions = new List<ulong>((int)ProximityLayout.MostRuns + 1);
+        private readonly List<ulong> endedNumbers = new List<ulong>((int)ProximityLayout.MostRuns + 1);
         private ProximityContact[] held = new ProximityContact[0], candidate = new ProximityContact[0];
         private ProximityFrameHeader arrived;
         private bool hasFrame, isFresh;
@@ -397,7 +391,7 @@ namespace Proximity
             isFresh = false;
             if (!hasFrame)
                 return State;
-            long expires = Math.Min(Header.ValidUntilNs, Header.PoseNs + LongestValidNs);
+            long expires = Math.Min(Header.ValidUntilNs, Header.PoseNs + ProximityLayout.LongestValidNs);
             State = Header.State;
             if (!isBelieved || (NowNs > expires && NowNs - staleAfterNs > expires))
                 State = State > ProximityState.Stale ? State : ProximityState.Stale;
@@ -439,18 +433,15 @@ namespace Proximity
         /// </summary>
         private ProximityFlaw Describe(byte[] message, int size)
         {
-            int count;
-            ProximityFlaw flaw = Check(message, size, ProximityLayout.DescriptionMagic, sizeof(ProximityDescriptionHeader),
-                sizeof(ProximityLabel), out count);
+            ProximityFlaw flaw = Check(message, size, ProximityLayout.DescriptionMagic, DescriptionCountAt,
+                sizeof(ProximityDescriptionHeader), sizeof(ProximityLabel));
             if (flaw != ProximityFlaw.None)
                 return flaw;
             fixed (byte* bytes = message)
             {
                 ProximityDescriptionHeader of = *(ProximityDescriptionHeader*)bytes;
-                if (of.Count != count)
-                    return ProximityFlaw.Size;
                 long total = (long)of.PartCount + of.FingerCount;
-                if (total > MostNames || (long)of.First + count > total)
+                if (total > ProximityLayout.MostNames || (long)of.First + of.Count > total)
                     return ProximityFlaw.Content;
                 if (IsOfSame(of, namesOf))
                     return ProximityFlaw.None;
@@ -458,7 +449,7 @@ namespace Proximity
                     labels.Clear();
                 labelsOf = of;
                 var records = (ProximityLabel*)(bytes + sizeof(ProximityDescriptionHeader));
-                for (int i = 0; i < count; i++)
+                for (int i = 0; i < of.Count; i++)
                     labels[(long)of.First + i] = NameAt(message, (int)((byte*)(records + i) - bytes));
                 if (labels.Count == total)
                     TakeNames(of);
@@ -498,10 +489,13 @@ namespace Proximity
             return flaw;
         }
 
-        /// <summary>What is wrong with bytes but for what they say; the number of records that there are.</summary>
-        private static ProximityFlaw Check(byte[] message, int size, uint magic, int headerSize, int recordSize, out int count)
+        private static readonly int FrameCountAt = (int)Marshal.OffsetOf(typeof(ProximityFrameHeader), "Count");
+        private static readonly int DescriptionCountAt = (int)Marshal.OffsetOf(typeof(ProximityDescriptionHeader), "Count");
+
+        /// <summary>What is wrong with bytes but for what they say; the number of records is at *countAt*.</summary>
+        private static ProximityFlaw Check(byte[] message, int size, uint magic, int countAt, int headerSize, int recordSize)
         {
-            count = (size - headerSize) / recordSize;
+            int count = (size - headerSize) / recordSize;
             if (size < headerSize)
                 return ProximityFlaw.Short;
             fixed (byte* bytes = message)
@@ -514,27 +508,25 @@ namespace Proximity
                 if (prefix->Size != size || prefix->HeaderSize != headerSize || headerSize + count * recordSize != size
                     || count > ProximityLayout.MaxRecords)
                     return ProximityFlaw.Size;
-                bool isRight = ProximityKey.Crc32(message, ProximityLayout.CheckedFrom, size) == prefix->Checksum;
-                return isRight ? ProximityFlaw.None : ProximityFlaw.Checksum;
+                if (ProximityKey.Crc32(message, ProximityLayout.CheckedFrom, size) != prefix->Checksum)
+                    return ProximityFlaw.Checksum;
+                return *(uint*)(bytes + countAt) == count ? ProximityFlaw.None : ProximityFlaw.Size;
             }
         }
 
         private ProximityFlaw Unpack(byte[] message, int size)
         {
-            int count;
-            ProximityFlaw flaw = Check(message, size, ProximityLayout.FrameMagic, sizeof(ProximityFrameHeader),
-                sizeof(ProximityContact), out count);
+            ProximityFlaw flaw = Check(message, size, ProximityLayout.FrameMagic, FrameCountAt,
+                sizeof(ProximityFrameHeader), sizeof(ProximityContact));
             if (flaw != ProximityFlaw.None)
                 return flaw;
             fixed (byte* bytes = message)
             {
                 arrived = *(ProximityFrameHeader*)bytes;
-                if (arrived.Count != count)
-                    return ProximityFlaw.Size;
-                if (candidate.Length != count)
-                    candidate = new ProximityContact[count];
+                if (candidate.Length != arrived.Count)
+                    candidate = new ProximityContact[arrived.Count];
                 var contacts = (ProximityContact*)(bytes + sizeof(ProximityFrameHeader));
-                for (int i = 0; i < count; i++)
+                for (int i = 0; i < candidate.Length; i++)
                     candidate[i] = contacts[i];
             }
             return ProximityFlaw.None;
@@ -547,11 +539,11 @@ namespace Proximity
             if (!hasFrame)
                 return false;
             if (arrived.Session == lastSession)
-                return arrived.Sequence <= lastSequence || arrived.Sequence - lastSequence > MostSkipped;
+                return arrived.Sequence <= lastSequence || arrived.Sequence - lastSequence > ProximityLayout.MostSkipped;
             int run = endedSessions.IndexOf(arrived.Session);
             if (arrived.Session > lastSession && run < 0)
                 return false;
-            bool isSilent = now - lastNow > RestartSilenceNs;
+            bool isSilent = now - lastNow > ProximityLayout.RestartSilenceNs;
             if (run >= 0)
                 return !(isSilent && arrived.Sequence > endedNumbers[run]);
             return !(isShared ? arrived.PublishNs > lastSent : isSilent);
@@ -561,9 +553,12 @@ namespace Proximity
         {
             if (arrived.State > ProximityState.Stopping || arrived.Source > ProximitySource.Held)
                 return ProximityFlaw.Content;
-            long latest = Math.Min(baseNs, MostNs - AheadNs) + AheadNs;
+            const long Most = ProximityLayout.LastNs - ProximityLayout.AheadNs;
+            long latest = Math.Min(baseNs, Most) + ProximityLayout.AheadNs;
             if (arrived.PoseNs > latest || arrived.PublishNs > latest)
                 return ProximityFlaw.Future;
+            if (arrived.PoseNs < 0 || arrived.PublishNs < 0)
+                return ProximityFlaw.Content;
             for (int i = 0; i < candidate.Length; i++)
                 if (!IsSound(ref candidate[i], latest))
                     return ProximityFlaw.Content;
@@ -577,13 +572,14 @@ namespace Proximity
                 return false;
             if ((c.Flags & ProximityContactFlag.Tracked) == 0)
                 return true;
+            const double Shortest = 1 - ProximityLayout.UnitError, Longest = 1 + ProximityLayout.UnitError;
             bool isUnknown = double.IsNaN(c.Position.X) || double.IsNaN(c.Position.Y) || double.IsNaN(c.Position.Z);
             bool isPlaced = IsFinite(c.Position.X) && IsFinite(c.Position.Y) && IsFinite(c.Position.Z);
             double n = c.Normal.X * c.Normal.X + c.Normal.Y * c.Normal.Y + c.Normal.Z * c.Normal.Z;
             return c.Lower <= c.SignedDistance && c.SignedDistance <= c.Upper && c.PredictedLower <= c.PredictedUpper
                 && !double.IsNaN(c.PredictedDistance) && c.TimeToContactLower <= c.TimeToContact
                 && (isPlaced || (isUnknown && c.Source != ProximitySource.Geometry))
-                && !(n < 0.999 * 0.999 || n > 1.001 * 1.001) // nan: there is no normal
+                && !(n < Shortest * Shortest || n > Longest * Longest) // nan: there is no normal
                 && c.PoseNs >= arrived.PoseNs && c.PoseNs <= latest;
         }
 
@@ -603,7 +599,7 @@ namespace Proximity
                     expected = Follow();
             }
             ulong missing = arrived.Sequence - expected;
-            Counts.Lost += missing <= MostSkipped ? missing : 0; // of a run that was joined late
+            Counts.Lost += missing <= ProximityLayout.MostSkipped ? missing : 0; // of a run that was joined late
             Counts.Received++;
             if (!isShared)
                 clock.Hear(arrived.Session, arrived.PublishNs, now);
@@ -632,7 +628,7 @@ namespace Proximity
             }
             endedSessions.Add(lastSession);
             endedNumbers.Add(lastSequence);
-            if (endedSessions.Count > MostRuns)
+            if (endedSessions.Count > ProximityLayout.MostRuns)
             {
                 endedSessions.RemoveAt(0);
                 endedNumbers.RemoveAt(0);
@@ -701,7 +697,7 @@ namespace Proximity
         public ProximityState Read()
         {
             int unused = 0;
-            for (int taken = 0; taken < 1024 && unused < 256; taken++)
+            for (int taken = 0; taken < ProximityLayout.MostAtOnce && unused < ProximityLayout.MostFlawed; taken++)
             {
                 SocketError error;
                 int size = socket.Receive(buffer, 0, buffer.Length, SocketFlags.None, out error);

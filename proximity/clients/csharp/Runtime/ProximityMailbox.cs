@@ -31,7 +31,7 @@ namespace Proximity
         /// <summary>Take what has arrived and say what is known now; never waits, makes no garbage.</summary>
         public ProximityState Read()
         {
-            for (int taken = 0; taken < 1024 && (isOpen || Follow()); taken++)
+            for (int taken = 0; taken < ProximityLayout.MostAtOnce && (isOpen || Follow()); taken++)
             {
                 long size;
                 fixed (byte* to = buffer)
