@@ -4,6 +4,7 @@ A coupled wall is given the best stiffness and damping of a grid for its rate an
 tuning there is, one for all speeds.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -11,6 +12,7 @@ from enum import StrEnum
 import numpy as np
 
 from proximity.decaff.glove.glove import CONTACT_BEND, Glove
+from proximity.errors import ArgumentError
 from proximity.lab.simulation.closed_loop import Response, coupled_wall, decaff, real_wall
 from proximity.lab.simulation.devices import (
     COUPLED_DEVICE,
@@ -32,6 +34,8 @@ DAMPING_RATIOS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.5, 3.0)
 TUNING_STEP = 2e-5  # s, of the simulation
 HOPELESS = 3.0  # an error from which on a stiffer wall is not tried
 SENSOR_SMOOTHING = 10.0  # Hz, of the force that is measured, not taken from the motor's torque
+CABLE_STIFFNESSES = (100.0, 1e6)  # N/m at the fingertip, between which one is looked for
+HALVINGS = 14  # of that, in its logarithm: to a thousandth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,3 +141,22 @@ def with_transmission(glove: Decaff, cable: TipCable, stretch: Stretch = Stretch
         ),
         cable=cable,
     )
+
+
+def needed_cable(hand: Hand, glove: Decaff, speed: float, error: float, stretch: Stretch) -> float:
+    """Return the stiffness of the cable at the fingertip with which a force error is reached, N/m."""
+    usual, press = TipCable.of(Glove()), hand.press(speed)
+
+    def is_enough(stiffness: float) -> bool:
+        cable = replace(usual, stiffness=stiffness)
+        return deviation(decaff(hand, press, with_transmission(glove, cable, stretch))).error <= error
+
+    soft, stiff = CABLE_STIFFNESSES
+    if not is_enough(stiff):
+        raise ArgumentError(
+            f"no cable up to {stiff:g} N/m keeps the force error at {speed:g} m/s to {error:.3g}"
+        )
+    for _ in range(HALVINGS):
+        middle = math.sqrt(soft * stiff)
+        soft, stiff = (soft, middle) if is_enough(middle) else (middle, stiff)
+    return stiff
