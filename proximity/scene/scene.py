@@ -2,7 +2,7 @@
 
 import weakref
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,11 +14,12 @@ from proximity.scene.pairs import PairQueries
 from proximity.scene.part import NO_VELOCITY, LoadReport, Part, checked_part, parts_of_mesh
 from proximity.scene.part_motion import checked_move, checked_moves, checked_surface
 from proximity.scene.queries.queries import Queries
-from proximity.scene.saved.archive import check_extension
-from proximity.scene.saved.compiled_scene import CompiledScene, write_scene
 from proximity.scene.scene_parts import SceneParts, checked_parts, with_arrays
 from proximity.scene.solid import Solid
 from proximity.system.locks import fork_safe_lock
+
+if TYPE_CHECKING:
+    from proximity.scene.saved.compiled_scene import CompiledScene
 
 
 class Scene(Queries, PairQueries):
@@ -88,7 +89,7 @@ class Scene(Queries, PairQueries):
         return scene
 
     @classmethod
-    def _from_compiled(cls, compiled: CompiledScene) -> "Scene":
+    def _from_compiled(cls, compiled: "CompiledScene") -> "Scene":
         """The scene that was saved; its trees are not made anew."""
         parts, report = [Part(**fields) for fields in compiled.parts], compiled.report
         loaded = None if report is None else LoadReport(**{**report, "notes": tuple(report["notes"])})
@@ -373,6 +374,9 @@ class Scene(Queries, PairQueries):
         Cost: 176 bytes a face on the disk.
         Thread: parts may be queried and moved meanwhile; the file has the state of one moment.
         """
+        from proximity.scene.saved.archive import check_extension
+        from proximity.scene.saved.compiled_scene import write_scene  # with kernels that queries do not need
+
         check_extension(path)
         write_scene(path, *self._model_and_parts(), self.report)
 

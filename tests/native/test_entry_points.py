@@ -98,7 +98,7 @@ def test_bundles_are_made_of_arrays_as_declared_and_keep_them():
 
 
 def test_a_bundle_of_another_kind_is_refused():
-    from proximity.kernels.scene.dynamic_tree import DynamicParts
+    from proximity.kernels.layout import DynamicParts
 
     other = native.packed(DynamicParts(*(np.zeros(0, np.int64) for _ in range(3))))
     with pytest.raises(TypeError, match="signed_batch: argument 0 is"):

@@ -36,13 +36,11 @@ from proximity.kernels.ray.walk import (
 )
 from proximity.kernels.sign.folded_faces import faces_wrong, marked_slots
 from proximity.kernels.stack_arrays import stack_f32
+from proximity.kernels.thresholds import CONTACT_DEPTH
 from proximity.kernels.traverse.depth_first import depth_first
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, bits, splat, splat32, square_root, trailing_zeros
 
-CONTACT_DEPTH = 1e-10
-"""Distance that the ends of an edge must have from a face, to both sides, in sizes of the part, for the edge
-to pass through; an edge of which both are nearer lies in its plane. What is thinner is no face."""
 VOTES = 5
 """Faces of a piece of surface that are looked at where the first one is not right; what most say counts."""
 MOST_BLOCKS = 512

@@ -7,19 +7,12 @@ the least of them into metres.
 
 import numpy as np
 
+from proximity.kernels.answers import DISTANCE_WIDTH, RAY_ANSWER_DISTANCE
 from proximity.kernels.geometry.frames import is_alone
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES, NO_ROW, NO_SLOT, STACKS_SIZE, ModelArrays
-from proximity.kernels.ray.hit_rows import (
-    DISTANCE_WIDTH,
-    HIT_OFFSETS_SIZE,
-    HITS_SIZE,
-    RAY_ANSWER_DISTANCE,
-    fill_hits,
-    write_hit,
-    write_no_hit,
-)
+from proximity.kernels.ray.hit_rows import HIT_OFFSETS_SIZE, HITS_SIZE, fill_hits, write_hit, write_no_hit
 from proximity.kernels.ray.ray_lanes import (
     AIM_BOUND,
     AIM_SIZE,

@@ -12,19 +12,18 @@ from typing import Any
 import numpy as np
 
 from proximity.kernels.contact_record import SURFACE_DEFORMABLE, SURFACE_RIGID
-from proximity.kernels.layout import ModelArrays
-from proximity.kernels.scene.dynamic_tree import SORT_STEPS, DynamicParts, bring_up_to_date
-from proximity.kernels.scene.part_trees import (
-    NEVER,
-    REGION_COPIES,
-    SMALLEST_REACH,
-    STATIC_COPIES,
+from proximity.kernels.entries import (
+    bring_up_to_date,
     copies_in_use,
     copy_offsets,
+    first_unfit,
     make_static,
+    move_parts,
     thin_static,
+    update_box,
 )
-from proximity.kernels.scene.placement import first_unfit, move_parts, update_box
+from proximity.kernels.layout import NEVER, REGION_COPIES, STATIC_COPIES, DynamicParts, ModelArrays
+from proximity.kernels.thresholds import SMALLEST_REACH, SORT_STEPS
 from proximity.mesh.bvh import LARGEST_COORDINATE
 from proximity.native import packed
 from proximity.pose import ORTHONORMAL_TOLERANCE, ROUNDING, Pose

@@ -6,16 +6,8 @@ import pytest
 import shapes
 
 import oracle
-from proximity.kernels.layout import SIGN_PSEUDONORMAL
-from proximity.kernels.sign.inside_grid import (
-    CELL_CROSSED,
-    CELL_INSIDE,
-    CELL_OUTSIDE,
-    MOST_POINTS,
-    build_grid,
-    cell_state,
-    uncertain_points,
-)
+from proximity.kernels.layout import CELL_CROSSED, CELL_INSIDE, CELL_OUTSIDE, SIGN_PSEUDONORMAL
+from proximity.kernels.sign.inside_grid import MOST_POINTS, build_grid, cell_state, uncertain_points
 from proximity.mesh.part_arrays import LARGEST_GRID, part_arrays, with_sign
 from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
