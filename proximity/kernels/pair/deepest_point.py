@@ -46,7 +46,7 @@ from proximity.kernels.pair.meeting import to_second
 from proximity.kernels.pair.triangles import SIDE_ROUNDING, between
 from proximity.kernels.ray.walk import ray_in_part
 from proximity.kernels.stack_arrays import stack_f64, stack_f64_rows
-from proximity.kernels.traverse.depth_first import depth_first
+from proximity.kernels.traverse.depth_first import depth_first, in_blocks
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, bits, maximum, minimum, splat, trailing_zeros
 
@@ -79,7 +79,7 @@ def _find_averted(reals, reference, query, best):
     return best
 
 
-_walk_averted = depth_first(open_meeting, _find_averted)
+_walk_averted = depth_first(open_meeting, in_blocks(_find_averted))
 
 
 @inlined
@@ -139,7 +139,7 @@ def _has_critical(model, outer, boxes, row, middle, distance, slot, is_inside, b
     root, best = model.parts[outer].root, (np.float32(0.0), np.int64(NO_SLOT))
     for _ in range(SIDES):
         query = box, (x, y, z)
-        _, averted = _walk_averted(model.reals, model.words, root, query, best, workspace.stacks)
+        _, averted = _walk_averted(model, root, 0, query, best, workspace.stacks)
         if averted == NO_SLOT:
             return False
         # Turned towards the face that looks elsewhere, until all do or none can.

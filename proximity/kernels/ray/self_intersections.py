@@ -37,7 +37,7 @@ from proximity.kernels.ray.walk import (
 from proximity.kernels.sign.folded_faces import faces_wrong, marked_slots
 from proximity.kernels.stack_arrays import stack_f32
 from proximity.kernels.thresholds import CONTACT_DEPTH
-from proximity.kernels.traverse.depth_first import depth_first
+from proximity.kernels.traverse.depth_first import depth_first, in_blocks
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, bits, splat, splat32, square_root, trailing_zeros
 
@@ -87,7 +87,7 @@ def _mark_in_leaf(reals, reference, query, best):
     return reach, is_met, blocks + 1
 
 
-_walk_edge = depth_first(_open_children, _mark_in_leaf)
+_walk_edge = depth_first(_open_children, in_blocks(_mark_in_leaf))
 
 
 @kernel
@@ -107,7 +107,7 @@ def _mark_met(corners, faces, slot_faces, tree, start, end, kind, depth, stacks,
         (corners, faces, slot_faces, marks),
     )
     best = bound_of_parameter(length, 0.0), False, np.int64(0)
-    _, is_met, blocks = _walk_edge(reals, words, root, query, best, stacks)
+    _, is_met, blocks = _walk_edge((reals, words), root, 0, query, best, stacks)
     return is_met, blocks
 
 
