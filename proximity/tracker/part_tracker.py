@@ -12,7 +12,7 @@ from proximity import native
 from proximity.checks import not_negative, positive, whole
 from proximity.errors import ArgumentError, SceneError
 from proximity.kernels import contact_record
-from proximity.kernels.inside.part_containment import contains_corner
+from proximity.kernels.entries import contains_corner
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, columns_of
 from proximity.kernels.pair import frontier, held_motion, held_records, held_tick
 from proximity.pose import Pose, velocities_between
