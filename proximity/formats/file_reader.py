@@ -80,10 +80,8 @@ def read_geometries(
     scale = positive("scale", scale, "times")
     tolerance = positive("step_tolerance", step_tolerance, "metres")
     limit = positive("unpacked_limit", unpacked_limit, "bytes", may_be_infinite=True)
-    options: dict[str, dict[str, Any]] = {
-        "STEP": {"tolerance": tolerance, "undeclared_metres": metres, "is_cached": cache},
-        "3MF": {"unpacked_limit": limit},
-    }
+    of_step = {"tolerance": tolerance, "undeclared_metres": metres, "is_cached": cache}
+    options: dict[str, dict[str, Any]] = {"STEP": of_step, "3MF": {"unpacked_limit": limit}}
     try:
         shown = os.fspath(path)
     except TypeError:

@@ -14,17 +14,9 @@ from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.decaff.glove.glove import Glove
 from proximity.lab.paper import figure_5
 from proximity.lab.paper.walls import FINGER, energy_excess, steady_excess
+from proximity.lab.simulation import devices
 from proximity.lab.simulation.closed_loop import Response, coupled_wall, decaff, ideal_drum, real_wall
-from proximity.lab.simulation.devices import (
-    COUPLED_DEVICE,
-    FRICTION,
-    WRAP,
-    Decaff,
-    Hand,
-    Link,
-    Sensing,
-    TipCable,
-)
+from proximity.lab.simulation.devices import Decaff, Hand, Link, Sensing, TipCable
 from proximity.lab.simulation.metrics import FELT_SWING, deviation, drum_offset
 from proximity.lab.simulation.sweeps import (
     SPEEDS,
@@ -301,10 +293,11 @@ def _transparency() -> Claim:
     return Claim(
         "it is highly transparent in free motion",
         PARTLY,
-        f"the sheath is slippery: with a friction of {FRICTION:g} over {np.degrees(WRAP):.0f} degrees the "
-        f"cable drags with {1e3 * drag:.0f} mN at the fingertip all the time. As assumed, not computed, "
-        f"{1e3 * Link().mass:.0f} g move with the finger, not {1e3 * COUPLED_DEVICE.mass:.0f} g of link and "
-        f"rotor; the geared drum's {1e3 * DRUM.mass:.0f} g move beside it",
+        f"the sheath is slippery: with a friction of {devices.FRICTION:g} over "
+        f"{np.degrees(devices.WRAP):.0f} degrees the cable drags with {1e3 * drag:.0f} mN at the fingertip "
+        f"all the time. As assumed, not computed, {1e3 * Link().mass:.0f} g move with the finger, not "
+        f"{1e3 * devices.COUPLED_DEVICE.mass:.0f} g of link and rotor; the geared drum's "
+        f"{1e3 * DRUM.mass:.0f} g move beside it",
     )
 
 

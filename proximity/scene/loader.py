@@ -20,6 +20,7 @@ from proximity.formats import (
     unit_name,
 )
 from proximity.kernels.layout import EXTENSION, MAGIC
+from proximity.scene.model.scene_state import SceneState
 from proximity.scene.part import LoadReport, Part, parts_of_mesh
 from proximity.scene.scene import Scene
 from proximity.scene.scene_parts import SceneParts
@@ -227,7 +228,10 @@ def _bodies(geometry: Geometry, origin: str) -> list[Part]:
 def _compiled_scene(path: str) -> Scene:
     from proximity.scene.saved.compiled_scene import read_scene  # with kernels that other files do not need
 
-    scene = Scene._from_compiled(read_scene(path))
+    compiled = read_scene(path)
+    parts, report = [Part(**fields) for fields in compiled.parts], compiled.report
+    loaded = None if report is None else LoadReport(**{**report, "notes": tuple(report["notes"])})
+    scene = Scene._of_parts(SceneParts(parts, SceneState(compiled.model)), loaded)  # with its trees
     if scene.report is None:
         scene.report = LoadReport(path, "compiled scene", "m", True, ())
         scene.report = replace(scene.report, notes=tuple(notes_on_sizes(scene)))
