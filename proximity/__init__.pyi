@@ -33,6 +33,8 @@ from proximity.message import PartAction as PartAction
 from proximity.message import Source as Source
 from proximity.message import State as State
 from proximity.message import Surface as Surface
+from proximity.native.warm_up import kernels_are_cached as kernels_are_cached
+from proximity.native.warm_up import warm_up as warm_up
 from proximity.pose import Pose as Pose
 from proximity.scene.loader import load as load
 from proximity.scene.overlap import Overlap as Overlap
@@ -60,8 +62,6 @@ from proximity.tracker.part_tracker import CONNECTION as CONNECTION
 from proximity.tracker.part_tracker import ConnectionFlag as ConnectionFlag
 from proximity.tracker.part_tracker import PartTracker as PartTracker
 from proximity.tracker.tracker import Tracker as Tracker
-from proximity.tracker.warm_up import kernels_are_cached as kernels_are_cached
-from proximity.tracker.warm_up import warm_up as warm_up
 from proximity.transport import Publisher as Publisher
 from proximity.transport import Reading as Reading
 from proximity.transport import Subscriber as Subscriber

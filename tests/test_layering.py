@@ -30,7 +30,7 @@ errors
 native
 """,
     "proximity.native": """
-in_c · simd
+in_c · simd · warm_up
 declaration
 jit · mode
 signature · sources
@@ -53,8 +53,8 @@ sign
 mesh · traverse
 geometry
 stack_arrays
-compiled_stack · contact_record
-layout
+compiled_stack · contact_record · entries
+answers · layout · thresholds
 """,
     "proximity.scene": """
 clashes · picture · trimesh_scene
@@ -150,7 +150,7 @@ NO_FILES = {f"proximity.scene.{name}" for name in ("solid", "scene", "scene_part
 KERNELS_MAY_IMPORT = {"math", "numpy", "typing"}  # typing: named tuples of arrays
 NUMBA_MAY_BE_IMPORTED_BY = {
     "proximity.kernels.compiled_stack", "proximity.native.jit", "proximity.native.simd.compiled",
-    "proximity.native.simd.vectors", "proximity.tracker.warm_up",
+    "proximity.native.simd.vectors", "proximity.native.warm_up",
 }  # fmt: skip
 # What numba compiles, and code of LLVM that it is given: imported only where numba compiles kernels.
 DECLARATIONS = {"bundle", "entry", "inlined", "kernel", "allocating_kernel"}

@@ -12,20 +12,18 @@ import numpy as np
 
 import proximity
 from proximity.core import loop_records, receiver_state
-from proximity.kernels import layout
+from proximity.kernels import answers, layout
 from proximity.kernels.contact_record import (
     CONTACT_RECORD,
     SURFACE_DEFORMABLE,
     SURFACE_RIGID,
     unknown_contact,
 )
-from proximity.kernels.geometry.morton_order import SORT_FROM
-from proximity.kernels.pair import part_query
+from proximity.kernels.layout import NEVER, STATIC_COPIES
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
-from proximity.kernels.scene.dynamic_tree import SORT_STEPS
 from proximity.kernels.scene.model_validation import FAULT_SIZE, SOUND
-from proximity.kernels.scene.part_trees import NEVER, STATIC_COPIES
 from proximity.kernels.scene.stored_bytes import HEADER_SIZE, NO_MAGIC, PAGE
+from proximity.kernels.thresholds import SORT_FROM, SORT_STEPS
 from proximity.kernels.tracking import motion
 from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
 from proximity.kernels.tracking.finger_distance import CROWD
@@ -72,8 +70,8 @@ _NUMBERS = {
     "EXACT_ENOUGH": EXACT_ENOUGH,
     "FARTHEST_MOVE": FARTHEST_MOVE,
     "FASTEST_MOVE": FASTEST_MOVE,
-    "CLEARANCE_SIZE": part_query.ANSWER_SIZE,
-    "MAY_BE_INSIDE": part_query.ANSWER_MAY_BE_INSIDE,
+    "CLEARANCE_SIZE": answers.CLEARANCE_SIZE,
+    "MAY_BE_INSIDE": answers.CLEARANCE_MAY_BE_INSIDE,
     "SURFACE_RIGID": SURFACE_RIGID,
     "SURFACE_DEFORMABLE": SURFACE_DEFORMABLE,
     "LANES": layout.LANES,

@@ -3,7 +3,8 @@
 import inspect
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
@@ -113,6 +114,8 @@ FILE_HELP = "Parts: STL, OBJ, PLY, OFF, glTF/GLB, 3MF, STEP, a compiled scene or
 FILE = Annotated[Path, argument("FILE", FILE_HELP)]
 FILES = Annotated[list[Path], argument("FILE", FILE_HELP)]
 SCENE_FILE = ".toml"
+MAY_CONVERT = (".step", ".stp", SCENE_FILE)
+"""Files that are STEP, or may name such."""
 
 UNITS = Annotated[
     str,
@@ -192,6 +195,19 @@ GLOVES = Annotated[
 ]
 
 
+@contextmanager
+def _conversions(files: tuple[Path, ...]) -> Iterator[Callable[[], int]]:
+    """Share one process for all STEP files; yields a function that counts the results that it has kept."""
+    if not any(file.suffix.lower() in MAY_CONVERT for file in files):
+        yield lambda: 0
+        return
+    from proximity.formats.step.conversion import CACHE, converter  # 12 modules that other files do not need
+
+    before = CACHE.kept_count
+    with converter():
+        yield lambda: CACHE.kept_count - before
+
+
 @dataclass(frozen=True, slots=True)
 class Reading:
     """How a file of parts is read."""
@@ -223,11 +239,8 @@ class Reading:
     def load(self, *files: Path, doing: str = "reading") -> "proximity.Scene":
         """Return the scene in files, with a spinner, compiling kernels first where that is needed."""
         progress.prepare_kernels()
-        from proximity.formats.step.conversion import CACHE, converter
-
-        started, kept_before = time.monotonic(), CACHE.kept_count
-        scenes = []
-        with converter():
+        started, scenes = time.monotonic(), []
+        with _conversions(files) as kept_count:
             for file in files:
                 with progress.spinner(f"{doing} {file}") as count:
                     scenes.append(self._load(file, count))
@@ -235,7 +248,7 @@ class Reading:
         if seconds > SLOW_S and doing == "reading" and sys.stderr.isatty():
             words = " ".join(map(str, files))
             remedy = f"a file of `proximity compile {words}` opens at once"
-            if CACHE.kept_count > kept_before:
+            if kept_count():
                 remedy = "the triangles are kept, and the next command will not convert the file again"
             report(f"note: reading took {seconds:.1f} s; {remedy}")
         if len(scenes) == 1:

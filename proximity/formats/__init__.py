@@ -9,12 +9,9 @@ reorders OBJ faces by material, takes damaged files for empty ones and loses pla
 asked for rare dialects only. glTF is read here too, STEP by cascadio (OpenCASCADE), behind checks of its own.
 """
 
-from proximity.formats.contents import FileContents, Geometry
+from proximity.formats.contents import STEP_TOLERANCE, UNPACKED_LIMIT, FileContents, Geometry
 from proximity.formats.file_reader import read_geometries
 from proximity.formats.format_detection import EXTENSIONS
-from proximity.formats.step.conversion import converter
-from proximity.formats.step.step import STEP_TOLERANCE
-from proximity.formats.threemf.threemf import UNPACKED_LIMIT
 from proximity.formats.units import SYNONYMS, UNITS, likely_unit, metres_per_unit, size_notes, unit_name
 
 __all__ = [
@@ -25,7 +22,6 @@ __all__ = [
     "UNPACKED_LIMIT",
     "FileContents",
     "Geometry",
-    "converter",
     "likely_unit",
     "metres_per_unit",
     "read_geometries",

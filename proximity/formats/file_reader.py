@@ -5,32 +5,54 @@ import os
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
+from importlib import import_module
 from itertools import takewhile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from proximity.checks import positive
 from proximity.errors import MeshError, MeshFormatError, MissingLibraryError, PoseError, ProximityError
-from proximity.formats import dialects, format_detection, node_placement, obj, off, stl, text_rows
-from proximity.formats.contents import FileContents, Geometry, RawFile, RawMesh, Source
-from proximity.formats.gltf import gltf
-from proximity.formats.ply import ply, ply_header
-from proximity.formats.step import step
-from proximity.formats.threemf import threemf
+from proximity.formats import dialects, format_detection, node_placement, text_rows
+from proximity.formats.contents import (
+    STEP_TOLERANCE,
+    UNPACKED_LIMIT,
+    FileContents,
+    Geometry,
+    RawFile,
+    RawMesh,
+    Source,
+)
 from proximity.formats.units import UNITS, metres_per_unit, unit_name
 from proximity.system.regular_file import NotRegularFileError, open_regular
 
 _LARGE_BYTES, _HEAD_BYTES = 1 << 26, 1 << 20
 """Files from which on headers are compared with sizes first, and what of them is read for that."""
 
-_READERS: dict[str, Callable[[Source], RawFile]] = {
-    "STL": stl.read_stl,
-    "OBJ": obj.read_obj,
-    "PLY": ply.read_ply,
-    "OFF": off.read_off,
-    "GLB": gltf.read_glb,
-    "glTF": gltf.read_gltf,
+
+def _imported(module: str, name: str) -> Callable[..., Any]:
+    """Return a function of a reader, which is imported when that is called: all of them take 40 ms."""
+
+    def function(*arguments: Any, **options: Any) -> Any:
+        return getattr(import_module(f"proximity.formats.{module}"), name)(*arguments, **options)
+
+    return function
+
+
+_READERS: dict[str, Callable[..., RawFile]] = {
+    "STL": _imported("stl", "read_stl"),
+    "OBJ": _imported("obj", "read_obj"),
+    "PLY": _imported("ply.ply", "read_ply"),
+    "OFF": _imported("off", "read_off"),
+    "GLB": _imported("gltf.gltf", "read_glb"),
+    "glTF": _imported("gltf.gltf", "read_gltf"),
+    "STEP": _imported("step.step", "read_step"),
+    "3MF": _imported("threemf.threemf", "read_3mf"),
+}
+_POINT_READERS = {
+    ".ply": _imported("ply.ply", "read_ply_points"),
+    ".obj": _imported("obj", "read_obj_points"),
 }
 
 
@@ -39,8 +61,8 @@ def read_geometries(
     *,
     units: str = "mm",
     scale: float = 1.0,
-    step_tolerance: float = step.STEP_TOLERANCE,
-    unpacked_limit: float = threemf.UNPACKED_LIMIT,
+    step_tolerance: float = STEP_TOLERANCE,
+    unpacked_limit: float = UNPACKED_LIMIT,
     cache: bool = True,
 ) -> FileContents:
     """Read every mesh of a file, in metres, at its place.
@@ -57,10 +79,9 @@ def read_geometries(
     metres = metres_per_unit(units)
     scale = positive("scale", scale, "times")
     tolerance = positive("step_tolerance", step_tolerance, "metres")
-    read_step = partial(step.read_step, tolerance=tolerance, undeclared_metres=metres, is_cached=cache)
     limit = positive("unpacked_limit", unpacked_limit, "bytes", may_be_infinite=True)
-    read_3mf = partial(threemf.read_3mf, unpacked_limit=limit)
-    readers: dict[str, Callable[[Source], RawFile]] = {**_READERS, "STEP": read_step, "3MF": read_3mf}
+    of_step = {"tolerance": tolerance, "undeclared_metres": metres, "is_cached": cache}
+    options: dict[str, dict[str, Any]] = {"STEP": of_step, "3MF": {"unpacked_limit": limit}}
     try:
         shown = os.fspath(path)
     except TypeError:
@@ -72,7 +93,8 @@ def read_geometries(
         source = Source(shown, _read_bytes(shown, unpacked_limit))
         extension = Path(shown).suffix.lower()
         try:
-            raw = _read(readers[format_detection.find_format(source, extension)], source)
+            found = format_detection.find_format(source, extension)
+            raw = _read(partial(_READERS[found], **options.get(found, {})), source)
         except dialects.DialectError as refusal:
             raw = dialects.read_dialect(source.data, extension[1:], refusal)
         if raw.metres_per_number is not None:
@@ -102,14 +124,14 @@ def read_vertices(path: str) -> np.ndarray:
 
     STL repeats them for each face; they are returned once.
     """
-    readers = {".ply": ply.read_ply_points, ".obj": obj.read_obj_points}
-    reader = readers.get(Path(path).suffix.lower())
+    reader = _POINT_READERS.get(Path(path).suffix.lower())
     if reader is None:
         parts = read_geometries(path, units="m").geometries
         vertices = np.concatenate([part.vertices for part in parts])
         return vertices[np.sort(np.unique(vertices, axis=0, return_index=True)[1])]
     try:
-        return reader(_read_bytes(path, math.inf))
+        points: np.ndarray = reader(_read_bytes(path, math.inf))
+        return points
     except MeshFormatError as reason:
         raise MeshFormatError(f"{path}: {reason}") from reason
 
@@ -152,6 +174,8 @@ def _check_large(head: bytes, size: int, extension: str, unpacked_limit: float) 
     """Raise if the header of a large file contradicts its size: before gigabytes are read for nothing."""
     format_detection.check_size(head, size, extension)
     if extension == ".ply":
+        from proximity.formats.ply import ply_header  # of this format only
+
         ply_header.check_size(ply_header.read_header(head), size)
     if extension == ".3mf" and size > unpacked_limit:
         raise MeshFormatError(f"it has {size:,} bytes, expected at most {unpacked_limit:,} (unpacked_limit)")

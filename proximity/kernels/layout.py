@@ -43,9 +43,18 @@ NODE_PARTS = 56
 BLOCK_STRIDE = 72
 ORIENTED_STRIDE = 16
 """Words of a block's oriented box, see `tree.oriented_box`: one cache line."""
+BOX_STRIDE = 8
+"""Numbers of a packed box, see `tree.binned_sah`."""
+MOMENT_STRIDE = 112
+"""Words of a node's moments, see `sign.winding_number`."""
+FACES_SHIFT = 3
+ENTRIES_SHIFT = 0
+"""A leaf takes two to the power of that: eight faces, as many as a block, or one entry."""
 NO_FACE = -1
 NO_PART = -1
 NO_ROW = -1
+UNUSED = -1
+"""Leader of a vertex that no face uses."""
 IN_MILLIMETRES = -2
 """Answered by queries instead of `NO_ROW`: all points are as far away as such in millimetres."""
 
@@ -60,6 +69,11 @@ STACKS_SIZE = 4 * STACK_SIZE
 
 ENTRY = 2**29
 """First number of an entry among leaves."""
+STATIC_COPIES = 3
+REGION_COPIES = 8
+"""Copies of the tree over the parts that stand still, and of what changes when parts move."""
+NEVER = -1
+"""Version of a copy that has nothing yet."""
 
 SCENE_FIELDS = {
     "static_capacity": "node_count",  # nodes that a static tree may have
@@ -107,6 +121,12 @@ FOLDED_AT = 23
 """First of the eight bits of a block's note that tell which of its faces are folded over; below, the part."""
 
 NO_GRID = -1
+CELL_OUTSIDE = 0
+CELL_INSIDE = 1
+CELL_CROSSED = 2
+CELL_UNKNOWN = 3
+CELLS_PER_WORD = 16
+"""Of a grid, see `sign.inside_grid`."""
 SIGN_NONE = 0
 SIGN_PSEUDONORMAL = 1
 SIGN_WINDING = 2
@@ -151,6 +171,11 @@ FEATURE_FACE = 0
 FEATURE_EDGE = 1
 FEATURE_VERTEX = 2
 
+# --- a compiled scene: how its file is named, and begins ---
+EXTENSION = ".prox"
+MAGIC = b"\x93PROX\r\n\x1a"
+"""No text, and changed by programs that take it for text."""
+
 
 class ModelArrays(NamedTuple):
     """A solid, or a scene of hundreds: what most kernels are handed first."""
@@ -162,3 +187,14 @@ class ModelArrays(NamedTuple):
 
 
 bundle(ModelArrays, reals="float64[:]", words="float32[:]", frames="Frame[:]", parts="Part[:]")
+
+
+class DynamicParts(NamedTuple):
+    """Those parts that move by themselves, and their order along the curve."""
+
+    rows: np.ndarray  # (L,) int64, of the parts
+    order: np.ndarray  # (L,) int64, positions in *rows*, along the curve
+    keys: np.ndarray  # (L,) int64, scratch: where each is along the curve
+
+
+bundle(DynamicParts, rows="int64[:]", order="int64[:]", keys="int64[:]")

@@ -3,7 +3,6 @@
 ``python -m proximity.lab.claims`` prints the table of the documentation.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -13,20 +12,11 @@ from proximity.decaff.drum import sampled_mass
 from proximity.decaff.drum.drum_model import Drum, Gear, with_random_phases
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.decaff.glove.glove import Glove
-from proximity.errors import ArgumentError
 from proximity.lab.paper import figure_5
 from proximity.lab.paper.walls import FINGER, energy_excess, steady_excess
+from proximity.lab.simulation import devices
 from proximity.lab.simulation.closed_loop import Response, coupled_wall, decaff, ideal_drum, real_wall
-from proximity.lab.simulation.devices import (
-    COUPLED_DEVICE,
-    FRICTION,
-    WRAP,
-    Decaff,
-    Hand,
-    Link,
-    Sensing,
-    TipCable,
-)
+from proximity.lab.simulation.devices import Decaff, Hand, Link, Sensing, TipCable
 from proximity.lab.simulation.metrics import FELT_SWING, deviation, drum_offset
 from proximity.lab.simulation.sweeps import (
     SPEEDS,
@@ -34,6 +24,7 @@ from proximity.lab.simulation.sweeps import (
     best_coupled_wall,
     coupled_row,
     drum_row,
+    needed_cable,
     with_transmission,
 )
 from proximity.lab.simulation.target_policies import Target
@@ -50,8 +41,6 @@ CABLE = TipCable.of(GLOVE)
 GEARINGS = (2, 4, 6, 8, 10, 12, 14, 16, 20)  # in all, of which the least is looked for
 NEAR_FLOOR = 0.01  # of force error, above a drum that never moves
 FREE = 0.010  # s before the touch, until when the finger is free
-CABLE_STIFFNESSES = (100.0, 1e6)  # N/m at the fingertip, between which one is looked for
-HALVINGS = 14  # of that, in its logarithm: to a thousandth
 STIFFEST_CABLE = 1e6  # N/m, as good as rigid
 RESTED = 0.5  # s of hold, after which the slowest compensation is through
 SYMBOLS = (
@@ -68,12 +57,9 @@ PAIR = sampled_mass.Gains(3900.0, 60.0)  # the paper's
 class Claim:
     """One claim of the paper."""
 
-    paper: str
-    """What it says."""
-    holds: str
-    """``yes``, ``yes, if`` or ``no``."""
-    here: str
-    """What comes out here; after ``yes, if`` it begins with the condition."""
+    paper: str  # what it says
+    holds: str  # ``yes``, ``yes, if`` or ``no``
+    here: str  # what comes out here; after ``yes, if`` it begins with the condition
 
 
 def claims() -> list[Claim]:
@@ -307,10 +293,11 @@ def _transparency() -> Claim:
     return Claim(
         "it is highly transparent in free motion",
         PARTLY,
-        f"the sheath is slippery: with a friction of {FRICTION:g} over {np.degrees(WRAP):.0f} degrees the "
-        f"cable drags with {1e3 * drag:.0f} mN at the fingertip all the time. As assumed, not computed, "
-        f"{1e3 * Link().mass:.0f} g move with the finger, not {1e3 * COUPLED_DEVICE.mass:.0f} g of link and "
-        f"rotor; the geared drum's {1e3 * DRUM.mass:.0f} g move beside it",
+        f"the sheath is slippery: with a friction of {devices.FRICTION:g} over "
+        f"{np.degrees(devices.WRAP):.0f} degrees the cable drags with {1e3 * drag:.0f} mN at the fingertip "
+        f"all the time. As assumed, not computed, {1e3 * Link().mass:.0f} g move with the finger, not "
+        f"{1e3 * devices.COUPLED_DEVICE.mass:.0f} g of link and rotor; the geared drum's "
+        f"{1e3 * DRUM.mass:.0f} g move beside it",
     )
 
 
@@ -379,25 +366,6 @@ def _rest(stretch: Stretch) -> float:
     press = HAND.press(0.1, hold=RESTED)
     found = [deviation(decaff(HAND, press, glove)).steady_error for glove in _built(0.001, stretch)]
     return max(found, key=abs)
-
-
-def needed_cable(hand: Hand, glove: Decaff, speed: float, error: float, stretch: Stretch) -> float:
-    """Return the stiffness of the cable at the fingertip with which a force error is reached, N/m."""
-    usual, press = TipCable.of(Glove()), hand.press(speed)
-
-    def is_enough(stiffness: float) -> bool:
-        cable = replace(usual, stiffness=stiffness)
-        return deviation(decaff(hand, press, with_transmission(glove, cable, stretch))).error <= error
-
-    soft, stiff = CABLE_STIFFNESSES
-    if not is_enough(stiff):
-        raise ArgumentError(
-            f"no cable up to {stiff:g} N/m keeps the force error at {speed:g} m/s to {error:.3g}"
-        )
-    for _ in range(HALVINGS):
-        middle = math.sqrt(soft * stiff)
-        soft, stiff = (soft, middle) if is_enough(middle) else (middle, stiff)
-    return stiff
 
 
 def _two_digits(number: float) -> str:

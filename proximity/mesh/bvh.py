@@ -8,17 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from proximity.errors import MeshError
-from proximity.kernels.geometry.local_frame import LARGEST_COORDINATE, SMALLEST_SIZE, frame_of_box
+from proximity.kernels.entries import build_tree, face_boxes, fill_blocks, frame_of_box
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
+    BOX_STRIDE,
+    FACES_SHIFT,
     LANES,
     MAX_DEPTH,
     NO_FACE,
     NODE_CHILDREN,
     NODE_STRIDE,
 )
-from proximity.kernels.tree.binned_sah import BOX_STRIDE
-from proximity.kernels.tree.builder import FACES_SHIFT, build_tree, face_boxes, fill_blocks
+from proximity.kernels.thresholds import LARGEST_COORDINATE, SMALLEST_SIZE
 
 
 @dataclass(frozen=True, slots=True, eq=False)

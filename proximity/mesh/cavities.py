@@ -8,8 +8,8 @@ another): nothing in the file says otherwise. A shell with small holes counts as
 
 import numpy as np
 
-from proximity.kernels.mesh.faces import VOLUME_ROUNDING, shell_sizes
-from proximity.kernels.sign.winding_number import winding_numbers
+from proximity.kernels.entries import shell_sizes, winding_numbers
+from proximity.kernels.thresholds import VOLUME_ROUNDING
 from proximity.mesh.bvh import build_bvh, local_frame
 from proximity.mesh.part_arrays import moments_of
 from proximity.mesh.part_memory import joined

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from proximity.kernels.mesh.edges import connected
+from proximity.kernels.entries import connected
 from proximity.mesh.cavities import enclosed_volumes
 from proximity.mesh.topology import EdgeRuns, edge_runs
 

@@ -8,7 +8,7 @@ Faces are judged in groups connected by edges: a body that occurs twice goes as 
 
 import numpy as np
 
-from proximity.kernels.mesh.faces import thin_faces
+from proximity.kernels.entries import thin_faces
 from proximity.mesh.connected_faces import linked_components
 from proximity.mesh.topology import EdgeRuns, edge_runs
 

@@ -5,16 +5,26 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from proximity.kernels import layout
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, ORIENTED_STRIDE
-from proximity.kernels.mesh.faces import add_corner_normals, thin_faces
-from proximity.kernels.ray.self_intersections import CONTACT_DEPTH, passing_faces
-from proximity.kernels.scene.part_trees import MOVING_MARGIN
-from proximity.kernels.sign.folded_faces import folded_faces
-from proximity.kernels.sign.inside_grid import CELLS_PER_WORD, build_grid
-from proximity.kernels.sign.winding_number import MOMENT_STRIDE, fill_moments
-from proximity.kernels.tree.builder import fill_blocks
-from proximity.kernels.tree.normal_slab import fill_slabs
-from proximity.kernels.tree.oriented_box import OBLIQUE, fill_oriented_boxes
+from proximity.kernels.entries import (
+    add_corner_normals,
+    build_grid,
+    fill_blocks,
+    fill_moments,
+    fill_oriented_boxes,
+    fill_slabs,
+    folded_faces,
+    passing_faces,
+    thin_faces,
+)
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    CELLS_PER_WORD,
+    LANES,
+    MOMENT_STRIDE,
+    NODE_STRIDE,
+    ORIENTED_STRIDE,
+)
+from proximity.kernels.thresholds import CONTACT_DEPTH, MOVING_MARGIN, OBLIQUE
 from proximity.mesh.bvh import Bvh, LocalFrame, build_nodes, local_frame
 from proximity.mesh.part_memory import (
     REAL_CORNERS,

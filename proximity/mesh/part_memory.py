@@ -16,8 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, ORIENTED_STRIDE
-from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, MOMENT_STRIDE, NODE_STRIDE, ORIENTED_STRIDE
 
 ALIGNMENT = 64
 """Bytes; a cache line, and the widest vector register."""

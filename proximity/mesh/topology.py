@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proximity.kernels.mesh.edges import first_of_equal_rows, neighbors_across, sorted_half_edges
+from proximity.kernels.entries import first_of_equal_rows, neighbors_across, sorted_half_edges
 from proximity.mesh.triangle_mesh import TriangleMesh
 
 _HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)

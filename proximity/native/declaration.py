@@ -6,6 +6,8 @@ Python is an error where it was compiled ahead of time, so that nothing runs as 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -20,9 +22,10 @@ from proximity.native.signature import (
     dtype_of,
     signature,
 )
+from proximity.native.sources import entry_modules
 
 ENTRIES: dict[str, "Entry"] = {}
-"""All entry points, by their names."""
+"""All entry points that modules of this process declare, by their names."""
 ROWS_WITH_GIL = 16
 """Rows up to which an entry point may keep the interpreter locked: to release it takes 0.1 µs."""
 _KINDS = {"int": 0, "float": 1, "bool": 2}
@@ -69,6 +72,40 @@ def entry(
     return declare
 
 
+def entry_named(name: str) -> Any:
+    """Return an entry point: of the compiled table, or else of the module that declares it."""
+    if name.startswith("__"):  # Python looks for such names in every module
+        raise AttributeError(name)
+    if not IS_AHEAD:
+        import_entries(name)
+    try:
+        found = _entry(name)
+    except KeyError:
+        raise AttributeError(f"there is no entry point {name!r}") from None
+    return OBJECTS.make_entry(*found.description()) if IS_AHEAD else found.compiled
+
+
+def import_entries(name: str = "") -> None:
+    """Import the modules of kernels that declare entry points; with a name, only where that is defined."""
+    for module in entry_modules(name):
+        import_module(module)
+
+
+def _entry(name: str) -> Entry:
+    """An entry point as the extension has it, or as a module declares it."""
+    if not IS_AHEAD:
+        return ENTRIES[name]
+    rows_with_gil, types = _compiled_table()[name]
+    return Entry(name, signature(types), int(rows_with_gil), None)
+
+
+@cache
+def _compiled_table() -> dict[str, list[str]]:
+    """Rows with the interpreter locked, and signature, of every entry point that was compiled."""
+    lines = (line.split("|") for line in OBJECTS.entry_signatures.splitlines())
+    return {name: values for name, *values in lines}
+
+
 def kernel(function: Callable[..., Any]) -> Any:
     """Declare a function of compiled code.
 
@@ -98,7 +135,7 @@ def query(name: str, width: int, few: int, ask: Callable[..., Any]) -> Any:
     """
     if not IS_AHEAD:
         return ask
-    declared = ENTRIES[name]
+    declared = _entry(name)
     arguments = declared.signature.arguments
     dtype = np.dtype(arguments[-1].dtype).num  # type: ignore[union-attr]
     return OBJECTS.make_query(declared.description(), len(arguments) - 4, width, dtype, few, ask)

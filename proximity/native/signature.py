@@ -68,6 +68,7 @@ RECORDS: dict[str, np.dtype[Any]] = {}
 class Signature:
     """Arguments and results of an entry point."""
 
+    text: str  # as it is written
     arguments: tuple[Value, ...]
     results: tuple[Array | Scalar, ...]
 
@@ -110,6 +111,7 @@ def signature(text: str) -> Signature:
     """Return the signature that is written so."""
     arguments, _, results = text.partition("->")
     return Signature(
+        text,
         tuple(map(_value, _PARTS.findall(arguments))),
         tuple(map(_value, _PARTS.findall(results))),  # type: ignore[arg-type]
     )

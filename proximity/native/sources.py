@@ -18,6 +18,13 @@ def kernel_sources() -> list[Path]:
     return sorted(files)
 
 
+def entry_modules(name: str = "") -> list[str]:
+    """Return the modules of the engine that declare entry points; with a name, those that also define it."""
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted(PACKAGE.glob("kernels/**/*.py"))}
+    found = (path for path, text in texts.items() if "\n@entry(" in text and f"\ndef {name}" in text)
+    return [".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts) for path in found]
+
+
 def sources_in_c() -> list[Path]:
     """Return the files of what the extension has in C beside kernels."""
     controller = ("decaff/controller/*.c", "decaff/controller/*.in", "decaff/controller/records.py")

@@ -10,9 +10,8 @@ import numpy as np
 from proximity.checks import as_float64
 from proximity.errors import ArgumentError, MeshError
 from proximity.kernels import layout
-from proximity.kernels.layout import NO_ROW
-from proximity.kernels.sign.inside_grid import CELL_CROSSED
-from proximity.kernels.tree.refit import refit_part, survey_vertices
+from proximity.kernels.entries import refit_part, survey_vertices
+from proximity.kernels.layout import CELL_CROSSED, NO_ROW
 from proximity.mesh.bvh import LARGEST_COORDINATE, SMALLEST_SIZE, LocalFrame, local_frame
 from proximity.mesh.part_arrays import SMALLEST_SHARE
 from proximity.scene.model.assembly import Model

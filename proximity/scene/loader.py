@@ -5,6 +5,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,12 @@ from proximity.formats import (
     size_notes,
     unit_name,
 )
+from proximity.kernels.layout import EXTENSION, MAGIC
+from proximity.scene.model.scene_state import SceneState
 from proximity.scene.part import LoadReport, Part, parts_of_mesh
-from proximity.scene.saved.archive import is_archive
-from proximity.scene.saved.compiled_scene import read_scene
 from proximity.scene.scene import Scene
 from proximity.scene.scene_parts import SceneParts
+from proximity.system.regular_file import open_regular
 
 
 def load(
@@ -82,7 +84,7 @@ def load(
     memory. Do not change the file in place meanwhile; saving again replaces it, which is safe. It is
     recognised by its first bytes, whatever its name is. ``report`` is that of the original file.
     """
-    if is_archive(path):
+    if _is_compiled(path):
         unit_name(units or "mm")  # refuses what is no unit, as for any file
         if scale != 1.0:
             why = "a compiled scene is not scaled; compile it with a scale"
@@ -110,6 +112,20 @@ def load(
     if units and not sys._getframe(1).f_globals.get("__name__", "").startswith("proximity."):
         _warn_of_units(scene, unit_name(units))
     return scene
+
+
+def _is_compiled(path: Any) -> bool:
+    """Return whether a regular file begins like a compiled scene, or is named so.
+
+    *path*: of a file that may not be there: then it is none.
+    """
+    try:
+        name = os.fsdecode(path)
+        with open_regular(name) as file:
+            begins_so = file.read(len(MAGIC)) == MAGIC
+    except (OSError, ValueError, TypeError):
+        return False
+    return begins_so or Path(name).suffix.lower() == EXTENSION
 
 
 def joined(scenes: Sequence[Scene]) -> Scene:
@@ -210,7 +226,12 @@ def _bodies(geometry: Geometry, origin: str) -> list[Part]:
 
 
 def _compiled_scene(path: str) -> Scene:
-    scene = Scene._from_compiled(read_scene(path))
+    from proximity.scene.saved.compiled_scene import read_scene  # with kernels that other files do not need
+
+    compiled = read_scene(path)
+    parts, report = [Part(**fields) for fields in compiled.parts], compiled.report
+    loaded = None if report is None else LoadReport(**{**report, "notes": tuple(report["notes"])})
+    scene = Scene._of_parts(SceneParts(parts, SceneState(compiled.model)), loaded)  # with its trees
     if scene.report is None:
         scene.report = LoadReport(path, "compiled scene", "m", True, ())
         scene.report = replace(scene.report, notes=tuple(notes_on_sizes(scene)))

@@ -10,10 +10,9 @@ import numpy as np
 
 from proximity.checks import as_float64, not_negative, shown, whole
 from proximity.errors import ArgumentError, SceneError
-from proximity.kernels.inside.part_containment import contains_corner
+from proximity.kernels import answers
+from proximity.kernels.entries import connect_parts, contains_corner
 from proximity.kernels.layout import NO_FACE
-from proximity.kernels.pair import part_query
-from proximity.kernels.pair.part_query import connect_parts
 from proximity.scene.model.assembly import Model
 from proximity.scene.penetration import DeepestPoint, Penetration, PenetrationSearch, find_deepest
 from proximity.scene.solid import Solid
@@ -44,9 +43,9 @@ LEAST_TOLERANCE = 1e-9
 LEAST_LIMIT = 1e-12  # m
 """Only what is shorter is found: with these a distance of exactly the limit is, also where that is 0."""
 _RELATIONS = {
-    part_query.APART: Relation.APART,
-    part_query.TOUCHES: Relation.TOUCHING,
-    part_query.CROSSES: Relation.CROSSING,
+    answers.APART: Relation.APART,
+    answers.TOUCHES: Relation.TOUCHING,
+    answers.CROSSES: Relation.CROSSING,
 }
 
 
@@ -278,9 +277,9 @@ def _clearance(
     budget: int = 0,
 ) -> Clearance:
     """The connection of two parts; one that is no shorter than *limit*, m, may be inf."""
-    answer, point, names = np.empty(part_query.ANSWER_SIZE), np.empty(3), model.names
+    answer, point, names = np.empty(answers.CLEARANCE_SIZE), np.empty(3), model.names
     connect_parts(model.packed, first, second, limit, tolerance, budget, answer)
-    relation = _RELATIONS[int(answer[part_query.ANSWER_RELATION])]
+    relation = _RELATIONS[int(answer[answers.CLEARANCE_RELATION])]
     lower, distance, *_, face, other_face, _, may_be_inside = answer.tolist()
     if may_be_inside:
         for inner, outer, found in (
@@ -289,10 +288,10 @@ def _clearance(
         ):
             if contains_corner(model.packed, outer, inner, solids[inner].surface_faces, point):
                 lower, distance, face, other_face, relation = 0.0, 0.0, NO_FACE, NO_FACE, found
-                if np.isnan(answer[part_query.ANSWER_POINTS]):
+                if np.isnan(answer[answers.CLEARANCE_POINTS]):
                     connect_parts(model.packed, first, second, inf, 0.0, 0, answer)
                 break
-    one, other = answer[part_query.ANSWER_POINTS : part_query.ANSWER_FACES].reshape(2, 3)
+    one, other = answer[answers.CLEARANCE_POINTS : answers.CLEARANCE_FACES].reshape(2, 3)
     if relation == Relation.FIRST_INSIDE:
         other = one
     elif relation == Relation.SECOND_INSIDE:

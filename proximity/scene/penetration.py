@@ -5,22 +5,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.pair.deepest_point import (
+from proximity.kernels.answers import (
     DEEPEST_LOWER,
     DEEPEST_POINT,
     DEEPEST_SIZE,
     DEEPEST_STEPS,
     DEEPEST_UPPER,
-    deepest_point,
-)
-from proximity.kernels.pair.part_penetration import (
     DEPTH_LOWER,
     DEPTH_NORMAL,
     DEPTH_SIZE,
     DEPTH_STEPS,
     DEPTH_UPPER,
-    depth_along,
 )
+from proximity.kernels.entries import deepest_point, depth_along
 from proximity.scene.model.assembly import Model
 
 MOST_TURNS = 4

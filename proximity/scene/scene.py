@@ -9,13 +9,11 @@ import numpy as np
 from proximity.checks import refuse_trimesh
 from proximity.errors import SceneError
 from proximity.scene.model.assembly import Model
-from proximity.scene.model.scene_state import SceneState
+from proximity.scene.model.scene_state import box_of_vertices
 from proximity.scene.pairs import PairQueries
 from proximity.scene.part import NO_VELOCITY, LoadReport, Part, checked_part, parts_of_mesh
 from proximity.scene.part_motion import checked_move, checked_moves, checked_surface
 from proximity.scene.queries.queries import Queries
-from proximity.scene.saved.archive import check_extension
-from proximity.scene.saved.compiled_scene import CompiledScene, write_scene
 from proximity.scene.scene_parts import SceneParts, checked_parts, with_arrays
 from proximity.scene.solid import Solid
 from proximity.system.locks import fork_safe_lock
@@ -87,13 +85,6 @@ class Scene(Queries, PairQueries):
         scene._begin(parts, report)
         return scene
 
-    @classmethod
-    def _from_compiled(cls, compiled: CompiledScene) -> "Scene":
-        """The scene that was saved; its trees are not made anew."""
-        parts, report = [Part(**fields) for fields in compiled.parts], compiled.report
-        loaded = None if report is None else LoadReport(**{**report, "notes": tuple(report["notes"])})
-        return cls._of_parts(SceneParts(parts, SceneState(compiled.model)), loaded)
-
     def __reduce__(self) -> tuple[Any, ...]:
         with self._lock:
             state = self._parts.state
@@ -131,22 +122,9 @@ class Scene(Queries, PairQueries):
         """Lower and upper corner of the smallest box around all parts, hidden ones too, m, (3,) each."""
         known = self._bounds
         if known[0]() is not self.snapshot():
-            known = self._bounds = self._box_of_vertices()
+            model = self.snapshot()
+            known = self._bounds = weakref.ref(model), *box_of_vertices(model)
         return known[1].copy(), known[2].copy()
-
-    def _box_of_vertices(self) -> tuple[Any, np.ndarray, np.ndarray]:
-        """A reference to the present model, and the corners of the smallest box around its parts."""
-        model = self.snapshot()
-        frames = model.frames[:-1]
-        lowers, uppers = frames["box_lower"].copy(), frames["box_upper"].copy()
-        # The kernels' box of a turned part is around its turned box, which is larger.
-        for row in np.flatnonzero(model.parts["is_turned"][:-1]):
-            part, frame, turn = model.parts[row], frames[row], frames["rotation"][row].reshape(3, 3)
-            local = model.reals[part["corners"] :][: 3 * part["corner_count"]].reshape(-1, 3)
-            x, y, z = (local / frame["scale"] + frame["centre"]).T[:, :, None]
-            points = x * turn[:, 0] + y * turn[:, 1] + z * turn[:, 2] + frame["translation"]  # as in C
-            lowers[row], uppers[row] = points.min(axis=0), points.max(axis=0)
-        return weakref.ref(model), lowers.min(axis=0), uppers.max(axis=0)
 
     def _model_and_parts(self) -> tuple[Model, list[Part]]:
         """The arrays of the present state, and the parts in the same state."""
@@ -373,6 +351,9 @@ class Scene(Queries, PairQueries):
         Cost: 176 bytes a face on the disk.
         Thread: parts may be queried and moved meanwhile; the file has the state of one moment.
         """
+        from proximity.scene.saved.archive import check_extension
+        from proximity.scene.saved.compiled_scene import write_scene  # with kernels that queries do not need
+
         check_extension(path)
         write_scene(path, *self._model_and_parts(), self.report)
 

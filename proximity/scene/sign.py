@@ -15,10 +15,8 @@ from functools import cache
 import numpy as np
 
 from proximity.kernels import layout
-from proximity.kernels.mesh.faces import double_areas
-from proximity.kernels.scene.point_queries import POINT_ANSWER_WIDTH, closest_batch
-from proximity.kernels.sign.inside_grid import uncertain_points
-from proximity.kernels.sign.winding_number import winding_numbers
+from proximity.kernels.answers import POINT_ANSWER_WIDTH
+from proximity.kernels.entries import closest_batch, double_areas, uncertain_points, winding_numbers
 from proximity.mesh.part_arrays import (
     NO_FOLDED,
     PartArrays,

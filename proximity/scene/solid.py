@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import refuse_trimesh
-from proximity.kernels.inside.part_containment import surface_faces
-from proximity.kernels.mesh.faces import signed_volume
-from proximity.kernels.tree.refit import UNUSED
+from proximity.kernels.entries import signed_volume, surface_faces
+from proximity.kernels.layout import UNUSED
 from proximity.mesh.bvh import Bvh, LocalFrame
 from proximity.mesh.diagnosis import Diagnosis, diagnose
 from proximity.mesh.part_arrays import part_arrays

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from proximity.kernels.entries import move_parts
 from proximity.kernels.layout import NO_PART
-from proximity.kernels.scene.placement import move_parts
 from proximity.message import CONTACT, ContactFlag, Mode, Source, Surface
 from proximity.pose import ROUNDING, Pose, velocities_between
 from proximity.scene.model.assembly import Model, finished

@@ -12,10 +12,9 @@ from proximity import native
 from proximity.checks import not_negative, positive, whole
 from proximity.errors import ArgumentError, SceneError
 from proximity.kernels import contact_record
-from proximity.kernels.inside.part_containment import contains_corner
+from proximity.kernels.entries import contains_corner
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, columns_of
-from proximity.kernels.pair import frontier, held_records, held_tick, held_times
-from proximity.kernels.pair.held_motion import POSE_SIZE
+from proximity.kernels.pair import frontier, held_motion, held_records, held_tick
 from proximity.pose import Pose, velocities_between
 from proximity.scene.model.assembly import Model
 from proximity.scene.penetration import PenetrationSearch
@@ -259,7 +258,7 @@ class PartTracker:
             if search is None or not pair["normal"].any():
                 return False
             frame = model.frames[pair["own"]]
-            length = held_times.SLIP * float(np.linalg.norm(frame["own_upper"] - frame["own_lower"]))
+            length = held_motion.SLIP * float(np.linalg.norm(frame["own_upper"] - frame["own_lower"]))
             search.look_along(pair["normal"], 0.5, length)
             if search.depth > length:
                 return False
@@ -350,7 +349,7 @@ class PartTracker:
         frontiers = min(max(len(pairs), frontier.FEWEST_FRONTIERS), frontier.MOST_FRONTIERS)
         self._settings["frontier_count"], self._settings["next_frontier"] = frontiers, 0
         self._settings["frontier_length"] = frontier.FRONTIER_ENTRIES // frontiers
-        before = np.array(columns_of(model.frames)[:count, :POSE_SIZE])
+        before = np.array(columns_of(model.frames)[:count, : held_motion.POSE_SIZE])
         arrays = held_records.HeldArrays(
             self._settings, pairs, self.connections, before, np.zeros(count), *self._frontiers
         )

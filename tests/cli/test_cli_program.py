@@ -71,6 +71,31 @@ def started(code, stdin=None):
     )
 
 
+COLD_QUERY_MODULES = 80
+"""Modules of the package that a query imports at most: readers of other formats and kernels are left."""
+COUNTED = """
+import sys
+from proximity import cli
+sys.argv = ["proximity", "query", {path!r}, "0", "0", "0"]
+try:
+    cli.main()
+finally:
+    print(*(name for name in sys.modules if name.partition(".")[0] == "proximity"), file=sys.stderr)
+"""
+
+
+@pytest.mark.skipif(not IS_AHEAD, reason="where kernels are compiled when called, their modules are imported")
+@pytest.mark.processes
+def test_a_query_imports_no_more_than_it_needs():
+    found = run_python(COUNTED.format(path=str(MESHES / "bracket.stl")))
+    modules = found.stderr.split()
+
+    assert "signed distance" in found.stdout
+    assert len(modules) <= COLD_QUERY_MODULES, modules
+    needless = ("formats.gltf", "formats.step", "scene.saved", "tracker", "kernels.tree", "kernels.scene")
+    assert not {f"proximity.{module}" for module in needless} & set(modules)
+
+
 @pytest.mark.parametrize(
     "arguments",
     [["--help"], ["query", "--help"], ["watch", "--help"], ["query", "part.stl", "1", "--no"]],

@@ -15,9 +15,8 @@ from proximity.decaff.drum.drum_model import GEAR_STIFFNESS, STOP_STIFFNESS, Gea
 from proximity.decaff.drum.servo import SERVO_RATE, DriveMode, DrumCommand, servo_for
 from proximity.decaff.glove.glove import DRUMS as DRUMS_OF_GLOVE
 from proximity.errors import ArgumentError
-from proximity.lab.simulation import sweeps
 from proximity.lab.simulation.closed_loop import decaff
-from proximity.lab.simulation.devices import Decaff, Hand, Sensing
+from proximity.lab.simulation.devices import Decaff, Hand
 
 FRICTIONLESS = replace(paper_drums.MOTOR, friction=0.0)
 
@@ -224,27 +223,6 @@ def test_settling_times(name, rate, far, near, share):
         assert 1e3 * settling_time(DRUMS[name], gains, 0.030) == pytest.approx(far, rel=share)
 
 
-LOOK_AHEADS = {  # mm at 0.1, 0.25, 0.5, 1 m/s for a latency of 1 and 40 ms (reference values)
-    "gear12": ((6, 8, 10, 20), (10, 18, 30, 58)),
-    "gear49": ((4, 10, 18, 34), (8, 18, 36, 72)),
-    "gear122": ((8, 16, 32, 64), (12, 26, 52, 102)),
-}
-
-
-@pytest.mark.parametrize("name", LOOK_AHEADS)
-def test_look_ahead_by_bisection_and_by_formula(name):
-    """Within 5 mm of the table of reference values; and of the formula, on a grid of 2 mm."""
-    drum, gains = DRUMS[name], servo_for(DRUMS[name], 3000.0)
-    for latency, row in zip((0.001, 0.040), LOOK_AHEADS[name], strict=True):
-        sensing = Sensing(latency=latency)
-        glove = Decaff(drum, gains, sensing=sensing)
-        needs = sweeps.arrival_time(drum, gains, glove.holding.retracted)
-        for speed, printed in zip((0.1, 0.25, 0.5, 1.0), row, strict=True):
-            found = sweeps.needed_look_ahead(Hand(), glove, speed)
-            assert found == pytest.approx(1e-3 * printed, abs=5e-3)
-            assert -2.1e-3 <= found - sweeps.look_ahead(speed, sensing, needs) < 5e-3
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -257,8 +235,6 @@ def test_look_ahead_by_bisection_and_by_formula(name):
          "distance is 5e-05, expected metres, far"),
         (lambda: decaff(Hand(), Hand().press(0.1), Decaff(replace(DRUMS_OF_GLOVE["gear51"], gear=Gear()))),
          "the drum weighs 0.073 g at the fingertip, expected more than 0.098 g: a touch throws it off"),
-        (lambda: sweeps.needed_look_ahead(Hand(), Decaff(sensing=Sensing(latency=0.5)), 1.0),
-         "the drum is late at 1 m/s, even when known from 0.16 m away"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_named(make, message):

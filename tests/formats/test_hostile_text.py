@@ -14,7 +14,7 @@ from mesh_files import obj, off, ply_ascii, stl_ascii
 
 from proximity import formats
 from proximity.errors import MeshFormatError
-from proximity.formats import dialects, file_reader
+from proximity.formats import file_reader, libraries
 from proximity.formats.step import conversion, product_structure
 from proximity.formats.step.step_records import StepText
 
@@ -77,7 +77,7 @@ def no_library(monkeypatch):
     def refuse(*_, **__):
         raise MeshFormatError("no library reads it")
 
-    monkeypatch.setattr(dialects, "run_library", refuse)
+    monkeypatch.setattr(libraries, "run_library", refuse)
     monkeypatch.setattr(conversion.Library, "run", refuse)
 
 

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 import proximity
 from proximity import formats
 from proximity.errors import MeshError, MeshFormatError, ProximityError
-from proximity.formats import dialects, file_reader, text_rows, worker
+from proximity.formats import file_reader, libraries, text_rows, worker
 from proximity.formats.libraries import Library
 from proximity.recording import FrameLog, FrameReader, read_recording
 from proximity.service.config import read_scene_file
@@ -524,7 +524,7 @@ def one_process(monkeypatch):
                 opened[limits] = ends.enter_context(Library(*limits))
             return opened[limits].run(data, **more)
 
-        monkeypatch.setattr(dialects, "run_library", run)
+        monkeypatch.setattr(libraries, "run_library", run)
         yield
 
 

@@ -32,7 +32,7 @@ IN_USES = re.findall(r"(#\d+)=(?:CONTEXT_DEPENDENT_SHAPE|SHAPE_DEFINITION)_REPRE
 @pytest.fixture(scope="module", autouse=True)
 def one_process():
     """Have all files converted in one process, which would import OpenCASCADE for each."""
-    with formats.converter():
+    with conversion.converter():
         yield
 
 

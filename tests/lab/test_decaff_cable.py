@@ -14,12 +14,11 @@ from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import ArgumentError
-from proximity.lab import claims
 from proximity.lab.simulation.closed_loop import coupled_wall, decaff
 from proximity.lab.simulation.devices import Hand, TipCable
 from proximity.lab.simulation.frame_readers import ControllerInLoop
 from proximity.lab.simulation.metrics import deviation
-from proximity.lab.simulation.sweeps import Stretch, best_coupled_wall, with_transmission
+from proximity.lab.simulation.sweeps import Stretch, best_coupled_wall, needed_cable, with_transmission
 from proximity.lab.simulation.target_policies import Target, TargetPolicy
 
 HAND = Hand()
@@ -91,7 +90,7 @@ def test_quick_smoothing_of_the_torque_makes_the_drum_swing():
 
 def test_cable_that_is_needed_keeps_the_error_and_a_softer_one_does_not():
     rival = deviation(coupled_wall(HAND, HAND.press(0.1), best_coupled_wall(HAND, 1000.0, 0.001))).error
-    found = claims.needed_cable(HAND, GLOVE, 0.1, rival, Stretch.LEFT)
+    found = needed_cable(HAND, GLOVE, 0.1, rival, Stretch.LEFT)
 
     assert found > CABLE.stiffness  # the glove's own is not enough
     for share, is_enough in ((0.95, False), (1.05, True)):
@@ -100,7 +99,7 @@ def test_cable_that_is_needed_keeps_the_error_and_a_softer_one_does_not():
     with pytest.raises(
         ArgumentError, match=r"no cable up to 1e\+06 N/m keeps the force error at 0.1 m/s to 0.02"
     ):
-        claims.needed_cable(HAND, GLOVE, 0.1, 0.02, Stretch.SENSOR)  # friction leaves more
+        needed_cable(HAND, GLOVE, 0.1, 0.02, Stretch.SENSOR)  # friction leaves more
 
 
 @pytest.mark.parametrize("stretch", Stretch)

@@ -1,6 +1,7 @@
 """Studies: files, jobs and figure, and runs on Ray: each condition once, also after a failure or a kill."""
 
 import csv
+import inspect
 import os
 import signal
 import subprocess
@@ -107,7 +108,7 @@ def test_page_of_the_documentation_names_every_factor(job):
     page = (ROOT / "docs" / "guide" / "studies.md").read_text(encoding="utf-8")
 
     assert f"**`{job.__name__}`**" in page
-    for name in job.__kwdefaults__:
+    for name in inspect.signature(job).parameters:
         assert f"`{name}`" in page, name
 
 

@@ -9,12 +9,14 @@ from growing import traced_growth
 
 from proximity import native
 from proximity.errors import ArgumentError
+from proximity.kernels import entries
 from proximity.kernels.geometry.morton_order import morton_order
 from proximity.kernels.layout import FRAME, PART, ModelArrays
 from proximity.kernels.mesh.faces import signed_volume, thin_faces
 from proximity.kernels.scene.placement import first_unfit, update_box
 from proximity.kernels.scene.point_queries import signed_batch
 from proximity.kernels.tree.builder import build_tree
+from proximity.native import declaration
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 
@@ -98,7 +100,7 @@ def test_bundles_are_made_of_arrays_as_declared_and_keep_them():
 
 
 def test_a_bundle_of_another_kind_is_refused():
-    from proximity.kernels.scene.dynamic_tree import DynamicParts
+    from proximity.kernels.layout import DynamicParts
 
     other = native.packed(DynamicParts(*(np.zeros(0, np.int64) for _ in range(3))))
     with pytest.raises(TypeError, match="signed_batch: argument 0 is"):
@@ -155,3 +157,20 @@ def test_compiled_code_of_its_own_cannot_be_called_from_python():
 
     with pytest.raises(TypeError, match=r"frames\.to_local is called by compiled code only"):
         to_local(None, None, 0, 0.0, 0.0, 0.0)
+
+
+def test_the_table_of_the_extension_has_what_modules_declare():
+    native.import_entries()
+
+    assert "signed_batch" in native.ENTRIES
+    for name, declared in native.ENTRIES.items():
+        compiled = declaration._entry(name)
+        assert (compiled.signature, compiled.rows_with_gil) == (declared.signature, declared.rows_with_gil)
+        assert getattr(entries, name).__name__ == "entry"
+
+
+def test_a_name_that_no_entry_point_has_is_an_error_of_import():
+    with pytest.raises(ImportError, match="cannot import name 'closest_batches'"):
+        from proximity.kernels.entries import closest_batches  # noqa: F401
+    with pytest.raises(AttributeError, match="there is no entry point 'closest_batches'"):
+        _ = entries.closest_batches

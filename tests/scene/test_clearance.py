@@ -11,7 +11,8 @@ from manifold3d import Manifold, Mesh
 
 import proximity
 from proximity import NO_FACE, ArgumentError, Scene, SceneError, Solid
-from proximity.kernels.pair import part_query
+from proximity.kernels.answers import CLEARANCE_SIZE
+from proximity.kernels.pair.part_query import connect_parts
 
 FAR = 100.0
 
@@ -148,8 +149,8 @@ def test_moving_both_and_swapping_changes_nothing(seed):
 
 
 def connection_of(scene, *, limit=np.inf, tolerance=0.0, budget=0):
-    answer = np.empty(part_query.ANSWER_SIZE)
-    part_query.connect_parts(scene.snapshot().packed, 0, 1, limit, tolerance, budget, answer)
+    answer = np.empty(CLEARANCE_SIZE)
+    connect_parts(scene.snapshot().packed, 0, 1, limit, tolerance, budget, answer)
     return answer
 
 

@@ -11,6 +11,7 @@ from proximity.kernels.layout import (
     BLOCK_STRIDE,
     FRAME,
     LANES,
+    MOMENT_STRIDE,
     NO_PART,
     NO_SLOT,
     NODE_CHILDREN,
@@ -20,7 +21,6 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.point.budgeted_walk import known_sq, nearest_with_budget
 from proximity.kernels.point.walk import NOTHING_SEEN, nearest_in_scene
-from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
 from proximity.mesh.part_arrays import common_frame
 from proximity.pose import Pose

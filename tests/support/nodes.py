@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from proximity.kernels.layout import LANES, NODE_STRIDE
-from proximity.kernels.tree.binned_sah import BOX_STRIDE
+from proximity.kernels.layout import BOX_STRIDE, LANES, NODE_STRIDE
 from proximity.kernels.tree.builder import face_boxes
 
 

@@ -10,7 +10,7 @@ from growing import traced_growth
 from ticking import MS, RADIUS, block, line, plate, solid
 
 import proximity
-from proximity.kernels.scene.part_trees import REGION_COPIES
+from proximity.kernels.layout import REGION_COPIES
 from proximity.message import ContactFlag
 from proximity.pose import Pose
 from proximity.scene.scene import Scene

@@ -54,9 +54,9 @@ def build(targets: list[Target], folder: Path, *, every_set: bool) -> list[Path]
     made = []
     for target in targets:
         objects = [
-            CompiledGroup(instructions, names, content[target.name, instructions.name])
+            CompiledGroup(instructions, entries, content[target.name, instructions.name])
             for instructions in sets[target.name]
-            for names, content in compiled
+            for entries, content in compiled
         ]
         if not target.is_web:
             made += _linked(target, objects, digest, target_folder(target, folder))
@@ -85,16 +85,21 @@ class CompiledGroup(NamedTuple):
     """Compiled entry points of one group, for one set of instructions."""
 
     instructions: Instructions
-    names: list[str]
+    entries: list[str]  # see `entry_table`
     content: bytes  # an object file
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the entry points."""
+        return [each.partition("|")[0] for each in self.entries]
 
 
 def _compile_groups(
     groups: tuple[int, ...], targets: list[Target], sets: dict[str, tuple[Instructions, ...]]
 ) -> tuple[list[str], dict[tuple[str, str], bytes]]:
-    """Names of the entry points in groups, and their object file for each target and set of instructions."""
-    names, code = kept_code.read(groups) or _code_of_groups(groups)
-    return names, {
+    """Entry points in groups, as `entry_table` has them, and their object file for each target and set."""
+    entries, code = kept_code.read(groups) or _code_of_groups(groups)
+    return entries, {
         (target.name, instructions.name): emit_object(code, target, instructions)
         for target in targets
         for instructions in sets[target.name]
@@ -102,21 +107,20 @@ def _compile_groups(
 
 
 def _code_of_groups(groups: tuple[int, ...]) -> tuple[list[str], str]:
-    """Names of the entry points in groups, and their LLVM code, which is kept."""
+    """Entry points in groups, and their LLVM code, which is kept."""
     gc.set_threshold(*RARELY)
     front_end.disable_code_generation()
     for source in sorted(PACKAGE.rglob("*.py")):
         name = ".".join(source.relative_to(PACKAGE.parent).with_suffix("").parts)
         if _group_of(name) in groups and "@entry(" in source.read_text(encoding="utf-8"):
             _load(name, source)
-    entries = {
-        name: (each.compiled, each.signature)
-        for name, each in sorted(ENTRIES.items())
-        if _group_of(each.compiled.py_func.__module__) in groups
-    }
-    code = front_end.linked_wrappers(entries)
-    kept_code.write(groups, list(entries), code)
-    return list(entries), code
+    own = [
+        each for _, each in sorted(ENTRIES.items()) if _group_of(each.compiled.py_func.__module__) in groups
+    ]
+    code = front_end.linked_wrappers({each.name: (each.compiled, each.signature) for each in own})
+    entries = [f"{each.name}|{each.rows_with_gil}|{each.signature.text}" for each in own]
+    kept_code.write(groups, entries, code)
+    return entries, code
 
 
 def _group_of(module: str) -> int:
@@ -147,7 +151,8 @@ def _linked(target: Target, objects: list[CompiledGroup], digest: str, place: Pa
             for each in objects
             for name in each.names
         ]
-        table.write_text(entry_table(wrappers, digest), encoding="utf-8")
+        entries = dict.fromkeys(entry for each in objects for entry in each.entries)
+        table.write_text(entry_table(wrappers, list(entries), digest), encoding="utf-8")
         made = []
         if target.extension:
             extension = link(target, files, table, Path(scratch))

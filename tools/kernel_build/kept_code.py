@@ -8,17 +8,18 @@ from pathlib import Path
 from kernel_build.state import ROOT, sources_digest
 
 FOLDER = ROOT / "build" / "kernels"
+TAB = "\t"
 
 
 def read(groups: tuple[int, ...]) -> tuple[list[str], str] | None:
-    """Return names of entry points and the code that was kept of groups for these sources, if any was."""
+    """Return the entry points and the code that was kept of groups for these sources, if any was."""
     with suppress(OSError, zlib.error, UnicodeDecodeError):
         head, _, code = zlib.decompress(_path(groups).read_bytes()).decode("ascii").partition("\n")
-        return head.split(), code
+        return head.split(TAB), code
     return None
 
 
-def write(groups: tuple[int, ...], names: list[str], code: str) -> None:
+def write(groups: tuple[int, ...], entries: list[str], code: str) -> None:
     """Keep the code of groups; that of other sources goes."""
     path = _path(groups)
     with suppress(OSError):  # a folder that cannot be written: nothing is kept
@@ -27,7 +28,7 @@ def write(groups: tuple[int, ...], names: list[str], code: str) -> None:
             if old.name.split("-")[0] != path.name.split("-")[0]:
                 old.unlink(missing_ok=True)
         unfinished = path.with_suffix(".unfinished")
-        unfinished.write_bytes(zlib.compress(f"{' '.join(names)}\n{code}".encode("ascii"), 1))
+        unfinished.write_bytes(zlib.compress(f"{TAB.join(entries)}\n{code}".encode("ascii"), 1))
         unfinished.replace(path)
 
 

@@ -107,14 +107,18 @@ def _mathematics(target: Target) -> list[str]:
     return ["-lm"] if target.name.startswith("linux") else []
 
 
-def entry_table(wrappers: list[tuple[str, str, str]], digest: str) -> str:
-    """Return the C source of the table of wrappers."""
+def entry_table(wrappers: list[tuple[str, str, str]], entries: list[str], digest: str) -> str:
+    """Return the C source of the table of wrappers, and of what Python is told of entry points.
+
+    *entries*: name, rows with the interpreter locked, and signature of each, between strokes.
+    """
     lines = ['#include "entry_points.h"', ""]
     wrappers = [*wrappers, *((C_CODE, name, name) for name in _functions_in_c())]
     lines += [f"extern int {symbol}(void **, void **, int64_t);" for _, _, symbol in wrappers]
     lines += ["", "const NamedEntry named_entries[] = {"]
     lines += [f'    {{"{instructions}", "{name}", {symbol}}},' for instructions, name, symbol in wrappers]
     lines += ["    {NULL, NULL, NULL}};", f'const char sources_digest[] = "{digest}";']
+    lines += ["const char entry_signatures[] =", *(f'    "{each}\\n"' for each in entries), "    ;"]
     sets = dict.fromkeys(instructions for instructions, _, _ in wrappers)
     lines += [f'__attribute__((used)) static const char {name}[] = "for {name}";' for name in sets]
     lines += [f'const char digest_in_c[] = "{digest_in_c()}";', ""]

@@ -28,7 +28,7 @@ from proximity.kernels.ray.walk import (
     open_boxes,
 )
 from proximity.kernels.stack_arrays import stack_f32
-from proximity.kernels.traverse.depth_first import depth_first, in_order
+from proximity.kernels.traverse.depth_first import depth_first, in_blocks, in_order
 from proximity.native import inlined, kernel
 from proximity.native.simd import splat32
 
@@ -94,7 +94,7 @@ def _first_in_leaf(reals, reference, query, best):
     return best
 
 
-_walk = depth_first(_open_children, _first_in_leaf, in_order)
+_walk = depth_first(_open_children, in_blocks(_first_in_leaf), in_order)
 
 
 @kernel
@@ -106,4 +106,4 @@ def _ray_steps(reals, words, start, ox, oy, oz, dx, dy, dz, stacks, steps):
     aim, view = aim_and_view(ox, oy, oz, dx, dy, dz, SLAB_MARGIN)
     best32 = bound_of_parameter(np.inf, entry) if is_near else np.float32(-1.0)
     best = best32, np.inf, np.int64(NO_SLOT)
-    return _walk(reals, words, start, (aim, view, entry, steps), best, stacks)[1]
+    return _walk((reals, words), start, 0, (aim, view, entry, steps), best, stacks)[1]

@@ -548,7 +548,8 @@ static int execute(PyObject *module)
     if (bundle_type == NULL) {
         bundle_type = (PyTypeObject *)PyType_FromSpec(&bundle_spec);
     }
-    if (bundle_type == NULL || PyModule_AddStringConstant(module, "digest_in_c", digest_in_c) < 0) {
+    if (bundle_type == NULL || PyModule_AddStringConstant(module, "digest_in_c", digest_in_c) < 0 ||
+        PyModule_AddStringConstant(module, "entry_signatures", entry_signatures) < 0) {
         return -1;
     }
     return PyModule_AddStringConstant(module, "sources_digest", sources_digest);

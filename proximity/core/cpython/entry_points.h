@@ -17,6 +17,7 @@ typedef struct {
 
 extern const NamedEntry named_entries[]; /* the last one has no name */
 extern const char sources_digest[];   /* of the sources that the wrappers were compiled from */
+extern const char entry_signatures[]; /* a line each: name|rows with the interpreter locked|signature */
 extern const char digest_in_c[];      /* of what is written in C beside them */
 
 /* Owner of an array that a kernel made; the references and the address of the data are read by compiled code,

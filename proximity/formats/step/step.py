@@ -17,10 +17,6 @@ from proximity.formats.step.external_parts import with_external_parts, without_t
 from proximity.formats.step.step_records import REFERENCE, StepText
 from proximity.formats.units import UNITS, metres_per_unit
 
-STEP_TOLERANCE = 1e-5
-"""How far flat triangles may leave the curved surface, m: a tenth of what a fingertip can feel. Halving it
-gives about 1.4 times as many triangles."""
-
 _SI_PREFIXES = {
     "$": "m",
     ".DECI.": "dm",

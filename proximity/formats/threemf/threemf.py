@@ -20,13 +20,10 @@ import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
-from proximity.formats.contents import RawFile, RawMesh, Source, check_part_count
+from proximity.formats.contents import UNPACKED_LIMIT, RawFile, RawMesh, Source, check_part_count
 from proximity.formats.threemf.model_file import ModelFile, Object, Reference
 from proximity.formats.threemf.package import Package, shown
 from proximity.formats.threemf.volumes import NEGATIVE, PART, SETTINGS, Arrays, Run, SlicerSettings, subtract
-
-UNPACKED_LIMIT = 2_000_000_000
-"""Bytes that a 3MF file may unpack to, unless the caller says otherwise."""
 
 _Id = tuple[str, str]  # model file, id of the object in it
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from proximity.kernels.layout import FOLDED_AT, LANES
+from proximity.kernels.thresholds import MILLIMETRES_FROM, MILLIMETRES_TO
 from proximity.native import inlined
 from proximity.native.simd import like, load_int, maximum, minimum
 
@@ -15,11 +16,6 @@ LENGTH_ROUNDING = 1e-13
 
 FARTHEST_LOCAL = 1e100
 """Local coordinates beyond this are pulled in: the direction stays, the square does not overflow."""
-
-
-MILLIMETRES_FROM, MILLIMETRES_TO = 100.0, 10_000.0
-"""Sizes of the scene. Points that are given in millimetres are a thousand times as far away: some hundreds of
-its sizes where they are near the scene, some thousands where they are not."""
 
 
 @inlined
@@ -132,3 +128,15 @@ def part_of_slot(words, parts, slot):
     if scene == 1:
         return np.int64(0)
     return np.int64(load_int(words, parts[scene].block_notes + slot // LANES) & (2**FOLDED_AT - 1))
+
+
+@inlined
+def velocity_at(frame, x, y, z):
+    """Velocity of a part at a point of the scene's frame, m/s."""
+    rx, ry, rz = x - frame.translation[0], y - frame.translation[1], z - frame.translation[2]
+    wx, wy, wz = frame.angular_velocity[0], frame.angular_velocity[1], frame.angular_velocity[2]
+    return (
+        frame.velocity[0] + wy * rz - wz * ry,
+        frame.velocity[1] + wz * rx - wx * rz,
+        frame.velocity[2] + wx * ry - wy * rx,
+    )

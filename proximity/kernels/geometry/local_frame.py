@@ -4,11 +4,8 @@ from math import frexp, ldexp
 
 import numpy as np
 
+from proximity.kernels.thresholds import LARGEST_COORDINATE, SMALLEST_SIZE
 from proximity.native import entry, inlined
-
-LARGEST_COORDINATE = 1e150
-SMALLEST_SIZE = 1e-150
-"""m; squares of squares must stay within float64."""
 
 
 @inlined

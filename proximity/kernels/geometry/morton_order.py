@@ -8,9 +8,6 @@ from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, horizontal_min, maximum, minimum, select, splat, store
 
-SORT_FROM = 48
-"""Points from which on a batch is walked along a space-filling curve: each point then starts from its
-neighbour's answer. Sorting costs some 20 ns a point and saves a third of the walk."""
 CELL_BITS = 7
 """Bits of the number of a cell along an axis. With ten of them walks are no shorter, and sorting takes a
 third pass (2026-11: batches are 1.04 to 1.12 times as fast with seven, worked out eight at a time)."""

@@ -24,15 +24,19 @@ from proximity.kernels.inside.part_grid import (
     turns_of,
     turns_of_list,
 )
-from proximity.kernels.layout import LANES, NO_GRID, NO_PART, NO_SLOT, SIGN_NONE
-from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, closest_in_part
-from proximity.kernels.sign.inside_grid import (
+from proximity.kernels.layout import (
     CELL_CROSSED,
     CELL_INSIDE,
     CELL_OUTSIDE,
     CELL_UNKNOWN,
-    cell_state,
+    LANES,
+    NO_GRID,
+    NO_PART,
+    NO_SLOT,
+    SIGN_NONE,
 )
+from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, closest_in_part
+from proximity.kernels.sign.inside_grid import cell_state
 from proximity.kernels.sign.side import is_inside_by_winding, signed_of_slot
 from proximity.native import inlined, kernel
 from proximity.native.simd import load_int, splat32, trailing_zeros

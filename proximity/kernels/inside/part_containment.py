@@ -7,8 +7,7 @@ all: one point of each tells.
 from proximity.kernels.geometry.frames import to_local, to_scene
 from proximity.kernels.inside.chunk_tables import new_workspace, reset_recent
 from proximity.kernels.inside.containment import depth_in_part, state_in_part
-from proximity.kernels.layout import NO_GRID, SIGN_NONE, ModelArrays
-from proximity.kernels.sign.inside_grid import CELL_INSIDE, CELL_OUTSIDE
+from proximity.kernels.layout import CELL_INSIDE, CELL_OUTSIDE, NO_GRID, SIGN_NONE, ModelArrays
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int

@@ -12,8 +12,8 @@ import numpy as np
 
 from proximity.kernels.geometry.box import point_boxes_distance_sq
 from proximity.kernels.geometry.frames import LENGTH_ROUNDING, to_local
-from proximity.kernels.layout import LANES, NO_GRID, NODE_PARTS, NODE_STRIDE
-from proximity.kernels.sign.inside_grid import CELL_SLACK, CELLS_PER_WORD
+from proximity.kernels.layout import CELLS_PER_WORD, LANES, NO_GRID, NODE_PARTS, NODE_STRIDE
+from proximity.kernels.sign.inside_grid import CELL_SLACK
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import bits, load_int, splat32, trailing_zeros
 

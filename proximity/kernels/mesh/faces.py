@@ -8,10 +8,8 @@ from math import atan2, sqrt
 import numpy as np
 
 from proximity.kernels.geometry.triangle import cross, dot
+from proximity.kernels.thresholds import VOLUME_ROUNDING
 from proximity.native import entry, inlined, kernel
-
-VOLUME_ROUNDING = 64.0 * 2.0**-52
-"""A volume is zero when it drowns in the rounding of its coordinates; times area and reach."""
 
 
 @inlined

@@ -31,7 +31,7 @@ from proximity.kernels.pair.deepest_state import (
 from proximity.kernels.pair.triangles import CROSSING, SIDE_ROUNDING, between, triangles_apart
 from proximity.kernels.pair.walk import used
 from proximity.kernels.stack_arrays import stack_f64, stack_f64_rows, stack_i64
-from proximity.kernels.traverse.depth_first import depth_first
+from proximity.kernels.traverse.depth_first import depth_first, in_blocks
 from proximity.native import inlined, kernel
 from proximity.native.simd import bits, load_int, splat, trailing_zeros
 
@@ -52,7 +52,7 @@ def _find_crossing(reals, reference, query, best):
     return best
 
 
-_walk_crossing = depth_first(open_meeting, _find_crossing)
+_walk_crossing = depth_first(open_meeting, in_blocks(_find_crossing))
 
 
 @inlined
@@ -80,7 +80,7 @@ def _crossing_slot(model, outer, a, b, c, workspace):
     )
     query, best = (widened_box(lower, upper, 0.0), triangle, rounding), (np.float32(0.0), np.int64(NO_SLOT))
     root = model.parts[outer].root
-    return _walk_crossing(model.reals, model.words, root, query, best, workspace.stacks)[1]
+    return _walk_crossing(model, root, 0, query, best, workspace.stacks)[1]
 
 
 @kernel

@@ -21,14 +21,13 @@ from proximity.kernels.contact_record import (
     PREDICTED,
     SKIPPED,
 )
-from proximity.kernels.geometry.frames import ROUNDED_DOWN
+from proximity.kernels.geometry.frames import ROUNDED_DOWN, velocity_at
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, ModelArrays
 from proximity.kernels.pair.boxes import frames_between
 from proximity.kernels.pair.frontier import OVERFLOW, Frontier, nearest_from_frontier
-from proximity.kernels.pair.held_motion import STILL_ROUNDING, displacements, velocity_at
+from proximity.kernels.pair.held_motion import STILL_ROUNDING, displacements, find_times, lower_of
 from proximity.kernels.pair.held_records import CROSSING_PARTS, OTHER_INSIDE, OWN_INSIDE, HeldArrays
-from proximity.kernels.pair.held_times import find_times, lower_of
 from proximity.kernels.pair.part_query import fill_connection, turn_normal
 from proximity.kernels.pair.triangles import CROSSING
 from proximity.kernels.pair.walk import nearest_of_parts

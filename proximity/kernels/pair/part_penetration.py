@@ -12,6 +12,7 @@ from math import sqrt
 
 import numpy as np
 
+from proximity.kernels.answers import DEPTH_LOWER, DEPTH_NORMAL, DEPTH_STEPS, DEPTH_UPPER
 from proximity.kernels.geometry.frames import (
     ROUNDED_DOWN,
     direction_to_local,
@@ -33,13 +34,6 @@ from proximity.kernels.ray.walk import ray_in_part
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import entry, inlined, kernel
 
-DEPTH_LOWER = 0
-DEPTH_UPPER = 1
-DEPTH_NORMAL = 2
-DEPTH_STEPS = 5
-DEPTH_SIZE = 6
-"""The parts overlap at least and at most so long, m; the direction, scene's frame, in which the first is free
-of the second there, or 0; steps."""
 MOST_PROBES = 48
 CLOSEST_PROBE_TOLERANCE = 0.1
 NEAR_CEILING = 0.8

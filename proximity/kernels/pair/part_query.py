@@ -4,6 +4,7 @@ from math import sqrt
 
 import numpy as np
 
+from proximity.kernels.answers import APART, CROSSES, TOUCHES
 from proximity.kernels.geometry.frames import rounding_at, to_scene, turn_to_scene
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import NO_FACE, NO_SLOT, ModelArrays
@@ -25,9 +26,6 @@ ANSWER_POINTS = 2
 ANSWER_FACES = 8
 ANSWER_RELATION = 10
 ANSWER_MAY_BE_INSIDE = 11
-APART = 0
-TOUCHES = 1
-CROSSES = 2
 
 
 @entry(ModelArrays, "int, int, float, float, int, float64[:]")

@@ -9,9 +9,8 @@ import numpy as np
 
 from proximity.kernels.geometry.box import LARGEST_BOUND, LARGEST_REST, SHRINK_FAR, point_boxes_distance_sq
 from proximity.kernels.geometry.frames import to_local
-from proximity.kernels.layout import NODE_STRIDE
+from proximity.kernels.layout import MOMENT_STRIDE, NODE_STRIDE
 from proximity.kernels.point.walk import best_of_block, nearer_in_block, slot_distance_sq
-from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.kernels.traverse.best_first import best_first
 from proximity.kernels.tree.normal_slab import SMALLEST_BOUND, slabs_distance_sq
 from proximity.native import inlined

@@ -19,7 +19,13 @@ from proximity.kernels.geometry.box import bound_of, lanes_of_point, node_bounds
 from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
 from proximity.kernels.geometry.triangle import offset_of, point_block_distance_sq, point_triangle_distance_sq
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, ORIENTED_STRIDE
-from proximity.kernels.traverse.depth_first import depth_first, fetch_ahead, over_parts
+from proximity.kernels.traverse.depth_first import (
+    SCENE_STACKS,
+    depth_first,
+    fetch_ahead,
+    in_blocks,
+    in_blocks_and_parts,
+)
 from proximity.kernels.tree.oriented_box import oriented_box_distance_sq, reach_into_boxes
 from proximity.native import inlined
 from proximity.native.simd import bits, horizontal_min, select, splat, splat32, trailing_zeros
@@ -99,7 +105,7 @@ def _is_box_beyond(boxes, block, best_sq):
     return is_asked and oriented_box_distance_sq(words, at, x, y, z) > reach_into_boxes(best_sq)
 
 
-_walk_part = depth_first(_open_children, _nearer_in_leaf, ahead=fetch_ahead)
+_walk_part = depth_first(_open_children, in_blocks(_nearer_in_leaf, fetch_ahead))
 
 
 @inlined
@@ -112,7 +118,7 @@ def closest_in_part(model, part, start, p, best_sq, best_slot, seen, stacks):
     lanes = lanes_of_point(p[0], p[1], p[2])
     best = bound_of(best_sq, lanes[2]), best_sq, best_slot
     query = lanes, seen, p, _boxes_of(model, part, p, lanes[2])
-    _, best_sq, best_slot = _walk_part(model.reals, model.words, start, query, best, stacks)
+    _, best_sq, best_slot = _walk_part(model, start, 0, query, best, stacks)
     return best_sq, best_slot
 
 
@@ -130,7 +136,7 @@ def _nearer_in_part(model, part, start, query, best, stacks):
     return bound_of(found_sq / ratio_sq, offset), found_sq / ratio_sq, slot
 
 
-_walk_scene = over_parts(_open_children, _nearer_in_leaf, _nearer_in_part, ahead=fetch_ahead)
+_walk_scene = depth_first(_open_children, in_blocks_and_parts(_nearer_in_leaf, _nearer_in_part, fetch_ahead))
 
 
 @inlined
@@ -150,7 +156,7 @@ def nearest_in_scene(model, point, best_sq, best_part, best_slot, seen, stacks):
     lanes = lanes_of_point(p[0], p[1], p[2])
     best = bound_of(best_sq, lanes[2]), best_sq, best_slot
     query = lanes, seen, point, _boxes_of(model, len(parts) - 1, p, lanes[2])
-    _, best_sq, best_slot = _walk_scene(model, query, best, stacks)
+    _, best_sq, best_slot = _walk_scene(model, parts[len(parts) - 1].root, SCENE_STACKS, query, best, stacks)
     if best_slot >= 0:
         best_part = part_of_slot(words, parts, best_slot)
     return best_sq, best_part, best_slot

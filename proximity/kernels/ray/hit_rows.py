@@ -2,6 +2,16 @@
 
 import numpy as np
 
+from proximity.kernels.answers import (
+    DISTANCE_WIDTH,
+    RAY_ANSWER_BARYCENTRIC,
+    RAY_ANSWER_DISTANCE,
+    RAY_ANSWER_FACE,
+    RAY_ANSWER_NORMAL,
+    RAY_ANSWER_PART,
+    RAY_ANSWER_POINT,
+    RAY_ANSWER_REALS,
+)
 from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.geometry.triangle import cross, dot, offset_of
 from proximity.kernels.layout import FRAME, FRAME_COLUMNS, LANES, NO_FACE, NO_PART, field_at
@@ -13,19 +23,6 @@ from proximity.native.simd import load_each, load_int, maximum, select, splat, s
 ROTATION_AT, TRANSLATION_AT = field_at(FRAME, "rotation"), field_at(FRAME, "translation")
 CENTRE_AT, SCALE_AT = field_at(FRAME, "centre"), field_at(FRAME, "scale")
 
-# columns of the answers: float64
-RAY_ANSWER_DISTANCE = 0
-RAY_ANSWER_POINT = 1
-RAY_ANSWER_NORMAL = 4
-RAY_ANSWER_BARYCENTRIC = 7
-RAY_ANSWER_REALS = 10
-# and int32, behind them
-RAY_ANSWER_PART = 2 * RAY_ANSWER_REALS
-RAY_ANSWER_FACE = RAY_ANSWER_PART + 1
-RAY_ANSWER_WIDTH = RAY_ANSWER_REALS + 1
-"""float64 that a row takes in all."""
-DISTANCE_WIDTH = 1
-"""float64 of a row of which only the distance is asked."""
 HITS_SIZE = RAY_ANSWER_REALS * RAY_CHUNK
 """float64 of a table of answers, column by column."""
 HIT_OFFSETS_SIZE = 2 * RAY_CHUNK

@@ -36,13 +36,11 @@ from proximity.kernels.ray.walk import (
 )
 from proximity.kernels.sign.folded_faces import faces_wrong, marked_slots
 from proximity.kernels.stack_arrays import stack_f32
-from proximity.kernels.traverse.depth_first import depth_first
+from proximity.kernels.thresholds import CONTACT_DEPTH
+from proximity.kernels.traverse.depth_first import depth_first, in_blocks
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, bits, splat, splat32, square_root, trailing_zeros
 
-CONTACT_DEPTH = 1e-10
-"""Distance that the ends of an edge must have from a face, to both sides, in sizes of the part, for the edge
-to pass through; an edge of which both are nearer lies in its plane. What is thinner is no face."""
 VOTES = 5
 """Faces of a piece of surface that are looked at where the first one is not right; what most say counts."""
 MOST_BLOCKS = 512
@@ -89,7 +87,7 @@ def _mark_in_leaf(reals, reference, query, best):
     return reach, is_met, blocks + 1
 
 
-_walk_edge = depth_first(_open_children, _mark_in_leaf)
+_walk_edge = depth_first(_open_children, in_blocks(_mark_in_leaf))
 
 
 @kernel
@@ -109,7 +107,7 @@ def _mark_met(corners, faces, slot_faces, tree, start, end, kind, depth, stacks,
         (corners, faces, slot_faces, marks),
     )
     best = bound_of_parameter(length, 0.0), False, np.int64(0)
-    _, is_met, blocks = _walk_edge(reals, words, root, query, best, stacks)
+    _, is_met, blocks = _walk_edge((reals, words), root, 0, query, best, stacks)
     return is_met, blocks
 
 

@@ -20,7 +20,7 @@ from proximity.kernels.geometry.box import FAR
 from proximity.kernels.geometry.frames import direction_to_local, to_local
 from proximity.kernels.geometry.triangle import difference_of_products
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT
-from proximity.kernels.traverse.depth_first import depth_first, in_order, over_parts
+from proximity.kernels.traverse.depth_first import depth_first, in_blocks, in_blocks_and_parts, in_order
 from proximity.native import inlined
 from proximity.native.simd import (
     absolute,
@@ -285,7 +285,7 @@ def _first_in_leaf(reals, reference, query, best):
     return best
 
 
-first_hit = depth_first(_open_children, _first_in_leaf, in_order)
+first_hit = depth_first(_open_children, in_blocks(_first_in_leaf), in_order)
 """First hit of a ray below a reference: the query is `aim_and_view`, the entry as `approach` gives it, and
 what else is known of the ray; the best is a bound of boxes, the parameter, the slot, and barycentric
 coordinates times some number, 0 where nothing better than known was found."""
@@ -306,7 +306,7 @@ def ray_in_part(reals, words, start, origin, direction, parameter, slot, stacks)
     # A ray that passes by opens nothing.
     reach = bound_of_parameter(parameter, entry) if is_near else np.float32(-1.0)
     best = reach, parameter, slot, (0.0, 0.0, 0.0)
-    return first_hit(reals, words, start, (aim, view, entry, 0), best, stacks)
+    return first_hit((reals, words), start, 0, (aim, view, entry, 0), best, stacks)
 
 
 @inlined
@@ -326,5 +326,7 @@ def _first_in_part(model, part, start, query, best, stacks):
     return bound_of_parameter(found / ratio, entry), found / ratio, slot, weights
 
 
-first_hit_in_scene = over_parts(_open_children, _first_in_leaf, _first_in_part, in_order)
+first_hit_in_scene = depth_first(
+    _open_children, in_blocks_and_parts(_first_in_leaf, _first_in_part), in_order
+)
 """The same over all parts of a scene; what else is known are origin and direction in the scene's frame."""

@@ -23,9 +23,17 @@ from proximity.kernels.geometry.closest_feature import (
 from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
 from proximity.kernels.inside.containment import state_in_part
 from proximity.kernels.inside.part_grid import containing_bits, lowest_part, sought, turns_of
-from proximity.kernels.layout import NO_GRID, NO_PART, NO_SLOT, SIGN_NONE, SIGN_WINDING
+from proximity.kernels.layout import (
+    CELL_CROSSED,
+    CELL_INSIDE,
+    CELL_OUTSIDE,
+    NO_GRID,
+    NO_PART,
+    NO_SLOT,
+    SIGN_NONE,
+    SIGN_WINDING,
+)
 from proximity.kernels.point.budgeted_walk import DOWN, NO_TOLERANCE, known_sq, nearest_with_budget
-from proximity.kernels.sign.inside_grid import CELL_CROSSED, CELL_INSIDE, CELL_OUTSIDE
 from proximity.kernels.sign.side import closest_of_slot, is_inside_by_winding, signed_of_slot
 from proximity.native import inlined, kernel
 

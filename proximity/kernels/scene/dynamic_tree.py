@@ -6,31 +6,16 @@ those of the static tree. Dynamic parts are kept in the order of a space-filling
 little at every move: so nodes stay small wherever the parts go, and a move costs O(parts that are dynamic).
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from proximity.kernels.layout import ENTRY, LANES, NODE_PARTS, NODE_STRIDE
+from proximity.kernels.layout import ENTRY, LANES, NODE_PARTS, NODE_STRIDE, DynamicParts
 from proximity.kernels.scene.placement import box_in_scene, copy_rows, update_scene_box
 from proximity.kernels.stack_arrays import stack_f32
 from proximity.kernels.tree.collapse import clear_node, node_box, write_lane
-from proximity.native import bundle, entry, inlined, kernel
+from proximity.native import entry, inlined, kernel
 
 CURVE_CELLS = 2**20
 """Cells along each axis of the local cube, for the order along the curve."""
-SORT_STEPS = 8
-"""Steps a dynamic part by which the order is mended at a move. Any order is right; a good one is fast."""
-
-
-class DynamicParts(NamedTuple):
-    """Those parts that move by themselves, and their order along the curve."""
-
-    rows: np.ndarray  # (L,) int64, of the parts
-    order: np.ndarray  # (L,) int64, positions in *rows*, along the curve
-    keys: np.ndarray  # (L,) int64, scratch: where each is along the curve
-
-
-bundle(DynamicParts, rows="int64[:]", order="int64[:]", keys="int64[:]")
 
 
 @inlined

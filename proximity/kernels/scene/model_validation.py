@@ -16,10 +16,12 @@ from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.layout import (
     ALL_LANES,
     BLOCK_STRIDE,
+    CELLS_PER_WORD,
     ENTRY,
     FOLDED_AT,
     LANES,
     MAX_DEPTH,
+    MOMENT_STRIDE,
     NO_FACE,
     NO_GRID,
     NODE_CHILDREN,
@@ -27,8 +29,6 @@ from proximity.kernels.layout import (
     ORIENTED_STRIDE,
 )
 from proximity.kernels.scene.static_tree import part_of_node
-from proximity.kernels.sign.inside_grid import CELLS_PER_WORD
-from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, bits, load, load_int, splat, splat32
 

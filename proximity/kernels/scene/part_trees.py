@@ -9,11 +9,21 @@ node only.
 import numpy as np
 
 from proximity.kernels.geometry.local_frame import frame_of_box
-from proximity.kernels.layout import LANES, NODE_PARTS, NODE_STRIDE
-from proximity.kernels.scene.dynamic_tree import DynamicParts, bring_up_to_date
+from proximity.kernels.layout import (
+    ENTRIES_SHIFT,
+    LANES,
+    NEVER,
+    NODE_PARTS,
+    NODE_STRIDE,
+    REGION_COPIES,
+    STATIC_COPIES,
+    DynamicParts,
+)
+from proximity.kernels.scene.dynamic_tree import bring_up_to_date
 from proximity.kernels.scene.static_tree import gather_entries, name_leaves, thin_out
 from proximity.kernels.stack_arrays import stack_f64
-from proximity.kernels.tree.builder import ENTRIES_SHIFT, build_tree
+from proximity.kernels.thresholds import MOVING_MARGIN, SMALLEST_REACH
+from proximity.kernels.tree.builder import build_tree
 from proximity.kernels.tree.collapse import clear_node
 from proximity.native import allocating_kernel, entry, inlined, kernel
 from proximity.native.simd import load_int
@@ -23,14 +33,6 @@ FEWEST_ENTRIES = 256
 """Entries to which large parts are opened in a scene's tree. On 118 touching parts of 43 k faces rays and
 points take 0.97 of the time that they take with 16. With 64 they take as long, and a tree over 120 parts
 takes 12 ms to make instead of 9."""
-STATIC_COPIES = 3
-REGION_COPIES = 8
-MOVING_MARGIN = 0.25
-"""Share of the scene's frame that its parts take up at first: they can move before it must change."""
-SMALLEST_REACH = MOVING_MARGIN / 16.0
-"""Parts that take up less of the scene's frame than this have boxes that are coarse."""
-NEVER = -1
-"""Version of a copy that has nothing yet."""
 NO_NODE = -1
 """Root of a static tree over nothing."""
 

@@ -12,6 +12,17 @@ from math import sqrt
 
 import numpy as np
 
+from proximity.kernels.answers import (
+    POINT_ANSWER_BARYCENTRIC,
+    POINT_ANSWER_FACE,
+    POINT_ANSWER_FEATURE,
+    POINT_ANSWER_GRADIENT,
+    POINT_ANSWER_IS_SIGNED,
+    POINT_ANSWER_PART,
+    POINT_ANSWER_POINT,
+    POINT_ANSWER_REALS,
+    POINT_ANSWER_SIGNED_DISTANCE,
+)
 from proximity.kernels.geometry.closest_feature import (
     CLOSEST_ARM,
     CLOSEST_LENGTH,
@@ -67,20 +78,6 @@ from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel
 
 SHORTEST_ARM = 1e-150
 """Local units; the square of less would vanish."""
-
-# columns of the answers: float64
-POINT_ANSWER_SIGNED_DISTANCE = 0
-POINT_ANSWER_POINT = 1
-POINT_ANSWER_GRADIENT = 4
-POINT_ANSWER_BARYCENTRIC = 7
-POINT_ANSWER_REALS = 10
-# and int32, behind them
-POINT_ANSWER_PART = 2 * POINT_ANSWER_REALS
-POINT_ANSWER_FACE = POINT_ANSWER_PART + 1
-POINT_ANSWER_FEATURE = POINT_ANSWER_PART + 2
-POINT_ANSWER_IS_SIGNED = POINT_ANSWER_PART + 3
-POINT_ANSWER_WIDTH = POINT_ANSWER_REALS + 2
-"""float64 that a row takes in all."""
 
 NO_INSIDE = 0
 """Returned by `contains_batch` where no part has an inside."""

@@ -7,19 +7,12 @@ the least of them into metres.
 
 import numpy as np
 
+from proximity.kernels.answers import DISTANCE_WIDTH, RAY_ANSWER_DISTANCE
 from proximity.kernels.geometry.frames import is_alone
 from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES, NO_ROW, NO_SLOT, STACKS_SIZE, ModelArrays
-from proximity.kernels.ray.hit_rows import (
-    DISTANCE_WIDTH,
-    HIT_OFFSETS_SIZE,
-    HITS_SIZE,
-    RAY_ANSWER_DISTANCE,
-    fill_hits,
-    write_hit,
-    write_no_hit,
-)
+from proximity.kernels.ray.hit_rows import HIT_OFFSETS_SIZE, HITS_SIZE, fill_hits, write_hit, write_no_hit
 from proximity.kernels.ray.ray_lanes import (
     AIM_BOUND,
     AIM_SIZE,
@@ -38,6 +31,7 @@ from proximity.kernels.ray.ray_lanes import (
 )
 from proximity.kernels.ray.walk import first_hit, first_hit_in_scene
 from proximity.kernels.stack_arrays import stack_f32, stack_f64, stack_i64
+from proximity.kernels.traverse.depth_first import SCENE_STACKS
 from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel
 from proximity.native.simd import load, splat, square_root, store
 
@@ -70,7 +64,7 @@ def _hits_of_tree(reals, words, root, scale, count, aims, views, slots, stacks):
     """
     for k in range(count):
         query = aim_of(aims, k), view_of(views, k), views[RAY_CHUNK * VIEW_START + k], 0
-        best = first_hit(reals, words, root, query, _before_walk(aims, views, k, scale), stacks)
+        best = first_hit((reals, words), root, 0, query, _before_walk(aims, views, k, scale), stacks)
         _keep_hit(views, slots, k, best)
 
 
@@ -80,12 +74,15 @@ def _hits_of_parts(model, count, origins, rows, aims, views, slots, stacks):
 
     *rows*: of *origins*. Ties go to the lower part, then to the lower slot.
     """
-    scale = model.frames[len(model.frames) - 1].scale
+    scene = len(model.parts) - 1
+    scale, root = model.frames[scene].scale, model.parts[scene].root
     for k in range(count):
         row = rows[k]
         ray = (origins[row, 0], origins[row, 1], origins[row, 2]), direction_of(views, k)
         query = aim_of(aims, k), view_of(views, k), views[RAY_CHUNK * VIEW_START + k], ray
-        best = first_hit_in_scene(model, query, _before_walk(aims, views, k, scale), stacks)
+        best = first_hit_in_scene(
+            model, root, SCENE_STACKS, query, _before_walk(aims, views, k, scale), stacks
+        )
         _keep_hit(views, slots, k, best)
 
 

@@ -10,27 +10,28 @@ from math import frexp
 import numpy as np
 
 from proximity.kernels.contact_record import SURFACE_DEFORMABLE, SURFACE_RIGID
-from proximity.kernels.geometry.local_frame import LARGEST_COORDINATE
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
+    CELLS_PER_WORD,
     ENTRY,
     FOLDED_AT,
     FRAME_COLUMNS,
     LANES,
+    MOMENT_STRIDE,
     NO_GRID,
     NO_PART,
     NODE_STRIDE,
     ORIENTED_STRIDE,
     PART,
+    REGION_COPIES,
     SIGN_WINDING,
     field_at,
 )
 from proximity.kernels.scene.model_validation import LARGEST_LOCAL, SOUND, note_fault
-from proximity.kernels.scene.part_trees import NO_NODE, REGION_COPIES, copies_in_use, copy_offsets
+from proximity.kernels.scene.part_trees import NO_NODE, copies_in_use, copy_offsets
 from proximity.kernels.scene.placement import is_rigid
-from proximity.kernels.sign.inside_grid import CELLS_PER_WORD
-from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.kernels.stack_arrays import reals_of, stack_f64_rows, stack_i64
+from proximity.kernels.thresholds import LARGEST_COORDINATE
 from proximity.native import entry, inlined, kernel
 
 MOST_PARTS = 2**FOLDED_AT

@@ -5,6 +5,16 @@ A segment without length is a point, and is answered as a point.
 
 import numpy as np
 
+from proximity.kernels.answers import (
+    SEGMENT_ANSWER_BARYCENTRIC,
+    SEGMENT_ANSWER_DISTANCE,
+    SEGMENT_ANSWER_FACE,
+    SEGMENT_ANSWER_FRACTION,
+    SEGMENT_ANSWER_PART,
+    SEGMENT_ANSWER_POINT_ON_SEGMENT,
+    SEGMENT_ANSWER_POINT_ON_SOLID,
+    SEGMENT_ANSWER_REALS,
+)
 from proximity.kernels.geometry.closest_feature import (
     CLOSEST_LENGTH,
     CLOSEST_POINT,
@@ -31,19 +41,6 @@ from proximity.kernels.segment.walk import plan_in_part, segment_in_scene
 from proximity.kernels.stack_arrays import stack_f32, stack_f32_rows, stack_f64, stack_f64_rows
 from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel
 from proximity.native.simd import load_int
-
-# columns of the answers: float64
-SEGMENT_ANSWER_DISTANCE = 0
-SEGMENT_ANSWER_POINT_ON_SEGMENT = 1
-SEGMENT_ANSWER_POINT_ON_SOLID = 4
-SEGMENT_ANSWER_FRACTION = 7
-SEGMENT_ANSWER_BARYCENTRIC = 8
-SEGMENT_ANSWER_REALS = 11
-# and int32, behind them
-SEGMENT_ANSWER_PART = 2 * SEGMENT_ANSWER_REALS
-SEGMENT_ANSWER_FACE = SEGMENT_ANSWER_PART + 1
-SEGMENT_ANSWER_WIDTH = SEGMENT_ANSWER_REALS + 1
-"""float64 that a row takes in all."""
 
 
 @inlined

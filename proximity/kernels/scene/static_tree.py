@@ -12,8 +12,7 @@ import numpy as np
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
 from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.geometry.rows import copy_numbers, copy_row
-from proximity.kernels.layout import ENTRY, LANES, NODE_CHILDREN, NODE_STRIDE
-from proximity.kernels.tree.binned_sah import BOX_STRIDE
+from proximity.kernels.layout import BOX_STRIDE, ENTRY, LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.tree.collapse import clear_box, node_box, write_lane
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int

@@ -6,13 +6,12 @@ that it finds, or `SOUND`, and fills *fault* (int64, `FAULT_SIZE`) with the numb
 
 import numpy as np
 
+from proximity.kernels.layout import MAGIC
 from proximity.kernels.scene.model_validation import SOUND
 from proximity.native import entry, inlined, kernel
 
 FORMAT_VERSION = 2
 """Grows whenever something that was written before would be read as something else."""
-MAGIC = b"\x93PROX\r\n\x1a"
-"""No text, and changed by programs that take it for text."""
 MAGIC_NUMBER = int.from_bytes(MAGIC, "little", signed=True)
 BYTE_ORDER_MARK, OTHER_ORDER_MARK = 0x01020304, 0x04030201
 HEADER_SIZE = 64

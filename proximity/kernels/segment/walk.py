@@ -30,7 +30,7 @@ from proximity.kernels.segment.triangle import (
     segment_on_triangle,
     segment_triangle_distance_sq,
 )
-from proximity.kernels.traverse.depth_first import depth_first, over_parts
+from proximity.kernels.traverse.depth_first import SCENE_STACKS, depth_first, in_blocks, in_blocks_and_parts
 from proximity.native import inlined, kernel
 from proximity.native.simd import bits, horizontal_min, load, select, splat, splat32, trailing_zeros
 
@@ -103,7 +103,7 @@ def _nearer_in_leaf(reals, reference, query, best):
     return open_bound(plan, best_sq, fraction), best_sq, fraction, slot
 
 
-_walk_part = depth_first(_open_children, _nearer_in_leaf)
+_walk_part = depth_first(_open_children, in_blocks(_nearer_in_leaf))
 
 
 @kernel
@@ -115,7 +115,7 @@ def segment_in_part(reals, words, start, plan, probe, best_sq, best_fraction, be
     """
     query = plan, probe, plan[PLAN_IS_FAR] != 0.0, witness, 0
     best = open_bound(plan, best_sq, best_fraction), best_sq, best_fraction, best_slot
-    _, best_sq, best_fraction, best_slot = _walk_part(reals, words, start, query, best, stacks)
+    _, best_sq, best_fraction, best_slot = _walk_part((reals, words), start, 0, query, best, stacks)
     return best_sq, best_fraction, best_slot
 
 
@@ -145,7 +145,7 @@ def _nearer_in_part(model, part, start, query, best, stacks):
     return open_bound(scene_plan, best_sq, fraction), best_sq, fraction, slot
 
 
-_walk_scene = over_parts(_open_children, _nearer_in_leaf, _nearer_in_part)
+_walk_scene = depth_first(_open_children, in_blocks_and_parts(_nearer_in_leaf, _nearer_in_part))
 
 
 @kernel
@@ -181,7 +181,7 @@ def segment_in_scene(model, segment, best_sq, known_slot, plans, probes, witness
     is_far = scene_plan[PLAN_IS_FAR] != 0.0
     query = scene_plan, scene_probe, is_far, witness, (segment, plan, probe)
     best = open_bound(scene_plan, best_sq, fraction), best_sq, fraction, slot
-    _, best_sq, _, slot = _walk_scene(model, query, best, stacks)
+    _, best_sq, _, slot = _walk_scene(model, parts[scene].root, SCENE_STACKS, query, best, stacks)
     if slot >= 0:
         found_part = part_of_slot(words, parts, slot)
     return best_sq, found_part, slot

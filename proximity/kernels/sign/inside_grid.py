@@ -8,15 +8,11 @@ winding number is an integer: there inside and outside change at faces only.
 import numpy as np
 
 from proximity.kernels.geometry.rows import copy_row
+from proximity.kernels.layout import CELL_CROSSED, CELL_INSIDE, CELL_OUTSIDE, CELL_UNKNOWN, CELLS_PER_WORD
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
 
-CELL_OUTSIDE = 0
-CELL_INSIDE = 1
-CELL_CROSSED = 2
-CELL_UNKNOWN = 3
-CELLS_PER_WORD = 16
 CELL_SLACK = 1e-6
 """Cells. A face this close to a cell counts as crossing it: more than all rounding of a look-up."""
 SAMPLE_PITCH = 2.0

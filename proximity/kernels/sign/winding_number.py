@@ -23,7 +23,14 @@ from math import atan2, pi, sqrt
 import numpy as np
 
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    LANES,
+    MOMENT_STRIDE,
+    NODE_CHILDREN,
+    NODE_STRIDE,
+    STACK_SIZE,
+)
 from proximity.kernels.stack_arrays import stack_f32, stack_f64
 from proximity.kernels.traverse.depth_first import through_all
 from proximity.native import entry, inlined, kernel
@@ -43,7 +50,6 @@ from proximity.native.simd import (
     widen,
 )
 
-MOMENT_STRIDE = 112
 OPENING = 2.5
 """Ratio of distance to radius from which on a cluster counts as far."""
 SMALLEST_PRODUCT, LARGEST_PRODUCT = 1e-300, 1e300

@@ -23,6 +23,7 @@ from proximity.kernels.geometry.frames import (
     to_local,
     to_scene,
     turn_to_scene,
+    velocity_at,
 )
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import SIGN_NONE
@@ -35,7 +36,6 @@ from proximity.kernels.scene.distance_bounds import (
     is_in_box_with_holes,
 )
 from proximity.kernels.tracking.conservative_advancement import outward_of
-from proximity.kernels.tracking.part_drift import velocity_of_part
 from proximity.kernels.tracking.track import vector
 from proximity.native import inlined
 from proximity.native.simd import load_int
@@ -238,7 +238,7 @@ def _find_surface(model, settings, finger, part, slot, bits, scratch):
 def _write_surface(frames, part, finger, vectors):
     """Write points, normal and velocities. *vectors*: outward direction, point, and scratch for one more."""
     record, radius = finger.record, finger.track.radius
-    vectors[6], vectors[7], vectors[8] = velocity_of_part(frames, part, vectors[3], vectors[4], vectors[5])
+    vectors[6], vectors[7], vectors[8] = velocity_at(frames[part], vectors[3], vectors[4], vectors[5])
     closing = 0.0
     for axis in range(3):
         record.normal[axis] = vectors[axis]

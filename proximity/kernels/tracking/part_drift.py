@@ -70,26 +70,6 @@ def movers_workspace(part_count):
     return np.zeros(MOVER_COLUMNS * LANES * (part_count // LANES + 2))
 
 
-@inlined
-def velocity_of_part(frames, part, x, y, z):
-    """Velocity of a part at a point of the scene's frame, m/s."""
-    rx, ry, rz = (
-        x - frames[part].translation[0],
-        y - frames[part].translation[1],
-        z - frames[part].translation[2],
-    )
-    wx, wy, wz = (
-        frames[part].angular_velocity[0],
-        frames[part].angular_velocity[1],
-        frames[part].angular_velocity[2],
-    )
-    return (
-        frames[part].velocity[0] + wy * rz - wz * ry,
-        frames[part].velocity[1] + wz * rx - wx * rz,
-        frames[part].velocity[2] + wx * ry - wy * rx,
-    )
-
-
 @kernel
 def gather_movers(frames, parts, movers):
     """Fill the columns of parts that have a velocity; how many there are, and whether any stands."""

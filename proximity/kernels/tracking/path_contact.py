@@ -9,7 +9,7 @@ from math import isfinite, sqrt
 import numpy as np
 
 from proximity.kernels.contact_record import CONTACT_FOUND, INSIDE, ON_PATH, PREDICTED
-from proximity.kernels.geometry.frames import rounding_at
+from proximity.kernels.geometry.frames import rounding_at, velocity_at
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.point.budgeted_walk import DOWN
 from proximity.kernels.scene.distance_bounds import bounds_at
@@ -20,7 +20,7 @@ from proximity.kernels.tracking.conservative_advancement import (
     point_on_path,
     touches,
 )
-from proximity.kernels.tracking.part_drift import Drift, gather_near, velocity_of_part
+from proximity.kernels.tracking.part_drift import Drift, gather_near
 from proximity.kernels.tracking.prediction import STILL, count_steps, steps_left
 from proximity.kernels.tracking.track import vector
 from proximity.native import inlined, kernel
@@ -233,7 +233,7 @@ def _speed_of_contact(frames, path, advance, vectors):
     numbers of *vectors*, is from there.
     """
     point_on_path(path, advance.expected, vectors)
-    vx, vy, vz = velocity_of_part(frames, advance.part, vectors[0], vectors[1], vectors[2])
+    vx, vy, vz = velocity_at(frames[advance.part], vectors[0], vectors[1], vectors[2])
     along = dot(vectors[6], vectors[7], vectors[8], vectors[3], vectors[4], vectors[5])
     return dot(vectors[6], vectors[7], vectors[8], vx, vy, vz) / along if along < 0.0 else 0.0
 

@@ -5,14 +5,13 @@ the float32 number with which bounds are compared, then whatever a query has fou
 functions:
 
 - ``open_children(words, base, query, reach)``: bounds of the node at *base*, what else their order goes by,
-and
-  which children are within *reach*;
+  and which children are within *reach*;
 - ``leaf(reals, reference, query, best)``: *best* with what the block ``~reference`` has;
 - ``into_part(model, part, start, query, best, stacks)``, of scenes: *best* with what is below the reference
   *start* of a part that has a frame of its own.
 
 *stacks* (float32) holds `STACK_SIZE` bounds and then as many references (int32 bits), twice: for a part's
-tree, and behind it for the scene's.
+tree, and behind it, from `SCENE_STACKS` on, for the scene's.
 """
 
 import numpy as np
@@ -35,6 +34,7 @@ from proximity.native.simd import (
 
 EXIT_WEIGHT = np.float32(2.0**-3)
 """Weight of the parameter of leaving a box beside that of entering it: any from 2^-2 to 2^-6 does as well."""
+SCENE_STACKS = 2 * STACK_SIZE
 EMPTY = -1
 """Position on a stack that is empty."""
 
@@ -128,41 +128,16 @@ def fetch(reals, words, reference):
             prefetch(reals, BLOCK_STRIDE * ~reference + 8 * line)
 
 
-def depth_first(open_children, leaf, descend=to_nearest, ahead=nothing_ahead):
-    """Return a walk over one part's tree, below the reference *start*; it returns the best."""
+def depth_first(open_children, at_leaf, descend=to_nearest):
+    """Return a walk below the reference *start* over a stack that begins at *bottom*; it returns the best.
 
-    @inlined
-    def walk(reals, words, start, query, best, stacks):
-        reference, at = start, 0
-        while True:
-            if reference >= 0:
-                base = NODE_STRIDE * reference
-                bounds, leaving, is_open = open_children(words, base, query, best[0])
-                if bits(is_open):
-                    reference, at = descend(reals, words, base, bounds, leaving, is_open, stacks, at)
-                    continue
-            else:
-                ahead(reals, words, stacks, 0, at, best[0])
-                best = leaf(reals, reference, query, best)
-            at = _pop(stacks, 0, at, best[0])
-            if at == EMPTY:
-                return best
-            reference = load_int(stacks, at + STACK_SIZE)
-
-    return walk
-
-
-def over_parts(open_children, leaf, into_part, descend=to_nearest, ahead=nothing_ahead):
-    """Return a walk over the tree of a scene; it returns the best.
-
-    Parts in the scene's own frame are walked as if they were one tree; the others by a walk of their own.
+    *at_leaf*: made by `in_blocks` or `in_blocks_and_parts`. *tables*: the model, or its reals and words.
     """
 
     @inlined
-    def walk(model, query, best, stacks):
-        reals, words, _, parts = model
-        scene, bottom = len(parts) - 1, 2 * STACK_SIZE
-        reference, at = parts[scene].root, bottom
+    def walk(tables, start, bottom, query, best, stacks):
+        reals, words = tables[0], tables[1]
+        reference, at = start, bottom
         while True:
             if reference >= 0:
                 base = NODE_STRIDE * reference
@@ -170,22 +145,48 @@ def over_parts(open_children, leaf, into_part, descend=to_nearest, ahead=nothing
                 if bits(is_open):
                     reference, at = descend(reals, words, base, bounds, leaving, is_open, stacks, at)
                     continue
-            elif ~reference < ENTRY:
-                ahead(reals, words, stacks, bottom, at, best[0])
-                best = leaf(reals, reference, query, best)
             else:
-                entry = parts[scene].entries + 2 * (~reference - ENTRY)
-                part, start = load_int(words, entry), load_int(words, entry + 1)
-                if parts[part].is_fused:
-                    reference = start
+                best, reference, is_passed = at_leaf(tables, reference, query, best, stacks, bottom, at)
+                if is_passed:
                     continue
-                best = into_part(model, part, start, query, best, stacks)
             at = _pop(stacks, bottom, at, best[0])
             if at == EMPTY:
                 return best
             reference = load_int(stacks, at + STACK_SIZE)
 
     return walk
+
+
+def in_blocks(leaf, ahead=nothing_ahead):
+    """Return what a walk does at the leaves of a part's tree: the best there, and nowhere to go on."""
+
+    @inlined
+    def at_leaf(tables, reference, query, best, stacks, bottom, at):
+        ahead(tables[0], tables[1], stacks, bottom, at, best[0])
+        return leaf(tables[0], reference, query, best), reference, False
+
+    return at_leaf
+
+
+def in_blocks_and_parts(leaf, into_part, ahead=nothing_ahead):
+    """Return what a walk does at the leaves of a scene's tree, of which some are parts.
+
+    Into parts in the scene's own frame the walk goes on; the others have a walk of their own.
+    """
+    in_block = in_blocks(leaf, ahead)
+
+    @inlined
+    def at_leaf(model, reference, query, best, stacks, bottom, at):
+        if ~reference < ENTRY:
+            return in_block(model, reference, query, best, stacks, bottom, at)
+        _, words, _, parts = model
+        entry = parts[len(parts) - 1].entries + 2 * (~reference - ENTRY)
+        part, start = load_int(words, entry), load_int(words, entry + 1)
+        if parts[part].is_fused:
+            return best, start, True
+        return into_part(model, part, start, query, best, stacks), reference, False
+
+    return at_leaf
 
 
 def through_all(open_children, leaf):

@@ -13,11 +13,10 @@ Source: Wald 2007, "On fast construction of SAH-based bounding volume hierarchie
 import numpy as np
 
 from proximity.kernels.geometry.rows import copy_numbers, copy_row
+from proximity.kernels.layout import BOX_STRIDE
 from proximity.native import allocating_kernel, inlined, kernel
 from proximity.native.simd import halves_swapped, lane, load, minimum, splat32, store
 
-BOX_STRIDE = 8
-"""Numbers of a packed box."""
 LINK_LEFT = 0
 """Columns of a binary tree's links (int32): its children, or -1 in a leaf; the faces of a leaf, where they
 begin in the order of faces and how many they are."""

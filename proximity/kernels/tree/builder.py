@@ -7,15 +7,11 @@ Runs of faces are split until a leaf takes them (`binned_sah`), large subtrees a
 import numpy as np
 
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_FACE
-from proximity.kernels.tree.binned_sah import BOX_STRIDE, halve
+from proximity.kernels.layout import BLOCK_STRIDE, BOX_STRIDE, ENTRIES_SHIFT, LANES, NO_FACE
+from proximity.kernels.tree.binned_sah import halve
 from proximity.kernels.tree.collapse import widen_tree
 from proximity.kernels.tree.reinsertion import improve
 from proximity.native import entry
-
-FACES_SHIFT = 3
-ENTRIES_SHIFT = 0
-"""A leaf takes two to the power of that: eight faces, as many as a block, or one entry."""
 
 
 @entry("float64[:, 3], int32[:, 3], float32[:]")

@@ -10,9 +10,8 @@ Laine 2017, "Efficient incoherent ray traversal on GPUs through compressed wide 
 
 import numpy as np
 
-from proximity.kernels.layout import LANES, MAX_DEPTH, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.layout import BOX_STRIDE, LANES, MAX_DEPTH, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.tree.binned_sah import (
-    BOX_STRIDE,
     LINK_COUNT,
     LINK_FIRST,
     LINK_LEFT,

@@ -13,8 +13,7 @@ import numpy as np
 
 from proximity.kernels.geometry.box import round_down, round_up
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE
-from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, MOMENT_STRIDE, NODE_CHILDREN, NODE_STRIDE
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import (
     horizontal_min,

@@ -34,9 +34,6 @@ from proximity.native.simd import (
     trailing_zeros,
 )
 
-OBLIQUE = 0.8
-"""From this share of the surface of boxes along the axes down, oriented ones are worth a look. On a plate
-with holes, all in line with the axes, they refuse one block in eight, and cost more than that saves."""
 BOX_ROUNDING = 2.0**-19
 BOX_SLACK = 1.0 + 2.0**-18
 LEAST, LARGEST = 9, 12

@@ -20,13 +20,15 @@ from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     LANES,
+    MOMENT_STRIDE,
     NO_ROW,
     NODE_CHILDREN,
     NODE_STRIDE,
     ORIENTED_STRIDE,
+    UNUSED,
     ModelArrays,
 )
-from proximity.kernels.sign.winding_number import MOMENT_STRIDE, OPENING
+from proximity.kernels.sign.winding_number import OPENING
 from proximity.kernels.tree.normal_slab import fill_slabs
 from proximity.kernels.tree.oriented_box import write_oriented_box
 from proximity.native import entry, inlined, kernel
@@ -50,8 +52,6 @@ from proximity.native.simd import (
     widen,
 )
 
-UNUSED = -1
-"""Leader of a vertex that no face uses."""
 RESULT_SUMS = 16
 """Numbers of a subtree: area; area times centre; area normal; area normal times position, nine."""
 RESULT_STRIDE = 24

@@ -10,7 +10,8 @@ Source: Bittner, Hapala, Havran 2013, "Fast insertion-based optimization of boun
 
 import numpy as np
 
-from proximity.kernels.tree.binned_sah import BOX_STRIDE, LINK_LEFT, LINK_RIGHT, NO_CHILD, half_area
+from proximity.kernels.layout import BOX_STRIDE
+from proximity.kernels.tree.binned_sah import LINK_LEFT, LINK_RIGHT, NO_CHILD, half_area
 from proximity.native import allocating_kernel, inlined, kernel
 from proximity.native.simd import load, minimum, store
 

@@ -10,12 +10,12 @@ from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.decaff.glove.glove import Glove, tip_drums
 from proximity.lab.figures import style
 from proximity.lab.figures.style import Table, caption, gears_words
-from proximity.lab.simulation.sweeps import ARRIVED_WITHIN
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TRAVEL = 0.030  # m, from where a drum waits
+ARRIVED_WITHIN = 1e-4  # m, from the target
 DURATION = 0.080  # s, of the ways shown
 SIZE = (style.COLUMN_WIDTH, 2.8)
 OURS = Glove()

@@ -51,17 +51,13 @@ WALL = record(
     first="i8",  # row of its first sample
     before="f8",  # m, what it read a sample ago; written by the loop
 )
-# --- an intent: speed, m/s, depth, m, and release, s; or one that was recorded ---
-PRESS_SIZE = 3
-# Of the recorded one these are free; begin and step, s, follow, then all positions, m, and all speeds, m/s.
-PRESS_BEGIN, PRESS_STEP, PRESS_TABLE = 3, 4, 5
 
 
 class PressArrays(NamedTuple):
     """All that a press reads and writes; curves have N rows and one more, for where the last step leads."""
 
     body: np.ndarray  # (1,) BODY
-    intent: np.ndarray  # (K,) float64
+    intent: np.ndarray  # (3,) float64: speed, m/s, depth, m, and release, s
     wall: np.ndarray  # (1,) WALL
     held: np.ndarray  # (M,) float64, N: the force of each sample of a device
     drum: np.ndarray  # (1,) `drum_kernels.DRUM`
@@ -83,25 +79,8 @@ bundle(
 
 
 @inlined
-def recorded_intent(press: np.ndarray, t: float) -> tuple[float, float]:
-    """The same of a `recorded_press.RecordedPress`: lines between instants, at rest before and after."""
-    count = (press.shape[0] - PRESS_TABLE) // 2
-    at = (t - press[PRESS_BEGIN]) / press[PRESS_STEP]
-    if not at > 0.0:
-        return press[PRESS_TABLE], 0.0
-    i = int(at)
-    if i >= count - 1:
-        return press[PRESS_TABLE + count - 1], 0.0
-    share, speeds = at - i, PRESS_TABLE + count
-    where = press[PRESS_TABLE + i] + share * (press[PRESS_TABLE + i + 1] - press[PRESS_TABLE + i])
-    return where, press[speeds + i] + share * (press[speeds + i + 1] - press[speeds + i])
-
-
-@inlined
 def intent(press: np.ndarray, t: float) -> tuple[float, float]:
     """Intended position and speed of the hand at *t*: `trajectories.Press`, touching at 0."""
-    if press.shape[0] > PRESS_SIZE:
-        return recorded_intent(press, t)
     speed, depth, release = press[0], press[1], press[2]
     rise = 2.0 * depth / speed
     if t < 0.0:

@@ -11,9 +11,6 @@ from enum import StrEnum
 
 import numpy as np
 
-from proximity.checks import positive
-from proximity.decaff.drum.drum_model import Drum
-from proximity.decaff.drum.servo import Servo
 from proximity.decaff.glove.glove import CONTACT_BEND, Glove
 from proximity.errors import ArgumentError
 from proximity.lab.simulation.closed_loop import Response, coupled_wall, decaff, real_wall
@@ -24,10 +21,9 @@ from proximity.lab.simulation.devices import (
     Hand,
     Holding,
     Link,
-    Sensing,
     TipCable,
 )
-from proximity.lab.simulation.metrics import Deviation, deviation, drum_lag, force_error
+from proximity.lab.simulation.metrics import Deviation, deviation, force_error
 from proximity.lab.simulation.target_policies import Controller, Target
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0)  # m/s
@@ -38,6 +34,8 @@ DAMPING_RATIOS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.5, 3.0)
 TUNING_STEP = 2e-5  # s, of the simulation
 HOPELESS = 3.0  # an error from which on a stiffer wall is not tried
 SENSOR_SMOOTHING = 10.0  # Hz, of the force that is measured, not taken from the motor's torque
+CABLE_STIFFNESSES = (100.0, 1e6)  # N/m at the fingertip, between which one is looked for
+HALVINGS = 14  # of that, in its logarithm: to a thousandth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,40 +143,20 @@ def with_transmission(glove: Decaff, cable: TipCable, stretch: Stretch = Stretch
     )
 
 
-SETTLING_SAMPLES = 15.0  # of the servo: what is left of its lag is then small
-ARRIVED_WITHIN = 1e-4  # m, from the wall
-GRID = 2e-3  # m, of the reaches that are tried
-FARTHEST = 0.160  # m, that is tried
-SWING = 6  # steps beyond the least reach, that are tried as well
-SHORT_HOLD = 1e-3  # s: what comes after the touch does not matter
+def needed_cable(hand: Hand, glove: Decaff, speed: float, error: float, stretch: Stretch) -> float:
+    """Return the stiffness of the cable at the fingertip with which a force error is reached, N/m."""
+    usual, press = TipCable.of(Glove()), hand.press(speed)
 
+    def is_enough(stiffness: float) -> bool:
+        cable = replace(usual, stiffness=stiffness)
+        return deviation(decaff(hand, press, with_transmission(glove, cable, stretch))).error <= error
 
-def arrival_time(drum: Drum, servo: Servo, distance: float) -> float:
-    """Return how long a drum is about to take from rest to rest, s: full speed-up, full braking, settling."""
-    swing = 2.0 * math.sqrt(positive("distance", distance, "metres") / servo.acceleration)
-    return swing + SETTLING_SAMPLES * (servo.period + drum.motor.latency / 1.5)
-
-
-def look_ahead(speed: float, sensing: Sensing, arrival: float) -> float:
-    """Return from how far away a wall must be known, m: what a finger goes until the drum is there."""
-    age = sensing.latency + 1.0 / sensing.rate
-    return positive("speed", speed, "metres a second") * (age + positive("arrival", arrival, "seconds"))
-
-
-def needed_look_ahead(hand: Hand, glove: Decaff, speed: float) -> float:
-    """Return the least reach with which a drum is in place at the touch, m, in steps of `GRID`."""
-    press = hand.press(speed, hold=SHORT_HOLD)
-
-    def is_in_place(count: int) -> bool:
-        sensing = replace(glove.sensing, reach=count * GRID)
-        return abs(drum_lag(decaff(hand, press, replace(glove, sensing=sensing)))) <= ARRIVED_WITHIN
-
-    late, early = 0, round(FARTHEST / GRID)
-    if not is_in_place(early):
-        raise ArgumentError(f"the drum is late at {speed:g} m/s, even when known from {FARTHEST:g} m away")
-    while early - late > 1:
-        middle = (late + early) // 2
-        late, early = (late, middle) if is_in_place(middle) else (middle, early)
-    # A drum that swings past its position is there for a moment on its path: it must be there from then on.
-    later = [count for count in range(early + 1, early + 1 + SWING) if not is_in_place(count)]
-    return (max(later, default=late) + 1) * GRID
+    soft, stiff = CABLE_STIFFNESSES
+    if not is_enough(stiff):
+        raise ArgumentError(
+            f"no cable up to {stiff:g} N/m keeps the force error at {speed:g} m/s to {error:.3g}"
+        )
+    for _ in range(HALVINGS):
+        middle = math.sqrt(soft * stiff)
+        soft, stiff = (soft, middle) if is_enough(middle) else (middle, stiff)
+    return stiff

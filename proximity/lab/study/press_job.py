@@ -2,7 +2,7 @@
 
 import inspect
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -48,43 +48,55 @@ RANGES = {
 WORDS = {"wall": tuple(Wall), "drum": tuple(GEARS), "policy": tuple(POLICIES), "stretch": tuple(Stretch)}
 
 
-def press(
-    *,
-    wall: str = Wall.DECAFF.value,
-    speed: float = 0.1,
-    hold: float = HOLD_TIME,
-    latency: float = 0.001,
-    rate: float = 1000.0,
-    stiffness: float | None = None,
-    damping: float | None = None,
-    drum: str = USUAL_GEAR,
-    policy: str = "time-stamped",
-    encoder_counts: int = Motor().encoder_counts,
-    motor_friction: float = Motor().friction,
-    servo_rate: float = SERVO_RATE,
-    deadband: float = DEADBAND_COUNTS,
-    integral_time: float | None = INTEGRAL_TIME,
-    cable_stiffness: float | None = None,
-    sheath_friction: float = devices.FRICTION,
-    stretch: str = Stretch.LEFT.value,
-    seed: int = PHASE_SEED,
-) -> dict[str, Any]:
-    """Return the measures of one press, as of `metrics.Deviation`; SI units.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressFactors:
+    """Factors of the job, with their defaults; SI units.
 
     None: the best gains of a coupled wall, no integral, a rigid cable. *seed*: where the wall lies between
     two counts of the drum's encoder.
     """
-    values = dict(locals())
-    _check(values)
+
+    wall: str = Wall.DECAFF.value
+    speed: float = 0.1
+    hold: float = HOLD_TIME
+    latency: float = 0.001
+    rate: float = 1000.0
+    stiffness: float | None = None
+    damping: float | None = None
+    drum: str = USUAL_GEAR
+    policy: str = "time-stamped"
+    encoder_counts: int = Motor().encoder_counts
+    motor_friction: float = Motor().friction
+    servo_rate: float = SERVO_RATE
+    deadband: float = DEADBAND_COUNTS
+    integral_time: float | None = INTEGRAL_TIME
+    cable_stiffness: float | None = None
+    sheath_friction: float = devices.FRICTION
+    stretch: str = Stretch.LEFT.value
+    seed: int = PHASE_SEED
+
+    def __post_init__(self) -> None:
+        for name, accepted in RANGES.items():
+            value = getattr(self, name)
+            if value is not None and not accepted.holds(value):
+                raise ArgumentError(f"{name} is {value}, expected a number {accepted}")
+        for name, words in WORDS.items():
+            if getattr(self, name) not in words:
+                raise ArgumentError(f"{name} is {getattr(self, name)!r}, expected one of {', '.join(words)}")
+
+
+def press(**values: Any) -> dict[str, Any]:
+    """Return the measures of one press, as of `metrics.Deviation`; SI units. *values*: of `PressFactors`."""
+    factors = PressFactors(**values)
     hand, coupled = Hand(), None
-    motion = hand.press(speed, hold=hold)
-    if wall == Wall.REAL:
+    motion = hand.press(factors.speed, hold=factors.hold)
+    if factors.wall == Wall.REAL:
         response = real_wall(hand, motion)
-    elif wall == Wall.COUPLED:
-        coupled = _coupled(values)
+    elif factors.wall == Wall.COUPLED:
+        coupled = _coupled(factors)
         response = coupled_wall(hand, motion, coupled)
     else:
-        response = decaff(hand, motion, _glove(values), POLICIES[policy])
+        response = decaff(hand, motion, _glove(factors), POLICIES[factors.policy])
     found = deviation(response)
     return {
         "force_error": found.error,
@@ -94,25 +106,17 @@ def press(
     }
 
 
+press.__signature__ = inspect.signature(PressFactors)  # type: ignore[attr-defined]
 MEASURES = ("onset", "penetration", "steady_error", "ripple", "swing", "peak", "peak_error", "work_error")
 
 
-def _check(values: dict[str, Any]) -> None:
-    for name, accepted in RANGES.items():
-        if values[name] is not None and not accepted.holds(values[name]):
-            raise ArgumentError(f"{name} is {values[name]}, expected a number {accepted}")
-    for name, words in WORDS.items():
-        if values[name] not in words:
-            raise ArgumentError(f"{name} is {values[name]!r}, expected one of {', '.join(words)}")
-
-
-def _coupled(values: dict[str, Any]) -> CoupledWall:
-    stiffness, damping = values["stiffness"], values["damping"]
+def _coupled(factors: PressFactors) -> CoupledWall:
+    stiffness, damping = factors.stiffness, factors.damping
     if stiffness is None and damping is None:
-        return _tuned(values["rate"], values["latency"])
+        return _tuned(factors.rate, factors.latency)
     if stiffness is None or damping is None:
         raise ArgumentError("stiffness and damping belong together: expected both or neither")
-    return CoupledWall(stiffness, damping, values["rate"], values["latency"])
+    return CoupledWall(stiffness, damping, factors.rate, factors.latency)
 
 
 @lru_cache(maxsize=256)
@@ -125,20 +129,20 @@ def _servo(drum: Drum, rate: float) -> Servo:
     return servo_for(drum, rate)
 
 
-def _glove(values: dict[str, Any]) -> Decaff:
-    known = DRUMS[values["drum"]]
-    motor = replace(known.motor, encoder_counts=values["encoder_counts"], friction=values["motor_friction"])
+def _glove(factors: PressFactors) -> Decaff:
+    known = DRUMS[factors.drum]
+    motor = replace(known.motor, encoder_counts=factors.encoder_counts, friction=factors.motor_friction)
     drum = replace(known, motor=motor)
-    integral_time = values["integral_time"]
+    integral_time = factors.integral_time
     servo = replace(
-        _servo(drum, values["servo_rate"]),
-        deadband=values["deadband"] * drum.resolution,
+        _servo(drum, factors.servo_rate),
+        deadband=factors.deadband * drum.resolution,
         integral_time=math.inf if integral_time is None else integral_time,
     )
-    phase = float(np.random.default_rng(values["seed"]).uniform(-0.5, 0.5))
-    glove = with_latency(Decaff(replace(drum, encoder_phase=phase), servo), values["latency"], values["rate"])
-    if values["cable_stiffness"] is None:
+    phase = float(np.random.default_rng(factors.seed).uniform(-0.5, 0.5))
+    glove = with_latency(Decaff(replace(drum, encoder_phase=phase), servo), factors.latency, factors.rate)
+    if factors.cable_stiffness is None:
         return glove
-    usual = devices.TipCable.of(Glove(), friction=values["sheath_friction"])
-    cable = replace(usual, stiffness=values["cable_stiffness"])
-    return with_transmission(glove, cable, Stretch(values["stretch"]))
+    usual = devices.TipCable.of(Glove(), friction=factors.sheath_friction)
+    cable = replace(usual, stiffness=factors.cable_stiffness)
+    return with_transmission(glove, cable, Stretch(factors.stretch))

@@ -12,24 +12,18 @@ import numpy as np
 
 from proximity import native
 from proximity.kernels import layout
+from proximity.kernels.entries import begin_moving, copy_offsets, static_tree, update_box, write_static
+from proximity.kernels.entries import choose_frame as choose_scene_frame
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     LANES,
+    MOMENT_STRIDE,
     NO_GRID,
     NODE_STRIDE,
     ORIENTED_STRIDE,
+    REGION_COPIES,
     ModelArrays,
 )
-from proximity.kernels.scene.part_trees import (
-    REGION_COPIES,
-    begin_moving,
-    copy_offsets,
-    static_tree,
-    write_static,
-)
-from proximity.kernels.scene.part_trees import choose_frame as choose_scene_frame
-from proximity.kernels.scene.placement import update_box
-from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.mesh.bvh import Bvh, LocalFrame, local_frame
 from proximity.mesh.part_arrays import PartArrays
 from proximity.mesh.part_memory import WORD_NOTES, PartMemory, joined

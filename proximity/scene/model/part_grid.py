@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from proximity.kernels import layout
-from proximity.kernels.inside.part_grid import cells_of_part
+from proximity.kernels.entries import cells_of_part
 from proximity.mesh.part_arrays import PartArrays, grid_size
 
 CELLS_PER_PART = 64

@@ -12,19 +12,18 @@ from typing import Any
 import numpy as np
 
 from proximity.kernels.contact_record import SURFACE_DEFORMABLE, SURFACE_RIGID
-from proximity.kernels.layout import ModelArrays
-from proximity.kernels.scene.dynamic_tree import SORT_STEPS, DynamicParts, bring_up_to_date
-from proximity.kernels.scene.part_trees import (
-    NEVER,
-    REGION_COPIES,
-    SMALLEST_REACH,
-    STATIC_COPIES,
+from proximity.kernels.entries import (
+    bring_up_to_date,
     copies_in_use,
     copy_offsets,
+    first_unfit,
     make_static,
+    move_parts,
     thin_static,
+    update_box,
 )
-from proximity.kernels.scene.placement import first_unfit, move_parts, update_box
+from proximity.kernels.layout import NEVER, REGION_COPIES, STATIC_COPIES, DynamicParts, ModelArrays
+from proximity.kernels.thresholds import SMALLEST_REACH, SORT_STEPS
 from proximity.mesh.bvh import LARGEST_COORDINATE
 from proximity.native import packed
 from proximity.pose import ORTHONORMAL_TOLERANCE, ROUNDING, Pose
@@ -319,3 +318,17 @@ def first_unfit_move(matrices: np.ndarray, velocities: np.ndarray, angular_veloc
             matrices, velocities, angular_velocities, ORTHONORMAL_TOLERANCE, FARTHEST_MOVE, FASTEST_MOVE
         )
     )
+
+
+def box_of_vertices(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners of the smallest box around all parts of a model, m, (3,) each."""
+    frames = model.frames[:-1]
+    lowers, uppers = frames["box_lower"].copy(), frames["box_upper"].copy()
+    # The kernels' box of a turned part is around its turned box, which is larger.
+    for row in np.flatnonzero(model.parts["is_turned"][:-1]):
+        part, frame, turn = model.parts[row], frames[row], frames["rotation"][row].reshape(3, 3)
+        local = model.reals[part["corners"] :][: 3 * part["corner_count"]].reshape(-1, 3)
+        x, y, z = (local / frame["scale"] + frame["centre"]).T[:, :, None]
+        points = x * turn[:, 0] + y * turn[:, 1] + z * turn[:, 2] + frame["translation"]  # as in C
+        lowers[row], uppers[row] = points.min(axis=0), points.max(axis=0)
+    return lowers.min(axis=0), uppers.max(axis=0)

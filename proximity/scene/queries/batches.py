@@ -14,7 +14,7 @@ import numpy as np
 
 from proximity.checks import is_whole
 from proximity.errors import ArgumentError
-from proximity.kernels.geometry.morton_order import morton_order
+from proximity.kernels.entries import morton_order
 
 CHUNKS_PER_WORKER = 4
 SMALLEST_CHUNK = 1024

@@ -16,9 +16,8 @@ from numpy import inf
 from proximity import native
 from proximity.checks import as_float64, as_points, copied, shown
 from proximity.errors import ArgumentError, ProximityError, UnitsWarning
-from proximity.kernels.geometry.frames import MILLIMETRES_FROM, MILLIMETRES_TO
-from proximity.kernels.geometry.morton_order import SORT_FROM
 from proximity.kernels.layout import IN_MILLIMETRES, NO_ROW
+from proximity.kernels.thresholds import MILLIMETRES_FROM, MILLIMETRES_TO, SORT_FROM
 from proximity.scene.model.assembly import Model
 from proximity.scene.queries.batches import (
     IN_ORDER,

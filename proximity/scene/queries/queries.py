@@ -8,17 +8,21 @@ import numpy.typing as npt
 from numpy import inf  # looked up in NumPy, it would cost calls of five points 2 %
 
 from proximity.errors import ArgumentError, NotWatertightError, ProximityError
-from proximity.kernels.ray.hit_rows import DISTANCE_WIDTH, RAY_ANSWER_WIDTH
-from proximity.kernels.ray.ray_order import ray_order
-from proximity.kernels.scene.point_queries import (
+from proximity.kernels.answers import (
+    DISTANCE_WIDTH,
     POINT_ANSWER_WIDTH,
+    RAY_ANSWER_WIDTH,
+    SEGMENT_ANSWER_WIDTH,
+)
+from proximity.kernels.entries import (
+    cast_batch,
     closest_batch,
     contains_batch,
     distance_batch,
+    ray_order,
+    segment_batch,
     signed_batch,
 )
-from proximity.kernels.scene.ray_queries import cast_batch
-from proximity.kernels.scene.segment_queries import SEGMENT_ANSWER_WIDTH, segment_batch
 from proximity.scene.model.assembly import Model
 from proximity.scene.queries.batches import LARGEST_SLICE, OrderOf
 from proximity.scene.queries.checked_query import CheckedQuery

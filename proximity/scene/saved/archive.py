@@ -19,25 +19,18 @@ import struct
 import sys
 import zlib
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from proximity.errors import MeshFormatError, SceneError
+from proximity.kernels.entries import checksum_of
+from proximity.kernels.layout import EXTENSION, MAGIC
 from proximity.kernels.scene import stored_bytes
 from proximity.kernels.scene.model_validation import FAULT_SIZE, SOUND
-from proximity.kernels.scene.stored_bytes import (
-    BYTE_ORDER_MARK,
-    FORMAT_VERSION,
-    MAGIC,
-    PAGE,
-    checksum_of,
-)
+from proximity.kernels.scene.stored_bytes import BYTE_ORDER_MARK, FORMAT_VERSION, PAGE
 from proximity.system.regular_file import open_regular
 from proximity.system.whole_file import whole_file
-
-EXTENSION = ".prox"
 
 HEADER = struct.Struct("=8sIIQQI24xI")
 _HEADER_CHECKSUM = struct.Struct("=I")
@@ -67,20 +60,6 @@ class Contents:
 
     metadata: dict[str, Any]  # as it was written
     arrays: dict[str, np.ndarray]  # mapped copy-on-write: changes stay in this process
-
-
-def is_archive(path: Any) -> bool:
-    """Return whether a regular file begins like one of these, or is at least named so.
-
-    *path*: of a file that may not be there: then it is none.
-    """
-    try:
-        name = os.fsdecode(path)
-        with open_regular(name) as file:
-            begins_so = file.read(len(MAGIC)) == MAGIC
-    except (OSError, ValueError, TypeError):
-        return False
-    return begins_so or Path(name).suffix.lower() == EXTENSION
 
 
 def check_extension(path: Any) -> None:

@@ -13,8 +13,7 @@ import numpy as np
 
 from proximity.errors import MeshFormatError, SceneError
 from proximity.kernels import layout
-from proximity.kernels.scene.part_trees import REGION_COPIES, STATIC_COPIES
-from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.kernels.layout import MOMENT_STRIDE, REGION_COPIES, STATIC_COPIES
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.pose import Pose
 from proximity.scene.model.assembly import Model, finished

@@ -8,9 +8,9 @@ import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.kernels import layout
-from proximity.kernels.geometry.local_frame import LARGEST_COORDINATE
 from proximity.kernels.scene import model_validation, opened_model
 from proximity.kernels.scene import row_validation as rows
+from proximity.kernels.thresholds import LARGEST_COORDINATE
 from proximity.pose import ORTHONORMAL_TOLERANCE
 from proximity.scene.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE
 

@@ -10,7 +10,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 from proximity.errors import ProximityError, ServiceError
-from proximity.formats import converter
+from proximity.formats.step.conversion import converter
 from proximity.pose import Pose
 from proximity.recording import Recording, read_recording
 from proximity.scene.loader import load, notes_on_sizes

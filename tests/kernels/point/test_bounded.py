@@ -26,9 +26,16 @@ from budgeted import (
 from models import model_of, piece_of
 
 import oracle
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, MAX_DEPTH, NO_SLOT, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    LANES,
+    MAX_DEPTH,
+    MOMENT_STRIDE,
+    NO_SLOT,
+    NODE_CHILDREN,
+    NODE_STRIDE,
+)
 from proximity.kernels.point.budgeted_walk import NO_TOLERANCE, nearest_with_budget
-from proximity.kernels.sign.winding_number import MOMENT_STRIDE
 from proximity.kernels.traverse.best_first import MOST_SWEPT_STEPS, MOST_WAITING
 from proximity.kernels.tree.normal_slab import MOMENT_AREA_NORMAL, MOMENT_SLAB_LARGEST, MOMENT_SLAB_LEAST
 from proximity.pose import Pose

@@ -13,9 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from models import model_of
 
+from proximity.kernels import answers
 from proximity.kernels.geometry.frames import direction_to_local, to_local
 from proximity.kernels.layout import NO_FACE, NO_PART, NODE_STRIDE
-from proximity.kernels.ray import hit_rows, ray_lanes, walk
+from proximity.kernels.ray import ray_lanes, walk
 from proximity.kernels.scene import ray_queries
 from proximity.native.simd import bits, lane, splat32
 from proximity.pose import Pose
@@ -30,10 +31,10 @@ class Hits:
         origins, directions = np.broadcast_arrays(
             np.atleast_2d(np.asarray(origins, float)), np.atleast_2d(np.asarray(directions, float))
         )
-        table = np.full((len(origins), hit_rows.RAY_ANSWER_WIDTH), 7.0)
+        table = np.full((len(origins), answers.RAY_ANSWER_WIDTH), 7.0)
         self.reals, self.choices = (
-            table[:, : hit_rows.RAY_ANSWER_REALS],
-            table.view(np.int32)[:, hit_rows.RAY_ANSWER_PART :],
+            table[:, : answers.RAY_ANSWER_REALS],
+            table.view(np.int32)[:, answers.RAY_ANSWER_PART :],
         )
         self.choices[:] = 7
         self.zero_row = ray_queries.cast_batch(
@@ -44,7 +45,7 @@ class Hits:
             np.array([limit]),
             table,
         )
-        self.distance, self.point = self.reals[:, hit_rows.RAY_ANSWER_DISTANCE], self.reals[:, 1:4]
+        self.distance, self.point = self.reals[:, answers.RAY_ANSWER_DISTANCE], self.reals[:, 1:4]
         self.normal, self.barycentric = self.reals[:, 4:7], self.reals[:, 7:10]
         self.part, self.face = self.choices.T
 

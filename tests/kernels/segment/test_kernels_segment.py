@@ -12,6 +12,7 @@ from models import model_of
 from nodes import node_of
 
 import oracle
+from proximity.kernels import answers
 from proximity.kernels.layout import LANES, NO_SLOT
 from proximity.kernels.scene import segment_queries
 from proximity.kernels.segment import plan as plans
@@ -46,9 +47,9 @@ class Found:
             np.atleast_2d(np.asarray(starts, float)), np.atleast_2d(np.asarray(ends, float))
         )
         self.starts, self.ends = np.ascontiguousarray(starts), np.ascontiguousarray(ends)
-        table = np.full((len(starts), segment_queries.SEGMENT_ANSWER_WIDTH), 7.0)
-        self.reals = table[:, : segment_queries.SEGMENT_ANSWER_REALS]
-        self.choices = table.view(np.int32)[:, segment_queries.SEGMENT_ANSWER_PART :]
+        table = np.full((len(starts), answers.SEGMENT_ANSWER_WIDTH), 7.0)
+        self.reals = table[:, : answers.SEGMENT_ANSWER_REALS]
+        self.choices = table.view(np.int32)[:, answers.SEGMENT_ANSWER_PART :]
         self.choices[:] = 7
         segment_queries.segment_batch(model.packed, self.starts, self.ends, order, np.array([limit]), table)
         self.distance, self.fraction = self.reals[:, 0], self.reals[:, 7]

@@ -7,16 +7,8 @@ import shapes
 from models import welded_piece_of
 
 import oracle
-from proximity.kernels.layout import SIGN_PSEUDONORMAL
-from proximity.kernels.sign.inside_grid import (
-    CELL_CROSSED,
-    CELL_INSIDE,
-    CELL_OUTSIDE,
-    MOST_POINTS,
-    build_grid,
-    cell_state,
-    uncertain_points,
-)
+from proximity.kernels.layout import CELL_CROSSED, CELL_INSIDE, CELL_OUTSIDE, SIGN_PSEUDONORMAL
+from proximity.kernels.sign.inside_grid import MOST_POINTS, build_grid, cell_state, uncertain_points
 from proximity.mesh.part_arrays import LARGEST_GRID, with_sign
 from proximity.pose import Pose
 from proximity.scene.model.assembly import assemble

@@ -5,6 +5,7 @@ import pytest
 import shapes
 from scene_parts import part_of
 
+from proximity.kernels.geometry.frames import velocity_at
 from proximity.kernels.layout import columns_of
 from proximity.kernels.tracking.part_drift import (
     MOVER_COLUMNS,
@@ -18,7 +19,6 @@ from proximity.kernels.tracking.part_drift import (
     gather_near,
     movers_workspace,
     part_travel,
-    velocity_of_part,
 )
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
@@ -85,9 +85,9 @@ def test_velocity_of_a_point_is_that_of_the_origin_and_of_turning_about_it():
     scene, point = scene_of([((0, 0, 0), (0, 0, 0)), (v, w)]), np.array([3.4, 1.2, -1.0])
     frames = scene.snapshot().frames
 
-    assert velocity_of_part(frames, 0, *point) == (0.0, 0.0, 0.0)
+    assert velocity_at(frames[0], *point) == (0.0, 0.0, 0.0)
     expected = v + np.cross(w, point - (3.0, 1.0, -2.0))
-    assert velocity_of_part(frames, 1, *point) == pytest.approx(expected, rel=1e-14)
+    assert velocity_at(frames[1], *point) == pytest.approx(expected, rel=1e-14)
 
 
 def test_parts_with_any_velocity_are_gathered_and_hidden_ones_left_out():

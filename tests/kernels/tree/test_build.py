@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 import shapes
 
-from proximity.kernels.layout import LANES, MAX_DEPTH, NODE_CHILDREN, NODE_STRIDE
-from proximity.kernels.tree.binned_sah import (
-    BOX_STRIDE,
-    LINK_COUNT,
-    LINK_FIRST,
-    LINK_LEFT,
-    LINK_RIGHT,
-    NO_CHILD,
-    halve,
-)
-from proximity.kernels.tree.builder import FACES_SHIFT, build_tree, face_boxes
+from proximity.kernels.layout import BOX_STRIDE, FACES_SHIFT, LANES, MAX_DEPTH, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.tree.binned_sah import LINK_COUNT, LINK_FIRST, LINK_LEFT, LINK_RIGHT, NO_CHILD, halve
+from proximity.kernels.tree.builder import build_tree, face_boxes
 from proximity.kernels.tree.collapse import widen_tree
 from proximity.kernels.tree.reinsertion import improve
 

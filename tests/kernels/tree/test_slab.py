@@ -9,8 +9,7 @@ import shapes
 from models import piece_of
 
 import oracle
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE
-from proximity.kernels.sign.winding_number import MOMENT_STRIDE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, MOMENT_STRIDE, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.tree.normal_slab import (
     MOMENT_AREA_NORMAL,
     MOMENT_SLAB_LARGEST,

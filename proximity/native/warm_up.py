@@ -6,7 +6,7 @@ Kernels that were compiled ahead of time always are. See `proximity.native.mode`
 from contextlib import suppress
 from pathlib import Path
 
-from proximity.native import IS_JIT
+from proximity.native import ENTRIES, IS_JIT, import_entries
 
 
 def _mark() -> Path:
@@ -36,13 +36,9 @@ def warm_up() -> None:
     """
     if not IS_JIT:
         return
-    from proximity.native.declaration import ENTRIES
     from proximity.native.jit import argument_types
 
-    # Whoever imports these has declared all entry points of the engine.
-    from proximity.scene.saved import stored_model  # noqa: F401
-    from proximity.tracker import part_tracker, tracker  # noqa: F401
-
+    import_entries()
     for entry in ENTRIES.values():
         entry.compiled.compile(argument_types(entry.signature))
     with suppress(OSError):  # where nothing can be kept the next process compiles anew
