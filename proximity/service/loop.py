@@ -3,8 +3,8 @@
 A pose that comes wakes it, and its frame leaves when it is computed; ticks for poses are half a period apart,
 or half a millisecond where that is less, and at least every period a frame leaves. On Linux it takes poses
 from ``shm://`` and ``udp://`` of this machine by itself, and sends frames by them; other ends are threads of
-Python beside it, and a recording is played by the loop. Contacts of parts that are held, and all where
-kernels are not compiled ahead, are made by a thread of Python too. No tick waits for Python.
+Python beside it, and a recording is played by the loop. Contacts of parts that are held are made by a thread
+of Python too. No tick waits for Python.
 """
 
 import ctypes
@@ -27,7 +27,6 @@ from proximity.service.loop_ends import FrameBridge, PoseBridge
 from proximity.service.loop_memory import (
     LoopMemory,
     SourceMemory,
-    answers_in_c,
     fill,
     nanoseconds,
     run_function,
@@ -99,7 +98,7 @@ class Service:
         self._newest: NewestSamples | None = None
         period_ns, end, recording = int(self._loop.period_ns), None, None
         self._bridge: PoseBridge | ContactBridge
-        if answers_in_c(contact_source):
+        if contact_source.is_ticked_by_loop:
             self._bridge = PoseBridge(pose_input, contact_source.count, period_ns)
             end = getattr(pose_input, "loop_end", lambda: None)() if OPENS_ENDS else None
             recording = getattr(pose_input, "loop_recording", lambda: None)()
@@ -221,9 +220,9 @@ class Service:
 
     def _begin(self) -> None:
         """Hand the scene over."""
-        self._sources.begin(self._source)
         now_ns = time.monotonic_ns() if self._clock is None else self._clock.now_ns()
         self._loop.simulated_ns = now_ns
+        self._sources.begin(self._source)
         if self._newest is not None:
             self._newest.start(now_ns)
 
@@ -294,7 +293,7 @@ class Service:
         if ticks and not self._is_direct:
             self._bridge.poll(int(self._loop.simulated_ns))
         if ticks:
-            self._sources.poll(int(self._loop.simulated_ns))
+            self._sources.poll()
         if ticks and self._newest is not None and not self._loop.next:
             latest = self._sources.latest
             self._describe(int(latest.contacts.epoch) + int(self._loop.epoch_offset), latest)

@@ -88,9 +88,10 @@ class LoopSources:
             for thread in self._threads:
                 thread.start(real_time)
 
-    def poll(self, now_ns: int) -> None:
+    def poll(self) -> None:
         """Take moves and changes that have come, and hand over what becomes of them."""
         with self._lock:
+            now_ns = self._now_ns()
             latest = self._latest
             assert latest is not None, "the loop has begun"
             contacts = latest.contacts
@@ -118,6 +119,9 @@ class LoopSources:
             thread.close()
             self.failure = self.failure or thread.failure
 
+    def _now_ns(self) -> int:
+        return int(self._loop.simulated_ns) if self._loop.is_simulated else time.monotonic_ns()
+
     def _hand_over(self, following: SourceMemory) -> None:
         """Have the next tick use a source, whose parts stand where they were reported."""
         contacts, self._latest, self._visible = following.contacts, following, None
@@ -126,7 +130,7 @@ class LoopSources:
             scene = contacts.tracker.scene
             self._visible = VisibleParts(scene)
             if contacts.moves is not None:
-                contacts.moves.take(scene, time.monotonic_ns())
+                contacts.moves.take(scene, self._now_ns())
                 self._report(contacts.moves.reported())
         self._loop.next = following.address
         self._forget_unused()
@@ -248,5 +252,5 @@ class _PartThread(Worker):
     def _work(self) -> None:
         if self._input is not None:
             self._input.wait(LOOK)
-        self._sources.poll(time.monotonic_ns())
+        self._sources.poll()
         time.sleep(APART)

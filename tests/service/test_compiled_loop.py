@@ -12,6 +12,7 @@ from queue import SimpleQueue
 import numpy as np
 import pytest
 import shapes
+from contacts_in_python import ContactsInPython
 from fake_service import MS, ManualClock
 from far_end import PATIENCE, new_name, until
 from ports import free_port
@@ -217,11 +218,12 @@ def frames_of(scene, seed, *, in_python, ticks=300, parts=None):
             ends[end].publish(message)
 
     clock.sleep_until = sleep_until
-    source, ends = SensedContacts(COUNT) if is_measured else contacts_of(scene), {}
+    source, inputs, ends = SensedContacts(COUNT) if is_measured else contacts_of(scene), (None, None), {}
     if parts is not None:
-        moves = MovesInput(of_parts[0], clock=clock.now_ns)
-        source = TrackedContacts(source.tracker, moves, ChangesInput(of_parts[1], SimpleQueue()))
+        inputs = MovesInput(of_parts[0], clock=clock.now_ns), ChangesInput(of_parts[1], SimpleQueue())
         ends = {name: open_publisher(end) for name, end in zip(("moves", "changes"), of_parts, strict=True)}
+    if not is_measured:
+        source = (ContactsInPython if in_python else TrackedContacts)(source.tracker, *inputs)
     source.is_ticked_by_loop = not in_python
     pose_input = MessageInput(poses, COUNT, clock=clock.now_ns, is_measured=is_measured)
     service = Service(
