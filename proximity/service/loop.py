@@ -19,6 +19,7 @@ from typing import Any
 from proximity.errors import ServiceError
 from proximity.message import Source
 from proximity.service.clock import Clock, SkippingClock
+from proximity.service.contact_bridge import ContactBridge
 from proximity.service.contact_source import ContactSource
 from proximity.service.description import Describer
 from proximity.service.frame_log import FrameLogThread, Log
@@ -31,11 +32,10 @@ from proximity.service.loop_memory import (
     nanoseconds,
     run_function,
 )
-from proximity.service.loop_parts import ContactBridge, LoopSources
+from proximity.service.loop_parts import LoopSources
 from proximity.service.loop_watch import LoopWatch
 from proximity.service.realtime import RealTime, undisturbed
 from proximity.service.report import Report
-from proximity.service.samples import NewestSamples
 from proximity.transport import Publisher, forget
 from proximity.transport.publisher import numbering, outlet_of
 
@@ -95,29 +95,35 @@ class Service:
 
     def _set_input(self, contact_source: ContactSource, pose_input: PoseInput) -> None:
         """Have poses come in: to the loop itself, or by a thread."""
-        self._newest: NewestSamples | None = None
-        period_ns, end, recording = int(self._loop.period_ns), None, None
-        self._bridge: PoseBridge | ContactBridge
-        if contact_source.is_ticked_by_loop:
-            self._bridge = PoseBridge(pose_input, contact_source.count, period_ns)
-            end = getattr(pose_input, "loop_end", lambda: None)() if OPENS_ENDS else None
-            recording = getattr(pose_input, "loop_recording", lambda: None)()
-            self._loop.is_polled = end is None and recording is None and not self._bridge.waits
-        else:
-            stale_after_ns = int(self._loop.stale_after_ns)
-            self._newest = NewestSamples(contact_source.new_samples(), stale_after_ns, pose_input.address)
-            self._bridge = ContactBridge(
-                pose_input, self._newest, self._sources, contact_source.count, self._clock, period_ns
-            )
+        period_ns, stale_after_ns = int(self._loop.period_ns), int(self._loop.stale_after_ns)
+        self._is_direct = False  # whether poses come without a thread
+        if not contact_source.is_ticked_by_loop:
             self._loop.is_given = True
-        self._is_direct = (end or recording) is not None
+            self._bridge: PoseBridge | ContactBridge = ContactBridge(
+                pose_input,
+                contact_source,
+                self._sources,
+                self._clock,
+                period_ns=period_ns,
+                stale_after_ns=stale_after_ns,
+            )
+            self._memory.input["box"] = self._bridge.reader
+            return
+        end = getattr(pose_input, "loop_end", lambda: None)() if OPENS_ENDS else None
+        recording = getattr(pose_input, "loop_recording", lambda: None)()
+        self._bridge = PoseBridge(pose_input, contact_source.count, period_ns)
         self._memory.input["box"] = self._bridge.reader
+        self._is_direct = (end or recording) is not None
+        self._loop.is_polled = not (self._is_direct or self._bridge.waits)
         if recording is not None:
             fill(self._loop.recording, recording)
         elif end is not None:
             fill(self._memory.input, {"box": 0, **end})
             self._memory.is_direct = True
-        self.wake = self._bridge.wake  # has contacts made at once, where Python makes them
+
+    def wake(self) -> None:
+        """Have contacts made at once, where Python makes them."""
+        self._bridge.wake()
 
     def _set_outputs(self) -> None:
         """Have frames go out: from the loop itself, or by a thread for each publisher."""
@@ -145,7 +151,7 @@ class Service:
     @property
     def report(self) -> Report:
         """Counts and times so far."""
-        report = self._watch.report(self._input, self._newest, self.contact_source)
+        report = self._watch.report(self._input, self._bridge.newest, self.contact_source)
         if self._log is not None:
             report.log_written, report.log_lost = self._log.written, self._log.failed + self._log.lost
             report.notes += self._log.notes
@@ -223,8 +229,8 @@ class Service:
         now_ns = time.monotonic_ns() if self._clock is None else self._clock.now_ns()
         self._loop.simulated_ns = now_ns
         self._sources.begin(self._source)
-        if self._newest is not None:
-            self._newest.start(now_ns)
+        if self._bridge.newest is not None:
+            self._bridge.newest.start(now_ns)
 
     def _run_beside(self, asks_to_stop: Callable[[], bool]) -> None:
         """Run the loop in a thread of its own, and look at it."""
@@ -294,7 +300,7 @@ class Service:
             self._bridge.poll(int(self._loop.simulated_ns))
         if ticks:
             self._sources.poll()
-        if ticks and self._newest is not None and not self._loop.next:
+        if ticks and self._loop.is_given and not self._loop.next:
             latest = self._sources.latest
             self._describe(int(latest.contacts.epoch) + int(self._loop.epoch_offset), latest)
         self._loop.ticks_wanted = int(self._loop.ticks) + ticks
@@ -317,12 +323,12 @@ class Service:
         """Have described what is due of the description, and warn of what is new."""
         loop, source = self._loop, self._sources.current
         epoch = int(loop.epoch)
-        is_due = self._newest is None
+        is_due = not self._loop.is_given
         if not is_due and self._clock is None:  # its thread may have gone over to other parts by now
             is_due = source.contacts.epoch + int(loop.epoch_offset) == epoch
         if loop.ticks and not loop.next and is_due:
             self._describe(epoch, source)
-        if self._newest is None:
+        if not self._loop.is_given:
             self._sources.note()
         self._watch.warn()
 
@@ -335,6 +341,6 @@ class Service:
             if self._log is not None:
                 stack.callback(self._log.close, published[0])
             for number, bridge in self._bridges.items():
-                stack.callback(bridge.close, published[number])
+                stack.callback(bridge.send_rest, published[number])
             stack.callback(self._bridge.close)
             stack.callback(self._sources.close)

@@ -96,7 +96,7 @@ class SourceMemory:
             self._set_tracker(contacts, memory, before)
         elif isinstance(contacts, SensedContacts) and contacts.is_ticked_by_loop:
             self._set_sensor(contacts)
-        self.say_epoch()
+        self._fields["epoch"] = contacts.epoch
 
     @property
     def address(self) -> int:
@@ -180,11 +180,6 @@ class SourceMemory:
         table = next(each for each in self._tables if each.ctypes.data not in (following, in_use))
         table[:] = self.motions
         fields["next_motions"] = table.ctypes.data
-
-    def say_epoch(self) -> int:
-        """Have the next frame say of which epoch the source's answers are; that epoch."""
-        self._fields["epoch"] = epoch = self.contacts.epoch
-        return epoch
 
 
 class LoopMemory:

@@ -5,7 +5,7 @@ velocities have taken it: the origin along a line, the part turned about its ori
 more is reported is carried on for `HOLD_NS` and stands from then on, but nobody knows that it does.
 """
 
-from collections.abc import KeysView, Sequence
+from collections.abc import KeysView, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -63,6 +63,25 @@ class VisibleParts:
         """Rows of parts, whether they are hidden, and how far from their origins they reach, m, (M,) each."""
         rows = np.array([self._rows[name] for name in names], np.int64)
         return rows, self._is_hidden[rows], self._radii[rows]
+
+
+def write_motions(
+    table: np.ndarray, parts: VisibleParts, motions: Mapping[str, ReportedMotion], number: int
+) -> None:
+    """Write motions of *parts* into a `loop_records.MOTION` table, as report *number*."""
+    rows, is_hidden, radii = parts.rows_of(list(motions))
+    for name in ("matrix", "velocity", "turning", "pose_ns", "is_moving"):
+        values = np.array([getattr(motion, name) for motion in motions.values()])
+        table[name][rows] = values.reshape(len(rows), *table.dtype[name].shape)
+    velocity, turning = table["velocity"][rows], table["turning"][rows]
+    rates = np.linalg.norm(turning, axis=1)
+    rotations = table["matrix"][rows].reshape(-1, 4, 4)[:, :3, :3]
+    for name, turn in zip(("across", "back"), turns(rotations, turning, rates), strict=True):
+        table[name][rows] = turn.reshape(-1, 9)
+    table["turn_rate"][rows], table["is_hidden"][rows] = rates, is_hidden
+    table["top_speed"][rows] = np.linalg.norm(velocity, axis=1) + rates * radii
+    table["ends_ns"][rows] = table["pose_ns"][rows] + HOLD_NS
+    table["number"][rows] = number
 
 
 def turns(rotations: np.ndarray, turning: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
