@@ -8,8 +8,7 @@ import numpy as np
 from proximity.core import loop_records
 from proximity.message import CONTACT
 from proximity.service.clock import Clock
-from proximity.service.contact_source import ContactSource
-from proximity.service.inputs.sources import PoseInput
+from proximity.service.inputs.sources import PolledInput
 from proximity.service.loop_ends import APART, Worker
 from proximity.service.loop_memory import SourceMemory, given_size
 from proximity.service.loop_parts import LoopSources
@@ -26,17 +25,15 @@ class ContactBridge(Worker):
 
     def __init__(
         self,
-        pose_input: PoseInput,
-        contact_source: ContactSource,
+        pose_input: PolledInput,
+        newest: NewestSamples,
         sources: LoopSources,
+        count: int,
         clock: Clock | None,
-        *,
         period_ns: int,
-        stale_after_ns: int,
     ) -> None:
         super().__init__()
-        self._input, self._sources, self._clock, count = pose_input, sources, clock, contact_source.count
-        self.newest = NewestSamples(contact_source.new_samples(), stale_after_ns, pose_input.address)
+        self._input, self._newest, self._sources, self._clock = pose_input, newest, sources, clock
         self._period = 1e-9 * period_ns
         self._woken = threading.Event()
         self._data = np.zeros(given_size(count), np.uint8)
@@ -48,7 +45,7 @@ class ContactBridge(Worker):
 
     def poll(self, now_ns: int) -> None:
         """Make contacts of what is known, and put them in."""
-        source, newest, clock = self._sources.latest, self.newest, self._clock
+        source, newest, clock = self._sources.latest, self._newest, self._clock
         for samples in self._input.poll(now_ns):
             # Not by the start: where the system kept us from running since, new poses are after it.
             newest.update(samples, time.monotonic_ns() if clock is None else clock.now_ns())

@@ -11,7 +11,7 @@ from proximity.errors import PublishError
 from proximity.message import DESCRIPTION, FRAME, MEASURED, PATH_POSES
 from proximity.message.description import MOST_LABELS
 from proximity.message.envelope import unpack_prefix
-from proximity.service.inputs.sources import PoseInput
+from proximity.service.inputs.sources import PolledInput
 from proximity.service.realtime import RealTime, sharp_timers
 from proximity.transport import Publisher
 from proximity.transport.link import NOTHING
@@ -65,9 +65,7 @@ class PoseBridge(Worker):
     *count*: of fingers. *period_ns*: of ticks; where it cannot wait for poses, it asks twice in each.
     """
 
-    newest = None  # the loop keeps the newest poses
-
-    def __init__(self, pose_input: PoseInput, count: int, period_ns: int) -> None:
+    def __init__(self, pose_input: PolledInput, count: int, period_ns: int) -> None:
         super().__init__()
         self._input = pose_input
         self._nap = APART if self.waits else max(0.5e-9 * period_ns, APART)
@@ -84,9 +82,6 @@ class PoseBridge(Worker):
         """Put in what is new."""
         for samples in self._input.poll(now_ns):
             self._publisher.publish(samples.message())
-
-    def wake(self) -> None:
-        """Do nothing: poses wake the loop."""
 
     def _work(self) -> None:
         if self.waits:

@@ -159,11 +159,11 @@ def serve(
 
 
 class SteppedLoop:
-    """A service whose ticks are made one by one, each with the poses that it is given."""
+    """A service whose ticks are made one by one, each with the poses that it is given, or of *pose_input*."""
 
-    def __init__(self, source, begin_ns):
+    def __init__(self, source, begin_ns, pose_input=None):
         self.outlet, self.clock, self.poses = KeepingOutlet(), ManualClock(begin_ns), None
-        given = ScriptedInput(lambda *_: self.poses)
+        given = pose_input or ScriptedInput(lambda *_: self.poses)
         self.service = Service(source, given, [publisher(self.outlet)], period=0.001, clock=self.clock)
 
     def tick(self, now_ns, poses=None):
