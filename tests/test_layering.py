@@ -75,7 +75,8 @@ batches · results
     "proximity.service": """
 hosting
 loop
-loop_parts · loop_watch
+contact_bridge · loop_watch
+loop_parts
 loop_ends · loop_memory
 held_contacts
 inputs

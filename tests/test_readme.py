@@ -121,7 +121,7 @@ def test_moves_as_the_guide_shows_them_move_a_part():
     source, scene = MovesInput("mailbox:guide/moves"), proximity.load(ROOT / "meshes/assembly.step")
 
     exec(compile(code.replace("shm://proximity/moves", "mailbox:guide/moves"), "moving-parts.md", "exec"), {})
-    source.apply(scene, time.monotonic_ns())
+    source.take(scene, time.monotonic_ns())
 
     assert scene.part("lid").pose.translation[2] >= 0.010
     np.testing.assert_array_equal(scene.part("lid").velocity, [0.0, 0.0, 0.1])

@@ -49,7 +49,7 @@ class ContactSource(Protocol):
 
     @property
     def is_late(self) -> bool:
-        """Whether what the last answer was made of is too old for more than its bounds to be used."""
+        """Whether what `fill` made its last answer of is too old for more than its bounds to be used."""
 
     def labels(self) -> PartLabels:
         """Return names of the parts of the last answer, and which are hidden."""
@@ -77,6 +77,7 @@ class TrackedContacts:
     takes_changes: bool
     """Whether parts are looked at again and again: messages move or change them, or another thread does."""
     is_ticked_by_loop = True
+    is_late = False  # the loop knows of parts that move
 
     def __init__(self, tracker: Tracker, moves: Any = None, changes: Any = None) -> None:
         self.tracker = tracker
@@ -104,11 +105,6 @@ class TrackedContacts:
         moves = self.moves
         return (0, 0, 0) if moves is None else (moves.future, moves.backwards, moves.too_old)
 
-    @property
-    def is_late(self) -> bool:
-        """Whether of a part that moved nothing more is reported."""
-        return self.moves is not None and self.moves.is_late
-
     def labels(self) -> PartLabels:
         """Return names of the scene's parts, and which are hidden."""
         model = self.tracker.scene.snapshot()
@@ -135,17 +131,11 @@ class TrackedContacts:
         self._bends.reset()
 
     def fill(self, contacts: np.ndarray, samples: FingerPoses, now_ns: int) -> None:
-        """Change and move the parts that are to change and move, and tick.
-
-        Parts that have a velocity stand where they are at the instant of the newest pose. Bounds hold for the
-        pose of each finger, with parts where they were reported to be, carried on with the velocities
-        reported.
-        """
+        """Tick, with the parts where they are in the scene: for paths that a message cannot have."""
         tracker, paths, bends = self.tracker, samples.paths, samples.bends
         if contacts is not self._filled:
             tracker.write_to(contacts)
             self._filled = contacts
-        self.edit(samples, now_ns)
         tracker.advance(
             samples.positions,
             samples.pose_ns,
@@ -154,21 +144,8 @@ class TrackedContacts:
             paths=paths,
             bends=None if paths is None else bends,
         )
-        self.widen(contacts)
         if bends is not None:
             self._bends.write(contacts, bends, samples.pose_ns)
-
-    def edit(self, samples: FingerPoses, now_ns: int) -> None:
-        """Change and move the parts that are to change and move, before a tick."""
-        if self.changes is not None:
-            self.changes.apply(self.tracker.scene)
-        if self.moves is not None:
-            self.moves.apply(self.tracker.scene, now_ns, samples)
-
-    def widen(self, contacts: np.ndarray) -> None:
-        """Widen the bounds of a tick by what is not known of parts that move."""
-        if self.moves is not None:
-            self.moves.widen(contacts)
 
     def close(self) -> None:
         """Close the inputs of moves and changes."""

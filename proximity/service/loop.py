@@ -3,8 +3,8 @@
 A pose that comes wakes it, and its frame leaves when it is computed; ticks for poses are half a period apart,
 or half a millisecond where that is less, and at least every period a frame leaves. On Linux it takes poses
 from ``shm://`` and ``udp://`` of this machine by itself, and sends frames by them; other ends are threads of
-Python beside it, and a recording is played by the loop. Contacts of parts that are held, and all where
-kernels are not compiled ahead, are made by a thread of Python too. No tick waits for Python.
+Python beside it, and a recording is played by the loop. Contacts of parts that are held are made by a thread
+of Python too. No tick waits for Python.
 """
 
 import ctypes
@@ -19,26 +19,27 @@ from typing import Any
 from proximity.errors import ServiceError
 from proximity.message import Source
 from proximity.service.clock import Clock, SkippingClock
+from proximity.service.contact_bridge import ContactBridge
 from proximity.service.contact_source import ContactSource
 from proximity.service.description import Describer
 from proximity.service.frame_log import FrameLogThread, Log
-from proximity.service.inputs.sources import PoseInput
-from proximity.service.loop_ends import FrameBridge, PoseBridge
+from proximity.service.inputs.sources import PolledInput, PoseInput
+from proximity.service.loop_ends import FrameBridge, PoseBridge, Worker
 from proximity.service.loop_memory import (
     LoopMemory,
     SourceMemory,
-    answers_in_c,
     fill,
     nanoseconds,
     run_function,
 )
-from proximity.service.loop_parts import ContactBridge, LoopSources
+from proximity.service.loop_parts import LoopSources
 from proximity.service.loop_watch import LoopWatch
 from proximity.service.realtime import RealTime, undisturbed
 from proximity.service.report import Report
 from proximity.service.samples import NewestSamples
 from proximity.transport import Publisher, forget
 from proximity.transport.publisher import numbering, outlet_of
+from proximity.transport.shared_memory import PrivateMailbox
 
 LOGGER = logging.getLogger("proximity.service")
 LOOK = 0.02
@@ -96,29 +97,38 @@ class Service:
 
     def _set_input(self, contact_source: ContactSource, pose_input: PoseInput) -> None:
         """Have poses come in: to the loop itself, or by a thread."""
-        self._newest: NewestSamples | None = None
-        period_ns, end, recording = int(self._loop.period_ns), None, None
-        self._bridge: PoseBridge | ContactBridge
-        if answers_in_c(contact_source):
-            self._bridge = PoseBridge(pose_input, contact_source.count, period_ns)
+        period_ns, stale_after_ns = int(self._loop.period_ns), int(self._loop.stale_after_ns)
+        self._bridge: PoseBridge | ContactBridge | None = None  # None: the loop receives or plays poses
+        self._newest: NewestSamples | None = None  # where Python makes contacts
+        if contact_source.is_ticked_by_loop:
             end = getattr(pose_input, "loop_end", lambda: None)() if OPENS_ENDS else None
             recording = getattr(pose_input, "loop_recording", lambda: None)()
-            self._loop.is_polled = end is None and recording is None and not self._bridge.waits
+            if recording is not None:
+                fill(self._loop.recording, recording)
+                self._empty = PrivateMailbox(1)  # at which the loop waits for its ticks
+                self._memory.input["box"] = self._empty.reader
+                return
+            if end is not None:
+                fill(self._memory.input, end)
+                self._memory.is_direct = True
+                return
+        if not isinstance(pose_input, PolledInput):
+            raise ServiceError(f"{pose_input.address}: recorded poses are for contacts that the loop makes")
+        if contact_source.is_ticked_by_loop:
+            self._bridge = PoseBridge(pose_input, contact_source.count, period_ns)
+            self._loop.is_polled = not self._bridge.waits
         else:
-            stale_after_ns = int(self._loop.stale_after_ns)
             self._newest = NewestSamples(contact_source.new_samples(), stale_after_ns, pose_input.address)
             self._bridge = ContactBridge(
                 pose_input, self._newest, self._sources, contact_source.count, self._clock, period_ns
             )
             self._loop.is_given = True
-        self._is_direct = (end or recording) is not None
         self._memory.input["box"] = self._bridge.reader
-        if recording is not None:
-            fill(self._loop.recording, recording)
-        elif end is not None:
-            fill(self._memory.input, {"box": 0, **end})
-            self._memory.is_direct = True
-        self.wake = self._bridge.wake  # has contacts made at once, where Python makes them
+
+    def wake(self) -> None:
+        """Have contacts made at once, where Python makes them."""
+        if isinstance(self._bridge, ContactBridge):
+            self._bridge.wake()
 
     def _set_outputs(self) -> None:
         """Have frames go out: from the loop itself, or by a thread for each publisher."""
@@ -221,32 +231,33 @@ class Service:
 
     def _begin(self) -> None:
         """Hand the scene over."""
-        self._sources.begin(self._source)
         now_ns = time.monotonic_ns() if self._clock is None else self._clock.now_ns()
         self._loop.simulated_ns = now_ns
+        self._sources.begin(self._source)
         if self._newest is not None:
             self._newest.start(now_ns)
 
     def _run_beside(self, asks_to_stop: Callable[[], bool]) -> None:
         """Run the loop in a thread of its own, and look at it."""
-        if not self._is_direct:
-            self._bridge.start(self._real_time)
-        for bridge in self._bridges.values():
-            bridge.start(self._real_time)
-        self._sources.start(self._real_time)
+        workers: list[Worker | LoopSources] = [*self._bridges.values(), self._sources]
+        if self._bridge is not None:
+            workers.append(self._bridge)
+        for each in workers:
+            each.start(self._real_time)
         worker = threading.Thread(target=self._work, name="loop", daemon=True)
         self._is_running = True
         worker.start()
         try:
             while worker.is_alive():
-                if asks_to_stop() or self._bridge.failure or self._sources.failure or self._input.is_over:
+                if asks_to_stop() or self._input.is_over or any(each.failure for each in workers):
                     self._loop.stop = 1
                 self._look()
                 worker.join(LOOK)
         finally:
             self._loop.stop = 1
             worker.join()
-            self._failure = self._failure or self._bridge.failure or self._sources.failure
+            failures = (each.failure for each in workers)
+            self._failure = self._failure or next(filter(None, failures), None)
 
     def _work(self) -> None:
         """Run the loop, in a thread of its own."""
@@ -291,11 +302,11 @@ class Service:
 
     def _advance(self, ticks: int) -> None:
         """Make so many ticks more, and do what else Python does of it."""
-        if ticks and not self._is_direct:
+        if ticks and self._bridge is not None:
             self._bridge.poll(int(self._loop.simulated_ns))
         if ticks:
-            self._sources.poll(int(self._loop.simulated_ns))
-        if ticks and self._newest is not None and not self._loop.next:
+            self._sources.poll()
+        if ticks and self._loop.is_given and not self._loop.next:
             latest = self._sources.latest
             self._describe(int(latest.contacts.epoch) + int(self._loop.epoch_offset), latest)
         self._loop.ticks_wanted = int(self._loop.ticks) + ticks
@@ -318,12 +329,12 @@ class Service:
         """Have described what is due of the description, and warn of what is new."""
         loop, source = self._loop, self._sources.current
         epoch = int(loop.epoch)
-        is_due = self._newest is None
+        is_due = not self._loop.is_given
         if not is_due and self._clock is None:  # its thread may have gone over to other parts by now
             is_due = source.contacts.epoch + int(loop.epoch_offset) == epoch
         if loop.ticks and not loop.next and is_due:
             self._describe(epoch, source)
-        if self._newest is None:
+        if not self._loop.is_given:
             self._sources.note()
         self._watch.warn()
 
@@ -336,6 +347,7 @@ class Service:
             if self._log is not None:
                 stack.callback(self._log.close, published[0])
             for number, bridge in self._bridges.items():
-                stack.callback(bridge.close, published[number])
-            stack.callback(self._bridge.close)
+                stack.callback(bridge.send_rest, published[number])
+            if self._bridge is not None:
+                stack.callback(self._bridge.close)
             stack.callback(self._sources.close)

@@ -4,17 +4,15 @@ import logging
 import threading
 import time
 from contextlib import AbstractContextManager, nullcontext
-from typing import Any
 
 import numpy as np
 
-from proximity.errors import PublishError, ServiceError
-from proximity.message import DESCRIPTION, FRAME, MEASURED, PATH_CORNERS, PATH_POSES, POSES, Kind, Message
+from proximity.errors import PublishError
+from proximity.message import DESCRIPTION, FRAME, MEASURED, PATH_POSES
 from proximity.message.description import MOST_LABELS
 from proximity.message.envelope import unpack_prefix
-from proximity.service.inputs.sources import PoseInput
+from proximity.service.inputs.sources import PolledInput
 from proximity.service.realtime import RealTime, sharp_timers
-from proximity.service.samples import Measurements
 from proximity.transport import Publisher
 from proximity.transport.link import NOTHING
 from proximity.transport.publisher import outlet_of
@@ -50,14 +48,15 @@ class Worker:
         except BaseException as failure:
             self.failure = failure
 
-    def _work(self) -> None:
-        """Wait a while, and do what there is then."""
-        raise NotImplementedError
-
-    def _join(self) -> None:
+    def close(self) -> None:
+        """End the thread."""
         self._is_closing.set()
         if self._thread is not None:
             self._thread.join()
+
+    def _work(self) -> None:
+        """Wait a while, and do what there is then."""
+        raise NotImplementedError
 
 
 class PoseBridge(Worker):
@@ -66,13 +65,12 @@ class PoseBridge(Worker):
     *count*: of fingers. *period_ns*: of ticks; where it cannot wait for poses, it asks twice in each.
     """
 
-    def __init__(self, pose_input: PoseInput, count: int, period_ns: int) -> None:
+    def __init__(self, pose_input: PolledInput, count: int, period_ns: int) -> None:
         super().__init__()
         self._input = pose_input
         self._nap = APART if self.waits else max(0.5e-9 * period_ns, APART)
         self._mailbox = PrivateMailbox(max(PATH_POSES.size(count), MEASURED.size(count)))
         self._publisher = Publisher(self._mailbox, "")
-        self._messages: dict[tuple[Kind, int], Message] = {}  # by number of samples
         self.reader = self._mailbox.reader
 
     @property
@@ -83,48 +81,13 @@ class PoseBridge(Worker):
     def poll(self, now_ns: int) -> None:
         """Put in what is new."""
         for samples in self._input.poll(now_ns):
-            make = self._measured if isinstance(samples, Measurements) else self._message_of
-            self._publisher.publish(make(samples))
-
-    def wake(self) -> None:
-        """Do nothing: poses wake the loop."""
-
-    def close(self) -> None:
-        """End the thread."""
-        self._join()
+            self._publisher.publish(samples.message())
 
     def _work(self) -> None:
         if self.waits:
             self._input.wait(LOOK)  # type: ignore[attr-defined]
         self.poll(time.monotonic_ns())
         time.sleep(self._nap)
-
-    def _message(self, kind: Kind, count: int) -> Message:
-        if (kind, count) not in self._messages:
-            self._messages[kind, count] = Message(kind, count)
-        return self._messages[kind, count]
-
-    def _measured(self, measured: Any) -> Message:
-        count = len(measured.pose_ns)
-        message = self._message(MEASURED, count)
-        message.records[:] = measured.records
-        message.records["finger"] = np.arange(count) if measured.fingers is None else measured.fingers
-        message.records["measured_ns"] = measured.pose_ns
-        return message
-
-    def _message_of(self, poses: Any) -> Message:
-        count = len(poses.pose_ns)
-        message = self._message(POSES if poses.paths is None else PATH_POSES, count)
-        records = message.records
-        records["finger"] = np.arange(count) if poses.fingers is None else poses.fingers
-        records["pose_ns"], records["position"] = poses.pose_ns, poses.positions
-        records["velocity"] = np.nan if poses.velocities is None else poses.velocities
-        records["bend"] = np.nan if poses.bends is None else poses.bends
-        if poses.paths is not None:
-            if poses.paths.shape[1] != PATH_CORNERS:
-                raise ServiceError(f"paths have {poses.paths.shape[1]} corners, expected {PATH_CORNERS}")
-            records["corners"] = poses.paths
-        return message
 
 
 class FrameBridge(Worker):
@@ -155,9 +118,9 @@ class FrameBridge(Worker):
             except PublishError as failure:
                 self._count(str(failure), is_frame=is_frame)
 
-    def close(self, published: int) -> None:
-        """Send the rest; those missing of *published* frames were overtaken by others."""
-        self._join()
+    def send_rest(self, published: int) -> None:
+        """End the thread, and send the rest; those missing of *published* frames were overtaken by others."""
+        self.close()
         self.send_all()
         overtaken = published - self._sent
         if overtaken > 0:

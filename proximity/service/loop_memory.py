@@ -39,7 +39,9 @@ SHORTEST_PERIOD, LONGEST_PERIOD = 1e-5, 10.0
 
 
 def run_function() -> Any:
-    """The function that runs the loop; other threads of Python run meanwhile."""
+    """Return the function that runs the loop; it releases the interpreter lock."""
+    if not IS_AHEAD:
+        raise ServiceError("the service needs compiled kernels: run `python tools/build_kernels.py`")
     try:
         return libraries()[0].proximity_loop_run
     except ProximityError as failure:
@@ -49,11 +51,6 @@ def run_function() -> Any:
 def given_size(count: int) -> int:
     """Bytes of a message of contacts that are made beside the loop."""
     return int(loop_records.CONTACTS.itemsize) + count * CONTACT.itemsize
-
-
-def answers_in_c(contacts: ContactSource) -> bool:
-    """Whether the loop makes contacts by itself: of a tracker or a sensor, where the kernels are compiled."""
-    return IS_AHEAD and contacts.is_ticked_by_loop
 
 
 def words_of(arrays: Any) -> np.ndarray:
@@ -95,11 +92,11 @@ class SourceMemory:
         self._fields: Any = self.record[0]
         self.labels = lambda: contacts.labels()
         self.has_scene = False  # whether the loop has arrays of its own, in which it moves parts
-        if isinstance(contacts, TrackedContacts) and answers_in_c(contacts):
+        if isinstance(contacts, TrackedContacts) and contacts.is_ticked_by_loop:
             self._set_tracker(contacts, memory, before)
-        elif isinstance(contacts, SensedContacts) and answers_in_c(contacts):
+        elif isinstance(contacts, SensedContacts) and contacts.is_ticked_by_loop:
             self._set_sensor(contacts)
-        self.say_epoch()
+        self._fields["epoch"] = contacts.epoch
 
     @property
     def address(self) -> int:
@@ -183,11 +180,6 @@ class SourceMemory:
         table = next(each for each in self._tables if each.ctypes.data not in (following, in_use))
         table[:] = self.motions
         fields["next_motions"] = table.ctypes.data
-
-    def say_epoch(self) -> int:
-        """Have the next frame say of which epoch the source's answers are; that epoch."""
-        self._fields["epoch"] = epoch = self.contacts.epoch
-        return epoch
 
 
 class LoopMemory:

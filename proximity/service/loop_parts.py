@@ -2,8 +2,7 @@
 
 Where parts are reported to be, and how they move, is a table with a row a part; the loop goes over to a newer
 one at the beginning of a tick, and carries parts to the instant of the newest pose by itself. Other parts are
-another source: copies of the scene's arrays, which are the loop's alone from then on. Contacts that only
-Python can make come from a thread as well, as messages.
+another source: copies of the scene's arrays, which are the loop's alone from then on.
 """
 
 import threading
@@ -11,20 +10,11 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
-from proximity.core import loop_records
-from proximity.message import CONTACT
-from proximity.service.clock import Clock
 from proximity.service.contact_source import ContactSource, TrackedContacts
-from proximity.service.inputs.part_prediction import HOLD_NS, ReportedMotion, VisibleParts, turns
-from proximity.service.inputs.sources import PoseInput
+from proximity.service.inputs.part_prediction import ReportedMotion, VisibleParts, write_motions
 from proximity.service.loop_ends import APART, Worker
-from proximity.service.loop_memory import LoopMemory, SourceMemory, given_size
+from proximity.service.loop_memory import LoopMemory, SourceMemory
 from proximity.service.realtime import RealTime
-from proximity.service.samples import NewestSamples
-from proximity.transport import forget
-from proximity.transport.shared_memory import PrivateMailbox
 
 REPLACE_TIMEOUT, POLL_INTERVAL = 1.0, 1e-3
 """s, beyond a period, that a replacement is waited for; and between two looks whether it is in use."""
@@ -88,9 +78,10 @@ class LoopSources:
             for thread in self._threads:
                 thread.start(real_time)
 
-    def poll(self, now_ns: int) -> None:
+    def poll(self) -> None:
         """Take moves and changes that have come, and hand over what becomes of them."""
         with self._lock:
+            now_ns = self._now_ns()
             latest = self._latest
             assert latest is not None, "the loop has begun"
             contacts = latest.contacts
@@ -118,6 +109,9 @@ class LoopSources:
             thread.close()
             self.failure = self.failure or thread.failure
 
+    def _now_ns(self) -> int:
+        return int(self._loop.simulated_ns) if self._loop.is_simulated else time.monotonic_ns()
+
     def _hand_over(self, following: SourceMemory) -> None:
         """Have the next tick use a source, whose parts stand where they were reported."""
         contacts, self._latest, self._visible = following.contacts, following, None
@@ -126,7 +120,7 @@ class LoopSources:
             scene = contacts.tracker.scene
             self._visible = VisibleParts(scene)
             if contacts.moves is not None:
-                contacts.moves.take(scene, time.monotonic_ns())
+                contacts.moves.take(scene, self._now_ns())
                 self._report(contacts.moves.reported())
         self._loop.next = following.address
         self._forget_unused()
@@ -143,95 +137,10 @@ class LoopSources:
         latest, visible = self._latest, self._visible
         assert latest is not None and visible is not None, "there are parts"
         present = {name: motion for name, motion in moves.items() if name in visible.names}
-        if not present:
-            return
-        self._report_count += 1
-        rows, is_hidden, radii = visible.rows_of(list(present))
-        table: Any = latest.motions
-        for name in ("matrix", "velocity", "turning", "pose_ns", "is_moving"):
-            values = np.array([getattr(motion, name) for motion in present.values()])
-            table[name][rows] = values.reshape(len(rows), *table.dtype[name].shape)
-        velocity, turning = table["velocity"][rows], table["turning"][rows]
-        rates = np.linalg.norm(turning, axis=1)
-        rotations = table["matrix"][rows].reshape(-1, 4, 4)[:, :3, :3]
-        for name, turn in zip(("across", "back"), turns(rotations, turning, rates), strict=True):
-            table[name][rows] = turn.reshape(-1, 9)
-        table["turn_rate"][rows], table["is_hidden"][rows] = rates, is_hidden
-        table["top_speed"][rows] = np.linalg.norm(velocity, axis=1) + rates * radii
-        table["ends_ns"][rows] = table["pose_ns"][rows] + HOLD_NS
-        table["number"][rows] = self._report_count
-        latest.publish_motions()
-
-
-class ContactBridge(Worker):
-    """Makes the contacts of sources that answer in Python, and puts them into a mailbox that the loop reads.
-
-    In every period, and when samples or moves come. *clock*: drives the loop; None: the system's does.
-    """
-
-    def __init__(
-        self,
-        pose_input: PoseInput,
-        newest: NewestSamples,
-        sources: LoopSources,
-        count: int,
-        clock: Clock | None,
-        period_ns: int,
-    ) -> None:
-        super().__init__()
-        self._input, self._newest, self._sources, self._clock = pose_input, newest, sources, clock
-        self._period = 1e-9 * period_ns
-        self._woken = threading.Event()
-        self._data = np.zeros(given_size(count), np.uint8)
-        self._header = self._data[: -count * CONTACT.itemsize].view(loop_records.CONTACTS)
-        self._contacts = self._data[-count * CONTACT.itemsize :].view(CONTACT)
-        self._forget()
-        self._mailbox = PrivateMailbox(len(self._data))
-        self.reader = self._mailbox.reader
-
-    def poll(self, now_ns: int) -> None:
-        """Make contacts of what is known, and put them in."""
-        source, newest, clock = self._sources.latest, self._newest, self._clock
-        for samples in self._input.poll(now_ns):
-            # Not by the start: where the system kept us from running since, new poses are after it.
-            newest.update(samples, time.monotonic_ns() if clock is None else clock.now_ns())
-        newest.drop_stale(now_ns)
-        try:
-            source.contacts.fill(self._contacts, newest.samples, now_ns)
-        except BaseException:
-            self._forget()  # the last frames tell nothing of this
-            self._send(source, now_ns)
-            raise
-        self._send(source, now_ns)
-
-    def _forget(self) -> None:
-        forget(self._contacts)
-        self._contacts["finger"] = np.arange(len(self._contacts))
-
-    def _send(self, source: SourceMemory, now_ns: int) -> None:
-        header, clock = self._header, self._clock
-        header["source"], header["epoch"] = source.address, source.contacts.epoch
-        header["is_late"] = source.contacts.is_late
-        header["spent_ns"] = 0 if clock is None else clock.now_ns() - now_ns
-        self._mailbox.send(self._data)
-
-    def wake(self) -> None:
-        """Have contacts made at once, though there is no new sample."""
-        self._woken.set()
-
-    def close(self) -> None:
-        """End the thread."""
-        self._woken.set()
-        self._join()
-
-    def _work(self) -> None:
-        if hasattr(self._input, "wait"):
-            self._input.wait(self._period)
-        else:
-            self._woken.wait(self._period)
-            self._woken.clear()
-        self.poll(time.monotonic_ns())
-        time.sleep(APART)
+        if present:
+            self._report_count += 1
+            write_motions(latest.motions, visible, present, self._report_count)
+            latest.publish_motions()
 
 
 class _PartThread(Worker):
@@ -241,12 +150,8 @@ class _PartThread(Worker):
         super().__init__()
         self._sources, self._input = sources, part_input
 
-    def close(self) -> None:
-        """End the thread."""
-        self._join()
-
     def _work(self) -> None:
         if self._input is not None:
             self._input.wait(LOOK)
-        self._sources.poll(time.monotonic_ns())
+        self._sources.poll()
         time.sleep(APART)

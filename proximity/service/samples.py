@@ -7,8 +7,17 @@ from typing import ClassVar
 import numpy as np
 
 from proximity.core.receiver_state import AHEAD_NS
+from proximity.errors import ServiceError
 from proximity.kernels.tracking.motion import BACKWARDS, FUTURE, TOO_OLD, USABLE
-from proximity.message import MAX_RECORDS, MEASUREMENT
+from proximity.message import (
+    MAX_RECORDS,
+    MEASURED,
+    MEASUREMENT,
+    PATH_CORNERS,
+    PATH_POSES,
+    POSES,
+    Message,
+)
 from proximity.message.instant_advice import FROM_FUTURE, OUT_OF_ORDER, on_backwards, on_future, on_too_old
 from proximity.service import finger_kernels
 from proximity.system.time_units import NS_PER_MS
@@ -34,6 +43,10 @@ class Samples:
         """Values, (N, C) float64, C-ordered; nan in the first column: nothing is known."""
         values: np.ndarray = getattr(self, self.VALUES)
         return values
+
+    def message(self) -> Message:
+        """Return them as a message."""
+        raise NotImplementedError
 
     def copy_optional(self, newer: "Samples", fingers: slice | np.ndarray, rows: slice | np.ndarray) -> None:
         """Copy to *fingers* what *rows* of newer samples report beside values, nan where they do not."""
@@ -67,6 +80,21 @@ class FingerPoses(Samples):
         self.pose_ns = np.full(count, LONG_AGO, np.int64)
         self.velocities = self.paths = self.bends = None
 
+    def message(self) -> Message:
+        """Return them as `POSES`, or as `PATH_POSES` where there are paths."""
+        count = len(self.pose_ns)
+        message = Message(POSES if self.paths is None else PATH_POSES, count)
+        records = message.records
+        records["finger"] = np.arange(count) if self.fingers is None else self.fingers
+        records["pose_ns"], records["position"] = self.pose_ns, self.positions
+        records["velocity"] = np.nan if self.velocities is None else self.velocities
+        records["bend"] = np.nan if self.bends is None else self.bends
+        if self.paths is not None:
+            if self.paths.shape[1] != PATH_CORNERS:
+                raise ServiceError(f"paths have {self.paths.shape[1]} corners, expected {PATH_CORNERS}")
+            records["corners"] = self.paths
+        return message
+
 
 class Measurements(Samples):
     """Distances of fingers, and what a sensor knows beside them."""
@@ -82,6 +110,15 @@ class Measurements(Samples):
         self.pose_ns = np.full(count, LONG_AGO, np.int64)
         self.records = np.zeros(count, MEASUREMENT)
         self.record_bytes = self.records.view(np.uint8).reshape(count, MEASUREMENT.itemsize)
+
+    def message(self) -> Message:
+        """Return them as `MEASURED`."""
+        count = len(self.pose_ns)
+        message = Message(MEASURED, count)
+        message.records[:] = self.records
+        message.records["finger"] = np.arange(count) if self.fingers is None else self.fingers
+        message.records["measured_ns"] = self.pose_ns
+        return message
 
 
 class NewestSamples:

@@ -12,7 +12,8 @@ from queue import SimpleQueue
 import numpy as np
 import pytest
 import shapes
-from fake_service import MS, ManualClock
+from contacts_in_python import ContactsInPython
+from fake_service import MS, ManualClock, hands_at
 from far_end import PATIENCE, new_name, until
 from ports import free_port
 from project import MESHES
@@ -218,11 +219,12 @@ def frames_of(scene, seed, *, in_python, ticks=300, parts=None):
             ends[end].publish(message)
 
     clock.sleep_until = sleep_until
-    source, ends = SensedContacts(COUNT) if is_measured else contacts_of(scene), {}
+    source, inputs, ends = SensedContacts(COUNT) if is_measured else contacts_of(scene), (None, None), {}
     if parts is not None:
-        moves = MovesInput(of_parts[0], clock=clock.now_ns)
-        source = TrackedContacts(source.tracker, moves, ChangesInput(of_parts[1], SimpleQueue()))
+        inputs = MovesInput(of_parts[0], clock=clock.now_ns), ChangesInput(of_parts[1], SimpleQueue())
         ends = {name: open_publisher(end) for name, end in zip(("moves", "changes"), of_parts, strict=True)}
+    if not is_measured:
+        source = (ContactsInPython if in_python else TrackedContacts)(source.tracker, *inputs)
     source.is_ticked_by_loop = not in_python
     pose_input = MessageInput(poses, COUNT, clock=clock.now_ns, is_measured=is_measured)
     service = Service(
@@ -527,15 +529,29 @@ def test_service_that_is_held_and_killed_says_nothing_wrong(scene, tmp_path):
 
 
 class Polled:
-    """A recording that Python polls."""
+    """A recording that Python polls: at each instant the last of its poses that is past, if that is new."""
+
+    address, notes, is_over = "hand", (), False
 
     def __init__(self, recording):
-        self._recording = recording
-        self.address, self.notes = recording.address, recording.notes
+        end = recording.loop_recording()
+        self._recording, self._latency_ns, self._round_ns = recording, end["latency_ns"], end["round_ns"]
+        self._times_ns, self._positions, self._row = recording._times_ns, recording._positions, -1
+        self._start_ns = None
 
-    is_over = property(lambda self: self._recording.is_over)
-    poll = property(lambda self: self._recording.poll)
-    close = property(lambda self: self._recording.close)
+    def poll(self, now_ns):
+        then_ns = now_ns - self._latency_ns
+        self._start_ns = then_ns if self._start_ns is None else self._start_ns
+        if self._round_ns and then_ns - self._start_ns >= self._round_ns:
+            self._start_ns += (then_ns - self._start_ns) // self._round_ns * self._round_ns
+            self._row = -1
+        row = int(np.searchsorted(self._times_ns, then_ns - self._start_ns, "right")) - 1
+        if row > self._row:
+            self._row, self.is_over = row, not self._round_ns and row == len(self._times_ns) - 1
+            yield hands_at(self._positions[row], self._start_ns + self._times_ns.item(row))
+
+    def close(self):
+        pass
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import shapes
-from fake_service import MS, filled, hands_at
+from fake_service import MS, SteppedLoop, hands_at
 
 import oracle
 from proximity.message import MOVES, ContactFlag, Message
@@ -61,18 +61,24 @@ def distances(pose_ns):
     return np.array(true)
 
 
-class Served:
-    """A tracker that is fed with moves, tick by tick."""
+class Served(SteppedLoop):
+    """A loop that is fed with moves, tick by tick."""
 
     def __init__(self, inlet):
         self.inlet, self.scene = inlet, scene()
         self.source = MovesInput("queue:", clock=lambda: NOW)
         tracker = Tracker(self.scene, fingers=len(TIPS), radius=RADIUS)
-        self.answers = TrackedContacts(tracker, self.source)
+        super().__init__(TrackedContacts(tracker, self.source), NOW)
 
-    def tick(self, now_ns, pose_ns):
-        poses = hands_at(TIPS, pose_ns, np.zeros((len(TIPS), 3)))
-        return filled(self.answers, poses, now_ns)
+    def tick_at(self, now_ns, pose_ns):
+        """The contacts of a tick with fingers at rest, seen at these instants."""
+        return self.tick(now_ns, hands_at(TIPS, pose_ns, np.zeros((len(TIPS), 3))))
+
+    def assert_at(self, now_ns):
+        """The box is where it truly is at that instant."""
+        turn, shift = world_from_box(now_ns)
+        np.testing.assert_allclose(self.part("box")["rotation"].reshape(3, 3), turn, atol=1e-12)
+        np.testing.assert_allclose(self.part("box")["translation"], shift, atol=1e-12)
 
 
 def assert_holds(contacts, pose_ns):
@@ -94,15 +100,12 @@ def test_bounds_hold_at_every_tick_between_messages_however_old_they_are(inlet, 
             inlet.put(told(now_ns - age_ns))
             next_ns += MESSAGE_NS
         pose_ns = np.full(len(TIPS), now_ns - 700_000)
-        contacts = served.tick(now_ns, pose_ns)
+        contacts = served.tick_at(now_ns, pose_ns)
 
         assert_holds(contacts, pose_ns)
-        assert (contacts["flags"] & ContactFlag.EXACT).all() and not served.answers.is_late
+        assert (contacts["flags"] & ContactFlag.EXACT).all() and not served.is_late
 
-    matrix = served.scene.part("box").pose.matrix
-    turn, shift = world_from_box(now_ns - 700_000)
-    np.testing.assert_allclose(matrix[:3, :3], turn, atol=1e-12)
-    np.testing.assert_allclose(matrix[:3, 3], shift, atol=1e-12)
+    served.assert_at(now_ns - 700_000)
 
 
 def test_bounds_of_fingers_of_other_instants_are_wider_and_hold(inlet):
@@ -111,7 +114,7 @@ def test_bounds_of_fingers_of_other_instants_are_wider_and_hold(inlet):
     inlet.put(told(NOW - 20 * MS))
     pose_ns = np.array([NOW - 15 * MS, NOW - MS, NOW - 40 * MS])
 
-    contacts = served.tick(NOW, pose_ns)
+    contacts = served.tick_at(NOW, pose_ns)
 
     assert_holds(contacts, pose_ns)
     flags = contacts["flags"]
@@ -131,16 +134,16 @@ def test_part_that_nothing_more_is_told_of_makes_frames_late_and_bounds_wider(in
         if ms <= 50:
             inlet.put(told(now_ns))
         pose_ns = np.full(len(TIPS), now_ns - MS)
-        contacts = served.tick(now_ns, pose_ns)
+        contacts = served.tick_at(now_ns, pose_ns)
 
         assert_holds(contacts, pose_ns)
-        assert served.answers.is_late == (ms >= 150)
+        assert served.is_late == (ms >= 150)
     assert not (contacts["flags"] & ContactFlag.EXACT).any() and not contacts["part_velocity"].any()
 
     inlet.put(told(now_ns))
-    contacts = served.tick(now_ns, pose_ns)
+    contacts = served.tick_at(now_ns, pose_ns)
     assert_holds(contacts, pose_ns)
-    assert (contacts["flags"] & ContactFlag.EXACT).all() and not served.answers.is_late
+    assert (contacts["flags"] & ContactFlag.EXACT).all() and not served.is_late
 
 
 def test_fingers_that_are_not_there_say_nothing_of_when(inlet):
@@ -148,39 +151,37 @@ def test_fingers_that_are_not_there_say_nothing_of_when(inlet):
     inlet.put(told(NOW))
     poses = hands_at(np.full((3, 3), np.nan), [NOW - 90 * MS, 0, -(2**62)])
 
-    contacts = filled(served.answers, poses, NOW + 20 * MS)
+    contacts = served.tick(NOW + 20 * MS, poses)
 
     assert (contacts["lower"] == -np.inf).all() and (contacts["upper"] == np.inf).all()
-    np.testing.assert_allclose(served.scene.part("box").pose.translation, 0.02 * VELOCITY, atol=1e-15)
+    np.testing.assert_allclose(served.part("box")["translation"], 0.02 * VELOCITY, atol=1e-15)
 
 
-def test_part_that_is_taken_out_while_it_moves_is_counted_once_and_the_others_go_on(inlet):
+def test_part_that_is_taken_out_while_it_moves_leaves_the_others_to_go_on(inlet):
     served = Served(inlet)
     message = Message(MOVES, 2)
     message.records["translation"] = 0.0
     message.records["name"], message.records["pose_ns"] = [b"box", b"far"], NOW
     message.records["rotation"], message.records["velocity"] = np.eye(3), (0.1, 0, 0)
     inlet.put(message)
-    served.tick(NOW, NOW)
+    served.tick_at(NOW, NOW)
     served.scene.remove("box")
 
     for ms in (10, 20):
-        served.tick(NOW + ms * MS, NOW + ms * MS)
+        served.tick_at(NOW + ms * MS, NOW + ms * MS)
 
-    np.testing.assert_allclose(served.scene.part("far").pose.translation, (0.002, 0, 0), atol=1e-15)
-    assert served.source.notes == ["queue:: 1 moves of parts that are invalid"]
+    np.testing.assert_allclose(served.part("far")["translation"], (0.002, 0, 0), atol=1e-15)
+    assert served.source.notes == []
 
 
 def test_part_is_carried_no_longer_than_it_is_believed_whatever_a_finger_says_of_its_instant(inlet):
     """Poses may be some milliseconds ahead of the tick, when the part does not stand still yet."""
     served = Served(inlet)
     inlet.put(told(NOW))
-    served.tick(NOW + 99 * MS, NOW + 103 * MS)
+    served.tick_at(NOW + 99 * MS, NOW + 103 * MS)
 
-    assert not served.answers.is_late
-    turn, shift = world_from_box(NOW + 100 * MS)
-    np.testing.assert_allclose(served.scene.part("box").pose.rotation, turn, atol=1e-12)
-    np.testing.assert_allclose(served.scene.part("box").pose.translation, shift, atol=1e-12)
+    assert not served.is_late
+    served.assert_at(NOW + 100 * MS)
 
 
 def test_finger_that_is_not_predicted_is_free_for_no_time_beside_a_part_of_another_instant(inlet):
@@ -188,7 +189,7 @@ def test_finger_that_is_not_predicted_is_free_for_no_time_beside_a_part_of_anoth
     inlet.put(told(NOW - 20 * MS))
     poses = hands_at(TIPS, [NOW - 15 * MS, NOW - MS, NOW - 40 * MS])  # the first: no velocity is known
 
-    contacts = filled(served.answers, poses, NOW)
+    contacts = served.tick(NOW, poses)
 
     assert not (contacts["flags"] & ContactFlag.PREDICTED).any() and (contacts["lower"] > 0.0).all()
     assert (contacts["time_to_contact_lower"] > 0.0).tolist() == [False, True, False]
@@ -199,38 +200,31 @@ def silent(inlet):
     served = Served(inlet)
     inlet.put(told(NOW))
     for ms in (0, 150, 300):
-        contacts = served.tick(NOW + ms * MS, NOW + ms * MS)
-    assert served.answers.is_late and (contacts["lower"] < contacts["signed_distance"]).all()
+        contacts = served.tick_at(NOW + ms * MS, NOW + ms * MS)
+    assert served.is_late and (contacts["lower"] < contacts["signed_distance"]).all()
     return served
 
 
 class Watched:
-    """By how much `MovesInput.widen` made upper bounds wider at the last tick, m, (N,)."""
+    """By how much upper bounds were wider at the last tick than those of the tracker, which are exact."""
 
-    def __init__(self, served, monkeypatch):
-        widen = served.source.widen
-
-        def watched(contacts):
-            before = contacts["upper"].copy()
-            widen(contacts)
-            self.wider = contacts["upper"] - before
-
+    def __init__(self, served):
         self.served = served
-        monkeypatch.setattr(served.source, "widen", watched)
 
     def tick(self, ms):
         """Of fingers of the same instant, and two of earlier ones."""
-        return self.served.tick(NOW + ms * MS, NOW + ms * MS - np.arange(len(TIPS)) * MS)
+        contacts = self.served.tick_at(NOW + ms * MS, NOW + ms * MS - np.arange(len(TIPS)) * MS)
+        self.wider = contacts["upper"] - contacts["signed_distance"]
 
     def is_sure(self, ms):
         """Whether a frame is in time, and its bounds are the tracker's."""
         self.tick(ms)
-        return not self.wider.any() and not self.served.answers.is_late
+        return not self.wider.any() and not self.served.is_late
 
 
-def test_silent_part_that_is_taken_out_makes_nothing_late_and_no_bound_wider(inlet, monkeypatch):
+def test_silent_part_that_is_taken_out_makes_nothing_late_and_no_bound_wider(inlet):
     served = silent(inlet)
-    watched = Watched(served, monkeypatch)
+    watched = Watched(served)
     box = served.scene.part("box")
     served.scene.remove("box")
     assert watched.is_sure(310) and watched.is_sure(3000)
@@ -239,15 +233,13 @@ def test_silent_part_that_is_taken_out_makes_nothing_late_and_no_bound_wider(inl
     ]  # nobody wanted to move it any more
 
     served.scene.add(box)
-    assert not watched.is_sure(3010) and served.answers.is_late
-    turn, shift = world_from_box(NOW + 100 * MS)
-    np.testing.assert_allclose(served.scene.part("box").pose.rotation, turn, atol=1e-12)
-    np.testing.assert_allclose(served.scene.part("box").pose.translation, shift, atol=1e-12)
+    assert not watched.is_sure(3010) and served.is_late
+    served.assert_at(NOW + 100 * MS)
 
 
-def test_hidden_part_is_carried_on_and_others_go_on_to_widen_bounds(inlet, monkeypatch):
+def test_hidden_part_is_carried_on_and_others_go_on_to_widen_bounds(inlet):
     served = Served(inlet)
-    watched = Watched(served, monkeypatch)
+    watched = Watched(served)
     message = Message(MOVES, 2)
     message.records["translation"] = 0.0
     message.records["name"], message.records["pose_ns"] = [b"box", b"far"], NOW
@@ -257,70 +249,18 @@ def test_hidden_part_is_carried_on_and_others_go_on_to_widen_bounds(inlet, monke
     watched.tick(10)
 
     np.testing.assert_allclose(watched.wider, (0.0, 0.0001, 0.0002), atol=1e-9)  # by the speed of the other
-    np.testing.assert_allclose(served.scene.part("box").pose.translation, (0.09, 0, 0), atol=1e-12)
+    np.testing.assert_allclose(served.part("box")["translation"], (0.09, 0, 0), atol=1e-12)
 
 
-def test_part_that_is_shown_while_a_tick_asks_widens_its_bounds(inlet, monkeypatch):
+def test_silent_part_that_is_hidden_and_shown_widens_bounds_only_where_it_is_shown(inlet):
     served = silent(inlet)
-    watched = Watched(served, monkeypatch)
+    watched = Watched(served)
     served.scene.hide("box")
     assert watched.is_sure(310)
-    tracker = served.answers.tracker
-    advance = tracker.advance
-    monkeypatch.setattr(
-        tracker, "advance", lambda *given, **named: served.scene.show("box") or advance(*given, **named)
-    )
-    contacts = served.tick(NOW + 320 * MS, NOW + 320 * MS)
+    served.scene.show("box")
+    contacts = served.tick_at(NOW + 320 * MS, NOW + 320 * MS)
     assert_holds(contacts, np.full(len(TIPS), NOW + 320 * MS))
     assert not (contacts["flags"] & ContactFlag.EXACT).any()
-
-
-@pytest.mark.parametrize("edit", [Scene.remove, Scene.hide])
-def test_turning_part_that_goes_while_a_tick_asks_does_not_end_the_service(inlet, monkeypatch, edit):
-    """Another thread takes it out between the moves and the bounds."""
-    served = Served(inlet)
-    watched = Watched(served, monkeypatch)
-    inlet.put(told(NOW))
-    tracker = served.answers.tracker
-    advance = tracker.advance
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            tracker, "advance", lambda *rest, **more: edit(served.scene, "box") or advance(*rest, **more)
-        )
-        served.tick(NOW, NOW - np.arange(len(TIPS)) * MS)
-    assert watched.is_sure(10)
-
-
-@pytest.mark.parametrize("again", [False, True])
-def test_part_that_goes_just_before_it_is_moved_is_no_unfit_move(inlet, monkeypatch, again):
-    """Between a tick's look at the scene and its moves; and whoever took it out may put it back."""
-    served = Served(inlet)
-    watched = Watched(served, monkeypatch)
-    inlet.put(told(NOW))
-    served.tick(NOW, NOW)
-    box, move_many = served.scene.part("box"), served.scene.move_many
-
-    def too_late(names, *rest):
-        served.scene.remove("box")
-        try:
-            move_many(names, *rest)
-        finally:
-            if again:
-                served.scene.add(box)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(served.scene, "move_many", too_late)
-        served.tick(NOW + 10 * MS, NOW + 10 * MS)
-    assert served.source.notes == []
-
-    pose_ns = NOW + 20 * MS - np.arange(len(TIPS)) * MS
-    contacts = served.tick(NOW + 20 * MS, pose_ns)
-    if again:
-        assert_holds(contacts, pose_ns)
-        np.testing.assert_allclose(served.scene.part("box").pose.translation, 0.02 * VELOCITY, atol=1e-15)
-    else:
-        assert served.source.notes == ["queue:: 1 moves of parts that are invalid"]
-        assert watched.is_sure(30)
 
 
 def test_bounds_hold_of_a_turning_part_that_is_made_larger(inlet):
@@ -328,10 +268,10 @@ def test_bounds_hold_of_a_turning_part_that_is_made_larger(inlet):
     served = Served(inlet)
     inlet.put(told(NOW, velocity=0.0))
     pose_ns = NOW + np.array([10, 0, 10]) * MS
-    before = np.ptp([served.tick(NOW + 10 * MS, pose_ns)[bound][1] for bound in ("lower", "upper")])
+    before = np.ptp([served.tick_at(NOW + 10 * MS, pose_ns)[bound][1] for bound in ("lower", "upper")])
     served.scene.deform("box", 2.0 * VERTICES)
 
-    after = np.ptp([served.tick(NOW + 10 * MS, pose_ns)[bound][1] for bound in ("lower", "upper")])
+    after = np.ptp([served.tick_at(NOW + 10 * MS, pose_ns)[bound][1] for bound in ("lower", "upper")])
 
     corner = np.linalg.norm(np.abs(VERTICES).max(axis=0))
     assert before == pytest.approx(2 * 0.01 * np.linalg.norm(TURNING) * corner, rel=1e-9)

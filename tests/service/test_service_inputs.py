@@ -2,14 +2,17 @@
 
 import numpy as np
 import pytest
-from fake_service import MS, hands_at, polled
+import shapes
+from fake_service import MS, FakeAnswers, SteppedLoop, hands_at
 
 from proximity.errors import ServiceError
 from proximity.kernels.contact_record import PREDICTED, TRACKED
-from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES, MAX_ACCELERATION, MAX_SPEED, observe
 from proximity.recording import Recording
-from proximity.service import FingerPoses, RecordingInput
+from proximity.scene.scene import Scene
+from proximity.scene.solid import Solid
+from proximity.service import FingerPoses, RecordingInput, Service, TrackedContacts
 from proximity.service.samples import NewestSamples
+from proximity.tracker.tracker import Tracker
 
 NOW = 5000 * MS
 
@@ -22,15 +25,32 @@ def recording(times_ms, *, first=100.0):
     return Recording(np.int64((times + first) * MS), positions, ((0, 1),))
 
 
-def played(source, instants_ms):
-    """What each poll gives: (x in ms, pose's instant in ms), or None."""
-    told = []
-    for instant in instants_ms:
-        poses = polled(source, NOW + int(instant * MS))
-        told.append(
-            None if poses is None else (1000 * poses.positions[0, 0], (poses.pose_ns.item(0) - NOW) / MS)
-        )
-    return told
+class Played(SteppedLoop):
+    """A loop that plays a recording of one finger."""
+
+    def __init__(self, recording, **options):
+        tracker = Tracker(Scene([Solid(*shapes.cube(1.0), name="cube")]), fingers=1)
+        super().__init__(TrackedContacts(tracker), NOW, RecordingInput(recording, **options))
+
+    def at(self, instants_ms):
+        """What each tick is given anew: (x in ms, pose's instant in ms), or None."""
+        memory, given = self.service._memory, []
+        for instant in instants_ms:
+            row, start_ns = self.row
+            self.tick(NOW + int(instant * MS))
+            x, pose_ns = memory._arrays["given"][0, 0], memory._arrays["given_ns"].item(0)
+            given.append(None if self.row == (row, start_ns) else (1000 * x, (pose_ns - NOW) / MS))
+        return given
+
+    @property
+    def row(self):
+        """The last row that was played, and the instant of the first; None before."""
+        playing = self.service._loop.recording
+        return (int(playing["row"]), int(playing["start_ns"])) if playing["has_begun"] else (None, None)
+
+    @property
+    def is_over(self):
+        return bool(self.service._loop.recording["is_over"])
 
 
 def near(pairs):
@@ -38,17 +58,19 @@ def near(pairs):
 
 
 def test_recording_gives_the_newest_pose_that_is_past_with_its_own_instant():
-    source = RecordingInput(recording([0, 8, 16, 30]))
-    told = played(source, [0, 1, 7, 8, 9, 20, 21])
+    loop = Played(recording([0, 8, 16, 30]))
+
+    told = loop.at([0, 1, 7, 8, 9, 20, 21])
+
     assert told == near([(0, 0), None, None, (8, 8), None, (16, 16), None])
-    assert not source.is_over
-    assert played(source, [30.5]) == near([(30, 30)])
-    assert source.is_over
+    assert not loop.is_over
+    assert loop.at([30.5]) == near([(30, 30)])
+    assert loop.is_over
 
 
 def test_poses_are_as_old_as_the_latency_when_they_come():
-    source = RecordingInput(recording([0, 10, 20]), latency=0.004)
-    assert played(source, [0, 9, 10, 20]) == near([(0, -4), None, (10, 6), (20, 16)])
+    loop = Played(recording([0, 10, 20]), latency=0.004)
+    assert loop.at([0, 9, 10, 20]) == near([(0, -4), None, (10, 6), (20, 16)])
 
 
 AWAY = (pytest.approx(np.nan, nan_ok=True), 41)
@@ -56,15 +78,17 @@ AWAY = (pytest.approx(np.nan, nan_ok=True), 41)
 
 
 def test_recording_that_is_repeated_lets_the_hand_go_away_and_begins_anew():
-    source = RecordingInput(recording([0, 10, 20, 31]), repeat=True)
-    told = played(source, [0, 20, 31, 40, 41, 140, 141, 151])
+    loop = Played(recording([0, 10, 20, 31]), repeat=True)
+
+    told = loop.at([0, 20, 31, 40, 41, 140, 141, 151])
+
     assert told == [*near([(0, 0), (20, 20), (31, 31), None]), AWAY, *near([None, (0, 141), (10, 151)])]
-    assert not source.is_over
+    assert not loop.is_over
 
 
 def test_recording_that_is_repeated_keeps_its_beat_through_rounds_slept_through():
-    source = RecordingInput(recording([0, 10, 20, 31]), repeat=True)
-    assert played(source, [0, 141 * 7 + 12, 141 * 8]) == near([(0, 0), (10, 141 * 7 + 10), (0, 141 * 8)])
+    loop = Played(recording([0, 10, 20, 31]), repeat=True)
+    assert loop.at([0, 141 * 7 + 12, 141 * 8]) == near([(0, 0), (10, 141 * 7 + 10), (0, 141 * 8)])
 
 
 def started(count, origin="input"):
@@ -80,30 +104,28 @@ def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
     rows = 30
     positions = np.zeros((rows, 1, 3))
     positions[:, 0, 2] = np.linspace(1.0, 1.0 + jump, rows)
-    source = RecordingInput(
-        Recording(np.arange(rows) * np.int64(MS), positions, ((0, 1),)), latency=0.0, repeat=True
-    )
-    newest = started(1)
-    motions = np.zeros((1, ESTIMATES), ESTIMATE)
-    fastest = abs(jump) / (rows - 1) / 1e-3 + 1e-6
+    hand = Recording(np.arange(rows) * np.int64(MS), positions, ((0, 1),))
+    loop, fastest = Played(hand, latency=0.0, repeat=True), abs(jump) / (rows - 1) / 1e-3 + 1e-6
 
     seen = 0
     for tick in range(3 * (rows + 100)):
-        poses = polled(source, NOW + tick * MS)
-        if poses is not None:
-            newest.update(poses, NOW + tick * MS)
-        (x, y, z), pose_ns = newest.samples.positions[0], newest.samples.pose_ns[0]
-        status = observe(motions, 0, pose_ns, x, y, z, MAX_SPEED, MAX_ACCELERATION)
-        seen += bool(status & TRACKED)
-        assert not status & PREDICTED or np.abs(motions["velocity"][0, 0]).max() <= fastest
+        (contact,) = loop.tick(NOW + tick * MS)
+        seen += bool(contact["flags"] & TRACKED)
+        assert not contact["flags"] & PREDICTED or np.abs(contact["velocity"]).max() <= fastest
     assert seen == 3 * rows
 
 
 def test_recording_of_one_instant_is_over_at_once_or_comes_again_and_again():
-    once, again = RecordingInput(recording([0])), RecordingInput(recording([0]), repeat=True)
-    assert played(once, [0]) == near([(0, 0)]) and once.is_over
-    assert played(again, [0, 999, 1000])[:2] == near([(0, 0), None])
-    assert played(again, [1100]) == near([(0, 1100)])
+    once, again = Played(recording([0])), Played(recording([0]), repeat=True)
+
+    assert once.at([0]) == near([(0, 0)]) and once.is_over
+    assert again.at([0, 999, 1000])[:2] == near([(0, 0), None])
+    assert again.at([1100]) == near([(0, 1100)])
+
+
+def test_recording_is_refused_where_the_loop_cannot_play_it():
+    with pytest.raises(ServiceError, match="recorded poses are for contacts that the loop makes"):
+        Service(FakeAnswers(1), RecordingInput(recording([0])), [], period=0.001)
 
 
 @pytest.mark.parametrize("latency", [-0.001, float("nan")])

@@ -21,7 +21,7 @@ from fake_service import (
 
 from proximity.errors import ServiceError
 from proximity.message import FRAME, ContactFlag, Source, State, validate
-from proximity.service import Service, SkippingClock
+from proximity.service import Service, SkippingClock, loop_memory
 
 START = 1000 * MS
 FAREWELL = [State.STOPPING] * 3
@@ -424,6 +424,12 @@ def test_times_that_cannot_be_are_refused(name, value):
     times = {"period": 0.001, name: value}
     with pytest.raises(ServiceError, match=f"^{name} is .*, expected 1e-05 to 10 s$"):
         Service(FakeAnswers(), ScriptedInput(steady), [], **times)
+
+
+def test_service_without_compiled_kernels_is_refused_with_what_to_run(monkeypatch):
+    monkeypatch.setattr(loop_memory, "IS_AHEAD", False)
+    with pytest.raises(ServiceError, match=r"needs compiled kernels: run `python tools/build_kernels\.py`"):
+        Service(FakeAnswers(), ScriptedInput(steady), [], period=0.001)
 
 
 def test_memory_does_not_grow_with_ticks():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import shapes
-from fake_service import filled
+from fake_service import SteppedLoop, hands_at
 
 from proximity.message import MOVES, Message
 from proximity.scene.scene import Scene
@@ -29,6 +29,11 @@ def moves(**translations):
     return message
 
 
+def stepped(parts, source):
+    """A loop with one finger and these parts, which the source moves."""
+    return SteppedLoop(TrackedContacts(Tracker(parts, fingers=1, radius=0.0), source), NOW)
+
+
 def places(scene):
     return {part.name: part.pose.translation.tolist() for part in scene.parts}
 
@@ -41,7 +46,7 @@ def test_parts_are_moved_and_told_how_fast(inlet):
     message.records["angular_velocity"] = [(4, 5, 6), (0, np.nan, 0)]
     inlet.put(message)
 
-    source.apply(parts, NOW)
+    source.take(parts, NOW)
 
     assert places(parts) == {"a": [0, 2, 0], "b": [0, 0, 1]}
     np.testing.assert_allclose(parts.part("b").pose.rotation, shapes.rotation(3), atol=1e-15)
@@ -56,7 +61,7 @@ def test_messages_are_applied_in_order(inlet):
     inlet.put(moves(a=(1, 0, 0), b=(2, 0, 0)))
     inlet.put(moves(a=(3, 0, 0)))
 
-    source.apply(parts, NOW)
+    source.take(parts, NOW)
 
     assert places(parts) == {"a": [3, 0, 0], "b": [2, 0, 0]}
 
@@ -84,7 +89,7 @@ def test_part_that_cannot_be_moved_is_counted_and_the_others_move(inlet, caplog,
     inlet.put(broken(what))
     inlet.put(broken(what))
 
-    source.apply(parts, NOW)
+    source.take(parts, NOW)
 
     assert places(parts) == {"a": [1, 0, 0], "b": [0, 0, 0], "c": [3, 0, 0]}
     assert source.notes == ["queue:: 2 moves of parts that are invalid"]
@@ -98,7 +103,7 @@ def test_part_that_is_named_twice_goes_where_it_is_told_last(inlet):
     message.records["name"][1] = b"a"
     inlet.put(message)
 
-    source.apply(parts, NOW)
+    source.take(parts, NOW)
 
     assert places(parts) == {"a": [1, 0, 0], "b": [0, 0, 0], "c": [3, 0, 0]}
     assert source.notes == []
@@ -113,7 +118,7 @@ def test_message_that_names_one_part_300_times_is_refused_at_once(inlet, caplog)
         inlet.put(flood)
     inlet.put(moves(b=(2, 0, 0)))
 
-    source.apply(parts, NOW)
+    source.take(parts, NOW)
 
     assert places(parts) == {"a": [0, 0, 0], "b": [2, 0, 0]}
     assert source.notes == ["queue:: 2 messages of moves that name the same parts again and again"]
@@ -125,13 +130,13 @@ def test_move_without_a_translation_is_refused_and_one_without_the_rest_only_shi
     """A record began as zeros: a part whose translation was left out went to the origin."""
     parts, source = scene("a", "b"), MovesInput("queue:")
     inlet.put(moves(a=(1, 0, 0), b=(2, 0, 0)))
-    source.apply(parts, NOW)
+    source.take(parts, NOW)
     message = Message(MOVES, 2)
     message.records["name"], message.records["pose_ns"] = [b"a", b"b"], NOW
     message.records["translation"][1] = (3, 0, 0)
     inlet.put(message)
 
-    source.apply(parts, NOW)
+    source.take(parts, NOW)
 
     assert places(parts) == {"a": [1, 0, 0], "b": [3, 0, 0]}
     assert parts.part("b").pose.rotation.tolist() == np.eye(3).tolist() and not parts.part("b").velocity.any()
@@ -145,7 +150,7 @@ def test_rotations_in_single_precision_are_made_exact(inlet):
     message.records["rotation"] = shapes.rotation(5).astype(np.float32)
     inlet.put(message)
 
-    source.apply(parts, NOW)
+    source.take(parts, NOW)
 
     assert source.notes == []
     rotation = parts.part("a").pose.rotation
@@ -157,25 +162,23 @@ def test_edited_scene_gets_all_that_was_told_before(inlet):
     source, before, after = MovesInput("queue:"), scene("a", "b", "c"), scene("c", "d", "a")
     inlet.put(moves(a=(1, 0, 0), b=(2, 0, 0)))
     inlet.put(broken("unknown"))
-    source.apply(before, NOW)
+    source.take(before, NOW)
 
-    source.apply(after, NOW)
+    source.take(after, NOW)
     assert places(after) == {"a": [1, 0, 0], "c": [3, 0, 0], "d": [0, 0, 0]}
 
     inlet.put(moves(d=(4, 0, 0)))
-    source.apply(after, NOW)
+    source.take(after, NOW)
     assert places(after)["d"] == [4, 0, 0]
 
 
 def test_tick_sees_the_moves_that_have_arrived(inlet):
-    parts = scene("a")  # a cube about the origin
-    answers = TrackedContacts(Tracker(parts, fingers=1, radius=0.0), MovesInput("queue:"))
-    poses = answers.new_samples()
-    poses.positions[0], poses.pose_ns[0] = (0, 0, 2), NOW
+    loop = stepped(scene("a"), MovesInput("queue:"))  # a cube about the origin
+    answers = loop.service.contact_source
 
-    first = filled(answers, poses, NOW)["signed_distance"][0]
+    first = loop.tick(NOW, hands_at([(0, 0, 2)], NOW))["signed_distance"][0]
     inlet.put(moves(a=(0, 0, 1)))
-    second = filled(answers, poses, NOW)["signed_distance"][0]
+    second = loop.tick(NOW, hands_at([(0, 0, 2)], NOW))["signed_distance"][0]
 
     assert first - second == pytest.approx(1.0, abs=1e-12)
     answers.close()
@@ -191,37 +194,39 @@ def moving(pose_ns=NOW, speed=0.5):
 
 
 def test_part_of_which_nothing_more_is_told_is_not_believed_to_go_on(inlet):
-    parts, source = scene("a", "b"), MovesInput("queue:")
+    source = MovesInput("queue:")
+    loop = stepped(scene("a", "b"), source)
     inlet.put(moving())
 
-    source.apply(parts, NOW)
-    source.apply(parts, NOW + 100 * MS - 1)
-    assert parts.part("a").velocity.tolist() == [0.5, 0, 0] and source.notes == [] and not source.is_late
+    loop.tick(NOW)
+    loop.tick(NOW + 100 * MS - 1)
+    assert loop.part("a")["velocity"].tolist() == [0.5, 0, 0] and source.notes == [] and not loop.is_late
 
-    source.apply(parts, NOW + 100 * MS)
-    assert parts.part("a").velocity.tolist() == [0, 0, 0]
-    assert places(parts) == {"a": [1.05, 0, 0], "b": [2, 0, 0]}  # where it was when it was believed last
+    loop.tick(NOW + 100 * MS)
+    assert loop.part("a")["velocity"].tolist() == [0, 0, 0]
+    where = [loop.part(name)["translation"].tolist() for name in "ab"]
+    assert where == [[1.05, 0, 0], [2, 0, 0]]  # where it was when it was believed last
     assert source.notes == ["queue:: 1 parts stood still: no move for 100 ms"]
-    assert source.is_late
+    assert loop.is_late
 
-    source.apply(parts, NOW + 300 * MS)
-    assert places(parts) == {"a": [1.05, 0, 0], "b": [2, 0, 0]}
+    loop.tick(NOW + 300 * MS)
+    assert [loop.part(name)["translation"].tolist() for name in "ab"] == where
     assert len(source.notes) == 1 and ": 1 " in source.notes[0]  # said once
 
     inlet.put(moving(pose_ns=NOW + 310 * MS, speed=0.0))
-    source.apply(parts, NOW + 310 * MS)
-    assert not source.is_late and places(parts)["a"] == [1, 0, 0]
+    loop.tick(NOW + 310 * MS)
+    assert not loop.is_late and loop.part("a")["translation"].tolist() == [1, 0, 0]
 
 
 def test_velocity_lasts_from_the_pose_on_and_not_from_when_it_came(inlet):
-    parts, source = scene("a", "b"), MovesInput("queue:")
+    loop = stepped(scene("a", "b"), MovesInput("queue:"))
     inlet.put(moving(pose_ns=NOW - 90 * MS))
-    source.apply(parts, NOW)
-    source.apply(parts, NOW + 10 * MS - 1)
-    assert parts.part("a").velocity.any()
+    loop.tick(NOW)
+    loop.tick(NOW + 10 * MS - 1)
+    assert loop.part("a")["velocity"].any()
 
-    source.apply(parts, NOW + 10 * MS)
-    assert not parts.part("a").velocity.any() and source.is_late
+    loop.tick(NOW + 10 * MS)
+    assert not loop.part("a")["velocity"].any() and loop.is_late
 
 
 @pytest.mark.parametrize(
@@ -235,17 +240,16 @@ def test_move_of_an_instant_that_cannot_be_is_left_out_and_counted(inlet, pose_n
     parts, source = scene("a", "b"), MovesInput("queue:", clock=lambda: NOW)
     answers = TrackedContacts(Tracker(parts, fingers=1), source)
     inlet.put(moves(a=(0, 0, 1), b=(0, 0, 2)))
-    source.apply(parts, NOW)
+    source.take(parts, NOW)
     message = moves(b=(0, 0, 9), a=(0, 0, 3))
     message.records["pose_ns"] = [pose_ns, NOW]
     message.records["velocity"] = [(1, 0, 0), (0, 0, 0)]
     inlet.put(message)
 
-    source.apply(parts, NOW)
+    source.take(parts, NOW)
 
     assert places(parts) == {"a": [0, 0, 3], "b": [0, 0, 2]} and not parts.part("b").velocity.any()
     assert answers.refused == refused and answers.notes == [f"queue:: 1 {note}"]
-    assert not answers.is_late
 
 
 def test_part_with_a_name_of_64_bytes_is_moved(inlet):
@@ -254,7 +258,7 @@ def test_part_with_a_name_of_64_bytes_is_moved(inlet):
     parts, source = scene(name), MovesInput("queue:")
     inlet.put(moves(**{name: (0, 0, 1)}))
 
-    source.apply(parts, NOW)
+    source.take(parts, NOW)
 
     assert places(parts) == {name: [0, 0, 1]}
 
@@ -262,12 +266,13 @@ def test_part_with_a_name_of_64_bytes_is_moved(inlet):
 def test_first_move_of_a_part_is_worth_nothing_when_it_is_old(inlet):
     parts, source = scene("a", "b"), MovesInput("queue:", stale_after=0.05)
     inlet.put(moving(pose_ns=NOW - 50 * MS - 1))
-    source.apply(parts, NOW)
-    assert places(parts) == {"a": [0, 0, 0], "b": [0, 0, 0]} and not source.is_late
+    source.take(parts, NOW)
+    assert places(parts) == {"a": [0, 0, 0], "b": [0, 0, 0]}
+    assert not (parts.part("a").velocity.any() or source.reported())
     assert source.notes == ["queue:: 2 moves older than 50 ms"]
 
     inlet.put(moving(pose_ns=NOW - 50 * MS, speed=0.0))
-    source.apply(parts, NOW)
+    source.take(parts, NOW)
     assert places(parts) == {"a": [1, 0, 0], "b": [2, 0, 0]}
 
 
@@ -275,31 +280,34 @@ def test_move_that_came_while_the_system_kept_the_tick_from_running_is_not_from_
     parts, source = scene("a", "b"), MovesInput("queue:", clock=lambda: NOW + 30 * MS)
     inlet.put(moving(pose_ns=NOW + 30 * MS))
 
-    source.apply(parts, NOW)
+    source.take(parts, NOW)
 
     assert source.future == 0 and parts.part("a").velocity.any()
 
 
 def test_instants_of_ticks_that_skip_ahead_are_those_of_moves_as_well(inlet):
     hour = 3_600_000 * MS
-    parts = scene("a", "b")
     source = MovesInput("queue:", clock=lambda: NOW, skipped=lambda: hour)
+    loop = stepped(scene("a", "b"), source)
     inlet.put(moving())
 
-    source.apply(parts, NOW + hour + 20 * MS)
+    loop.tick(NOW + hour + 20 * MS)
 
-    assert places(parts)["a"] == [1.01, 0, 0] and source.notes == []
+    assert loop.part("a")["translation"].tolist() == [1.01, 0, 0] and source.notes == []
 
 
 def test_edited_scene_is_not_told_a_velocity_that_has_ended(inlet):
-    source, after = MovesInput("queue:"), scene("b")
+    source = MovesInput("queue:")
+    loop = stepped(scene("a", "b"), source)
     inlet.put(moving())
-    source.apply(scene("a", "b"), NOW)
-    source.apply(after, NOW + 200 * MS)  # a is not there any more
-    assert not source.is_late
+    loop.tick(NOW)
+    loop.service.replace(TrackedContacts(Tracker(scene("b"), fingers=1), source))
+    loop.tick(NOW + 200 * MS)  # a is not there any more
+    assert not loop.is_late
 
-    again = scene("a", "b")
-    source.apply(again, NOW + 300 * MS)
+    loop.service.replace(TrackedContacts(Tracker(scene("a", "b"), fingers=1), source))
+    loop.tick(NOW + 300 * MS)
 
-    assert not again.part("a").velocity.any() and places(again) == {"a": [1.05, 0, 0], "b": [2, 0, 0]}
-    assert source.is_late and len(source.notes) == 1
+    assert not loop.part("a")["velocity"].any()
+    assert [loop.part(name)["translation"].tolist() for name in "ab"] == [[1.05, 0, 0], [2, 0, 0]]
+    assert loop.is_late and len(source.notes) == 1

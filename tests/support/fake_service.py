@@ -158,6 +158,32 @@ def serve(
     return service.run(tick_count=ticks), outlet, answers, clock
 
 
+class SteppedLoop:
+    """A service whose ticks are made one by one, each with the poses that it is given, or of *pose_input*."""
+
+    def __init__(self, source, begin_ns, pose_input=None):
+        self.outlet, self.clock, self.poses = KeepingOutlet(), ManualClock(begin_ns), None
+        given = pose_input or ScriptedInput(lambda *_: self.poses)
+        self.service = Service(source, given, [publisher(self.outlet)], period=0.001, clock=self.clock)
+
+    def tick(self, now_ns, poses=None):
+        """The contacts of a tick."""
+        self.clock.now, self.poses = now_ns, poses
+        self.service.step(now_ns)
+        return self.outlet.records[-1]
+
+    @property
+    def is_late(self):
+        """Whether of a part that moved nothing more is reported."""
+        return bool(self.service._loop.is_late)
+
+    def part(self, name):
+        """Where a part is for the loop, and its velocities."""
+        source = self.service._sources.current
+        frames, names = source._model[2], source.contacts.tracker.scene.snapshot().names
+        return frames[names.index(name)]
+
+
 class QueueInlet:
     """A transport's receiving end that gives what was put into it, in order."""
 

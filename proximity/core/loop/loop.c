@@ -325,8 +325,10 @@ static void publish_stopping(Loop *loop)
    It says STOPPING only where it was asked to stop. */
 int proximity_loop_run(Loop *loop)
 {
-    loop->set = (int64_t)(intptr_t)proximity_best_set(POINTER(loop->instructions));
-    if (loop->set == 0 && !loop->is_given) {
+    if (loop->set == 0) { /* to ask the processor takes long */
+        loop->set = (int64_t)(intptr_t)proximity_best_set(POINTER(loop->instructions));
+    }
+    if (loop->set == 0) {
         return 1;
     }
     if (!open_timer(&loop->input)) {

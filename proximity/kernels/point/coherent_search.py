@@ -253,7 +253,7 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
 
     *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face, best the one that was nearest a
     moment ago. *frontier* (`FRONTIER_SIZE`,): of the last search, with *count* nodes, or
-    `FRONTIER_BEGINS`. The scene must not have changed since.
+    `FRONTIER_BEGINS`. The scene must not have changed since; but where there is one part, it may have moved.
 
     Returns the squared distance (scene's scaled frame), part and slot of the nearest found; whether nothing
     is nearer, or *budget* steps were too few to know; the frontier's count, 0 where it is not to be kept,

@@ -171,9 +171,9 @@ def _search(model, arrays, i, finger, is_outside, is_moved, tolerance, budget, s
     track, part, slot = finger.track, finger.track.part, finger.track.slot
     point = vector(finger.record.position)
     best_sq, is_found, steps = 0.0, False, np.int64(0)
-    # A part with a frame of its own is walked as a whole, and gains nothing.
-    may_keep = len(arrays.frontiers) > 0 and slot >= 0 and not is_moved
-    may_keep = may_keep and (parts[part].is_fused == 1 or is_alone(parts))
+    # The frontier of the only part moves with it. Another part with a frame of its own is walked as a whole.
+    may_keep = len(arrays.frontiers) > 0 and slot >= 0
+    may_keep = may_keep and (is_alone(parts) or (parts[part].is_fused == 1 and not is_moved))
     kept = track.frontier_count
     if may_keep and (kept > 0 or kept == FRONTIER_BEGINS):
         best_sq, part, slot, is_found, track.frontier_count, steps = nearest_from_last_answer(

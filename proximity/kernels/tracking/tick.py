@@ -20,7 +20,7 @@ from proximity.kernels.contact_record import (
     TRACKED,
 )
 from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
-from proximity.kernels.geometry.frames import can_be_asked, looks_like_millimetres
+from proximity.kernels.geometry.frames import can_be_asked, is_alone, looks_like_millimetres
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_PART, ModelArrays
 from proximity.kernels.stack_arrays import stack_f64, stack_f64_rows
 from proximity.kernels.tracking.conservative_advancement import Path
@@ -114,8 +114,9 @@ def _tolerance_after(adaptive_tolerance, steps_left):
 def _follow_parts(model, arrays):
     """Take in that parts have moved: how far at most, and which of them have a velocity."""
     settings = arrays.settings[0]
-    for i in range(len(arrays.tracks)):
-        arrays.tracks[i].frontier_count = 0
+    if not is_alone(model.parts):  # frontiers move with the only part
+        for i in range(len(arrays.tracks)):
+            arrays.tracks[i].frontier_count = 0
     displacement = displacement_of_parts(model.frames, arrays.before)
     settings.displacement = (settings.displacement + displacement) * (1.0 + 2.0**-52)
     if not settings.displacement <= MOST_DISPLACEMENT:

@@ -13,8 +13,7 @@ from proximity.message.instant_advice import on_backwards, on_future, on_too_old
 from proximity.pose import nearest_rotations
 from proximity.scene.scene import Scene
 from proximity.service.inputs.inbox import Inbox
-from proximity.service.inputs.part_prediction import HOLD_NS, Carried, ReportedMotion, VisibleParts
-from proximity.service.samples import FingerPoses
+from proximity.service.inputs.part_prediction import HOLD_NS, ReportedMotion
 from proximity.system.time_units import NS_PER_MS, NS_PER_S
 
 SILENT_PARTS = "parts stood still: no move for 100 ms"
@@ -28,11 +27,10 @@ class MovesInput:
 
     A part that is not there, or a pose that is not rigid, is counted and left out; the others move. So is a
     move from more than 5 ms in the future, older than the one before of the same part, or too old. A message
-    that names its parts more than twice each is left out as a whole. Velocities of nan are zero. A part that
-    has a velocity is carried on by it from the instant of its pose, at each tick anew. When nothing more was
-    reported of it for `HOLD_NS` it stands, that is counted, and `is_late` says so until it is reported again:
-    a part that comes to rest must be reported once without a velocity. Of a part that is hidden or taken out
-    nobody needs to know where it is; when it is shown or added again, it is carried on again.
+    that names its parts more than twice each is left out as a whole. Velocities of nan are zero. The loop
+    moves a part that has a velocity on from the instant of its pose, for `HOLD_NS` at most. Then the part
+    stands, that is counted, and frames are late until it is reported again: a part that comes to rest must be
+    reported once without a velocity.
     """
 
     future: int  # moves left out because they are from the future
@@ -53,11 +51,7 @@ class MovesInput:
         self.future = self.backwards = self.too_old = 0
         self._scene: Scene | None = None
         self._latest: dict[str, ReportedMotion] = {}  # by name of a part that there is or was
-        self._unfit: set[str] = set()  # of these, parts that cannot be carried on as they were reported
         self._silent: set[str] = set()  # of these, parts of which nothing more is reported
-        self._carried: Carried | None = None  # the parts with a velocity; None: there is none
-        self._visible: VisibleParts | None = None  # what the scene had when parts were gathered last
-        self._epoch = -1  # of the scene then
         self._names: dict[bytes, str] = {}
         self._followers: dict[str, dict[str, np.ndarray]] = {}  # by name of the part that they follow
         self._listeners: list[Callable[[], None]] = []
@@ -83,21 +77,6 @@ class MovesInput:
         """Sentences on messages that were lost, refused or left out."""
         return self._inbox.notes
 
-    @property
-    def is_late(self) -> bool:
-        """Whether of a part that moved nothing more is reported: nobody knows where it is."""
-        return self._carried is not None and self._carried.is_late
-
-    def apply(self, scene: Scene, now_ns: int, poses: FingerPoses | None = None) -> None:
-        """Put parts where they are at the newest instant of *poses*, which distances are for, or else now.
-
-        Another scene than before, an edited one perhaps, gets all that was reported until now.
-        """
-        if self.take(scene, now_ns) or scene.epoch != self._epoch:
-            self._find_moving(scene)
-        if self._carried is not None:
-            self._carry(self._carried, scene, now_ns, _instant_of(poses, now_ns))
-
     def take(self, scene: Scene, now_ns: int) -> dict[str, ReportedMotion]:
         """Put parts where messages report them; the motions that are new.
 
@@ -105,8 +84,7 @@ class MovesInput:
         """
         moved: dict[str, ReportedMotion] = {}
         if scene is not self._scene:
-            self._scene, self._carried, self._visible = scene, None, None
-            self._unfit.clear()
+            self._scene = scene
             moved |= self._moved_each(scene, self._latest)
         for _, records, offset_ns in self._inbox.messages():
             moved |= self._apply_message(scene, records, offset_ns + self._skipped(), now_ns)
@@ -133,15 +111,6 @@ class MovesInput:
             self._inbox.leave_out(
                 SILENT_PARTS, len(silent), says=f"{silent[0]!r} stands still: no move for 100 ms"
             )
-
-    def widen(self, contacts: np.ndarray) -> None:
-        """Make bounds wider by what is not known of parts that move.
-
-        Of a finger whose pose is of another instant than those parts are put at, that is how far they go in
-        between. Of a part of which nothing more is reported it is how far it may have come since.
-        """
-        if self._carried is not None and self._scene is not None:
-            self._carried.widen(contacts, is_edited=self._scene.epoch != self._epoch)
 
     def close(self) -> None:
         """Give the address back."""
@@ -185,7 +154,6 @@ class MovesInput:
             moves = dict(self._moved_each(scene, moves, UNFIT))
         self._latest.update(moves)
         self._silent -= moves.keys()
-        self._unfit -= moves.keys()
         return moves
 
     def _with_followers(self, moves: dict[str, ReportedMotion]) -> Any:
@@ -245,55 +213,6 @@ class MovesInput:
             else:
                 yield name, reported
 
-    def _find_moving(self, scene: Scene) -> None:
-        """Find the parts that are to be carried on."""
-        self._epoch = scene.epoch
-        moving = {
-            name: reported
-            for name, reported in self._latest.items()
-            if reported.is_moving and name not in self._unfit
-        }
-        if moving:
-            moving = self._present(scene, moving)
-        self._carried = Carried(moving, self._silent, self._visible) if moving and self._visible else None
-
-    def _present(self, scene: Scene, moving: dict[str, ReportedMotion]) -> dict[str, ReportedMotion]:
-        """Those of parts that are in the scene; it is looked at anew only when it was edited."""
-        visible = self._visible
-        if visible is None or visible.epoch != self._epoch:
-            self._visible = visible = VisibleParts(scene)
-            self._epoch = visible.epoch
-            carried = [] if self._carried is None else self._carried.names
-            gone = [name for name in carried if name not in visible.names and name not in self._silent]
-            if gone:
-                self._inbox.leave_out(UNFIT, len(gone), f"part {gone[0]!r} was removed")
-        return {name: reported for name, reported in moving.items() if name in visible.names}
-
-    def _carry(self, carried: Carried, scene: Scene, now_ns: int, instant_ns: int) -> None:
-        """Put the parts that move where they are at an instant."""
-        if now_ns >= carried.next_ns:
-            silent = carried.fall_silent(now_ns)
-            self._silent.update(silent)
-            self._inbox.leave_out(
-                SILENT_PARTS, len(silent), says=f"{silent[0]!r} stands still: no move for 100 ms"
-            )
-        poses = carried.at(instant_ns)
-        if poses is None:
-            return
-        try:
-            scene.move_many(carried.names, *poses)
-        except (ArgumentError, SceneError):
-            # One goes farther than can be computed with, or was removed just now: the next tick sees that.
-            is_edited = scene.epoch != self._epoch
-            each = zip(*poses, [0] * len(carried.names), strict=True)
-            moves = {
-                name: ReportedMotion(*reported) for name, reported in zip(carried.names, each, strict=True)
-            }
-            moved = dict(self._moved_each(scene, moves, "" if is_edited else UNFIT))
-            if not is_edited:
-                self._unfit |= moves.keys() - moved.keys()
-                self._find_moving(scene)
-
     def _name(self, raw: bytes) -> str:
         name = self._names.get(raw)
         if name is None:
@@ -301,14 +220,6 @@ class MovesInput:
             if self._scene is not None and name in self._latest:
                 self._names[raw] = name
         return name
-
-
-def _instant_of(poses: FingerPoses | None, now_ns: int) -> int:
-    """The newest instant of a finger that is there; now where there is none."""
-    if poses is None:
-        return now_ns
-    is_there = np.isfinite(poses.positions).all(axis=1)
-    return int(poses.pose_ns[is_there].max()) if is_there.any() else now_ns
 
 
 def names_repeat(records: np.ndarray) -> bool:

@@ -1,30 +1,26 @@
 """Sources of poses: the interface of an input, and a recording."""
 
-import logging
-from collections.abc import Iterable, Iterator
-from typing import Protocol
+from collections.abc import Iterable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from proximity.errors import ServiceError
 from proximity.kernels.tracking.motion import MAX_GAP_NS
 from proximity.recording import Recording
-from proximity.service.samples import FingerPoses, Samples
+from proximity.service.samples import Samples
 from proximity.system.time_units import NS_PER_S
-
-LOGGER = logging.getLogger("proximity.service")
 
 
 class PoseInput(Protocol):
-    """An input of samples; its methods neither wait nor raise.
+    """An input of samples.
 
-    A thread polls it: where it has ``wait(timeout)`` when poses come, which wake the loop; otherwise twice in
-    each period. Where it has ``loop_end()`` or ``loop_recording()`` that return something, the loop takes
-    poses from there by itself.
+    Where it has ``loop_end()`` or ``loop_recording()`` that return something, the loop takes poses from there
+    by itself; otherwise it is a `PolledInput`.
     """
 
     is_over: bool
-    """Whether nothing will come any more: a recording that has ended."""
+    """Whether nothing will come any more."""
     address: str
     """Where samples come from, for messages."""
 
@@ -32,15 +28,24 @@ class PoseInput(Protocol):
     def notes(self) -> list[str]:
         """Sentences for the report: what was refused or failed, and how often."""
 
-    def poll(self, now_ns: int) -> Iterable[Samples]:
-        """Give the samples that are new since the poll before, oldest first; each is used before the next."""
-
     def close(self) -> None:
         """Give back what is open."""
 
 
+@runtime_checkable
+class PolledInput(PoseInput, Protocol):
+    """An input that a thread polls; its methods neither wait nor raise.
+
+    Where it has ``wait(timeout)`` it is polled when poses come, which wake the loop; otherwise twice in each
+    period.
+    """
+
+    def poll(self, now_ns: int) -> Iterable[Samples]:
+        """Give the samples that are new since the poll before, oldest first; each is used before the next."""
+
+
 class RecordingInput:
-    """A recording in real time: each pose has its recorded instant, counted from the first poll on.
+    """A recording that the loop plays: each pose has its recorded instant, counted from the first tick on.
 
     To serve a recording as fast as it can be computed, give the service a `SkippingClock`.
 
@@ -50,12 +55,11 @@ class RecordingInput:
     may say so.
     """
 
-    is_over: bool
+    is_over = False  # the loop knows
 
     def __init__(self, recording: Recording, *, latency: float = 0.0, repeat: bool = False) -> None:
         if not 0.0 <= latency <= 1.0:
             raise ServiceError(f"a recording with a latency of {latency!r} s, expected 0 to 1 s")
-        self.is_over = False
         self.address = recording.path or "the recording"
         self.notes = [f"{recording.path or 'the recording'}: {note}" for note in recording.notes]
         self._times_ns = recording.times_ns - recording.times_ns[0]
@@ -64,11 +68,8 @@ class RecordingInput:
             self._times_ns, self._positions = _with_nobody_at_the_end(self._times_ns, self._positions)
         self._times_ns = np.ascontiguousarray(self._times_ns, np.int64)
         self._positions = np.ascontiguousarray(self._positions, np.float64)
-        self._poses = FingerPoses(len(recording.fingers))
         self._latency_ns = round(NS_PER_S * latency)
         self._repeat = repeat
-        self._row = -1  # the last one given
-        self._start_ns: int | None = None  # instant of the first row
         self._round_ns = int(self._times_ns[-1]) + MAX_GAP_NS
 
     def loop_recording(self) -> dict[str, int]:
@@ -81,35 +82,8 @@ class RecordingInput:
             "round_ns": self._round_ns if self._repeat else 0,
         }
 
-    def poll(self, now_ns: int) -> Iterator[FingerPoses]:
-        """Give the poses of the last instant that is past, unless they were given before."""
-        if self._start_ns is None:
-            self._start_ns = now_ns - self._latency_ns
-        elapsed = now_ns - self._latency_ns - self._start_ns
-        if self._repeat and elapsed >= self._round_ns:
-            # All rounds that are past at once: there may have been a long pause.
-            self._start_ns += elapsed // self._round_ns * self._round_ns
-            elapsed %= self._round_ns
-            self._row = -1
-        row = self._row_at(elapsed)
-        if row == self._row:
-            return
-        self._row = row
-        self.is_over = not self._repeat and row == len(self._times_ns) - 1
-        self._poses.positions[...] = self._positions[row]
-        self._poses.pose_ns[...] = self._start_ns + self._times_ns.item(row)
-        yield self._poses
-
     def close(self) -> None:
         """Do nothing."""
-
-    def _row_at(self, elapsed_ns: int) -> int:
-        """The last row that is not after that time; never one before the last one given."""
-        row, times = self._row, self._times_ns
-        # Mostly the next one, or none.
-        while row + 1 < len(times) and times.item(row + 1) <= elapsed_ns:
-            row += 1
-        return row
 
 
 def _with_nobody_at_the_end(times_ns: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

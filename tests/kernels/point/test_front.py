@@ -249,6 +249,31 @@ def test_ticks_answer_as_the_scene_does_while_parts_move_deform_hide_and_go():
     assert ticked(scene, tracker, places, between) > 300
 
 
+def test_fronts_go_on_while_the_only_part_moves_and_begin_anew_when_its_shape_changes():
+    """A part that moves at every tick took a walk for each finger."""
+    scene = Scene([part_of(shapes.sphere(1.0, 5), "ball", Pose())])
+    tracker = Tracker(scene, fingers=5, radius=0.0, working_range=10.0, max_speed=1e6)
+    vertices, rng = scene.parts[0].solid.mesh.vertices, np.random.default_rng(4)
+    shift, angle = np.zeros(3), 0.0
+
+    def between(step):
+        nonlocal angle
+        shift[:] += 1e-3 * rng.normal(size=3)
+        angle += 1e-3 * rng.normal()
+        if step == 100:
+            shift[:] += 5.0
+        turn = Pose.from_quaternion([0, 0, np.sin(angle), np.cos(angle)]).rotation
+        scene.move("ball", Pose(turn, shift), velocity=shift, angular_velocity=[0.0, 0.0, 1.0])
+        if step == 60:
+            scene.hide("ball")
+            scene.show("ball")
+        if step in (80, 81):
+            scene.deform("ball", vertices * [1.0, 1.0 + 0.01 * step, 1.0])
+
+    places = wandering(scene, 200, 5)
+    assert ticked(scene, tracker, places, between) > 300
+
+
 def test_a_move_is_not_forgotten_when_the_tick_is_interrupted(monkeypatch):
     scene = Scene.from_mesh(
         *shapes.join(shapes.sphere(1.0, 4), shapes.moved(shapes.sphere(1.0, 4), (9, 0, 0)))
