@@ -244,7 +244,7 @@ def test_folder_that_is_not_there_is_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("content", "message"),  # what is changed in a file, or all that it has
     [
         ({"version": 2}, "has version 2, expected 1: calibrate again with this version"),
         ({"format": "hand"},
@@ -258,40 +258,28 @@ def test_folder_that_is_not_there_is_told(tmp_path):
         ({"simulated": "yes"}, "simulated is 'yes', expected true or false"),
         ({"phalanges_m": 7}, "phalanges are 7, expected three numbers of metres"),
         ({"counts": [[1], [2, 3]]}, "counts have rows of different lengths, expected 7 increasing numbers"),
+        (b"", "is not JSON (Expecting value…"),
+        (b"\xff\xfe{}", "is not JSON ('utf-8' codec…"),
+        (b"[1, 2]", "is not a calibration of a glove…"),
+        (b"[" * 60000, "is not JSON…"),
+        (b'{"latency_s": 0.1, "name": "", "latency_s": 0.9}',
+         "has 'latency_s' twice, expected each field once…"),
+        (b" " * (LARGEST_FILE + 1), f"has more than {LARGEST_FILE} bytes…"),
+        (b'{"format": "proximity glove calibration"}', "has version None, expected 1…"),
     ],
+    ids=lambda value: value[:40] if isinstance(value, str) else "",
 )  # fmt: skip
-def test_file_that_was_changed_wrongly_is_refused(tmp_path, change, message):
+def test_file_that_was_changed_wrongly_or_is_none_is_refused(tmp_path, content, message):
     path = tmp_path / "c.json"
-    write_calibration(path, calibrated())
-    document = json.loads(path.read_text(encoding="utf-8")) | change
-    text = json.dumps({key: value for key, value in document.items() if value is not ...})
-    path.write_text(text, encoding="utf-8")
-
+    if isinstance(content, dict):
+        write_calibration(path, calibrated())
+        document = json.loads(path.read_text(encoding="utf-8")) | content
+        content = json.dumps({key: value for key, value in document.items() if value is not ...}).encode()
+    path.write_bytes(content)
     with pytest.raises(DecaffError) as refused:
         read_calibration(path)
-    assert str(refused.value) == f"{path}: {message}"
-
-
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
-        (b"", r"is not JSON \(Expecting value"),
-        (b"\xff\xfe{}", r"is not JSON \('utf-8' codec"),
-        (b"[1, 2]", "is not a calibration of a glove"),
-        (b"[" * 60000, "is not JSON"),
-        (b'{"latency_s": 0.1, "name": "", "latency_s": 0.9}',
-         "has 'latency_s' twice, expected each field once"),
-        (b" " * (LARGEST_FILE + 1), f"has more than {LARGEST_FILE} bytes"),
-        (b'{"format": "proximity glove calibration"}', "has version None, expected 1"),
-    ],
-    ids=["empty", "no text", "no object", "deep", "twice", "large", "bare"],
-)  # fmt: skip
-def test_file_that_is_none_is_refused(tmp_path, data, message):
-    path = tmp_path / "c.json"
-    path.write_bytes(data)
-
-    with pytest.raises(DecaffError, match=message):
-        read_calibration(path)
+    told = str(refused.value).removeprefix(f"{path}: ")
+    assert told == message or (message.endswith("…") and told.startswith(message[:-1]))
 
 
 def test_touch_off_at_three_angles_finds_how_the_drum_is_mounted():

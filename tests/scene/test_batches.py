@@ -3,12 +3,12 @@
 import json
 import subprocess
 import sys
-import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 import shapes
+from changing import seen_while
 from project import SUPPORT
 from scene_parts import anew, assert_answers_alike, some_parts, some_pose, some_questions
 
@@ -136,33 +136,19 @@ def test_answers_while_parts_move_are_those_of_one_moment(point_count):
     expected = np.array([1.0 + 0.01 * k for k in range(STEPS)])
     points = np.tile([[0.0, 0.5, 0.5]], (point_count, 1))
     points[1::2, 1:] = (0.25, 0.75)
-    is_done = threading.Event()
 
     def move():
-        try:
-            for k in range(STEPS):
-                scene.move_many(["left", "right"], poses[k], [[-1.0, k, 0], [1.0, k, 0]])
-        finally:
-            is_done.set()
+        for k in range(STEPS):
+            scene.move_many(["left", "right"], poses[k], [[-1.0, k, 0], [1.0, k, 0]])
 
-    def ask(_):
-        seen = []
-        while True:
-            last = is_done.is_set()
-            found = scene.distance(points)
-            assert (found == found[0]).all(), "one answer is of one moment"
-            velocities = scene.snapshot().frames["velocity"]
-            assert velocities[0, 1] == velocities[1, 1], "both velocities are of one move"
-            seen.append(found[0])
-            if last:
-                return seen
+    def ask():
+        found = scene.distance(points)
+        assert (found == found[0]).all(), "one answer is of one moment"
+        velocities = scene.snapshot().frames["velocity"]
+        assert velocities[0, 1] == velocities[1, 1], "both velocities are of one move"
+        return found[0]
 
-    with ThreadPoolExecutor(4) as pool:
-        mover = pool.submit(move)
-        answers = list(pool.map(ask, range(3)))
-        mover.result()
-
-    for seen in answers:
+    for seen in seen_while(move, ask, 3):
         steps = np.abs(np.array(seen)[:, None] - expected).argmin(axis=1)
         assert np.abs(np.array(seen) - expected[steps]).max() <= 1e-12
         assert (np.diff(steps) >= 0).all(), "time does not run backwards"
@@ -192,31 +178,19 @@ def test_parts_may_come_go_and_hide_while_threads_ask():
     scene = two_cubes_among_others()
     point = np.array([[0.5, 0.5, 3.0]])
     lid = Solid(*shapes.moved(shapes.cube(), (0.0, 0.0, 2.5)), name="lid")
-    is_done = threading.Event()
     scene.add(lid)
     scene.remove("lid")
 
     def change():
-        try:
-            for _ in range(10):
-                scene.add(lid)
-                scene.hide("lid")
-                scene.show("lid")
-                scene.remove("lid")
-        finally:
-            is_done.set()
+        for _ in range(10):
+            scene.add(lid)
+            scene.hide("lid")
+            scene.show("lid")
+            scene.remove("lid")
 
-    def ask(_):
-        seen = set()
-        while not is_done.is_set():
-            seen.add(float(scene.signed_distance(point)[0]))
-            assert len(scene.parts) in (22, 23)
-        return seen
+    def ask():
+        assert len(scene.parts) in (22, 23)
+        return float(scene.signed_distance(point)[0])
 
-    with ThreadPoolExecutor(3) as pool:
-        changer = pool.submit(change)
-        answers = list(pool.map(ask, range(2)))
-        changer.result()
-
-    assert all(seen <= {2.0, -0.5} for seen in answers)
+    assert all(set(seen) <= {2.0, -0.5} for seen in seen_while(change, ask))
     assert scene.epoch == 42

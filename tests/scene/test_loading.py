@@ -192,29 +192,6 @@ def test_unit_is_that_of_the_mesh_or_of_the_caller(declared, given, metres):
     assert from_trimesh(box(units=declared, size=2.0), units=given).bounds[1][0] == pytest.approx(metres)
 
 
-@pytest.mark.parametrize(
-    "mesh, units, message",
-    [
-        (box(units=None), None, "the mesh names no unit, expected units to be given: one of m, dm, cm, mm, "),
-        (box(), "m", "units are given as m, mm, expected one unit for all meshes"),
-        (trimesh.Scene([box(), box(units="inches")]), None, "units are given as in, mm, expected one unit"),
-        (box(units="angstroms"), None, "there is no unit 'angstroms', expected one of m, dm"),
-        (np.eye(3), "m", "a ndarray was given, expected a trimesh.Trimesh or a trimesh.Scene"),
-    ],
-)
-def test_what_cannot_be_taken_is_refused(mesh, units, message):
-    with pytest.raises(MeshError, match=f"^{re.escape(message)}"):
-        from_trimesh(mesh, units=units)
-
-
-def test_matrix_that_flattens_is_refused_with_the_name():
-    scene = trimesh.Scene()
-    scene.add_geometry(box(), node_name="flat", transform=np.diag([1.0, 1.0, 0.0, 1.0]))
-
-    with pytest.raises(MeshError, match=r"^part 'flat': it is placed by a matrix that flattens it"):
-        from_trimesh(scene)
-
-
 @pytest.mark.parametrize("given", [box(), trimesh.Scene(box())], ids=["mesh", "scene"])
 @pytest.mark.parametrize("take", [Solid, Scene, lambda mesh: Scene([mesh]), Scene.from_mesh])
 def test_who_hands_one_to_a_constructor_is_told_of_the_conversion(take, given):
@@ -245,23 +222,33 @@ def test_meshes_of_other_libraries_are_taken_by_their_arrays(mesh):
     np.testing.assert_allclose(np.ptp(scene.bounds, axis=0), np.ptp(np.asarray(VERTICES), axis=0) * 0.0254)
 
 
+FLATTENED = trimesh.Scene()
+FLATTENED.add_geometry(box(), node_name="flat", transform=np.diag([1.0, 1.0, 0.0, 1.0]))
+MIXED = trimesh.Scene([box(), box(units="inches")])
+
+
 @pytest.mark.parametrize(
-    ("mesh", "units", "message"),
+    ("take", "mesh", "units", "message"),
     [
-        (OPEN3D, None, "the mesh names no unit, expected units to be given"),
-        (OPEN3D, "parsec", "there is no unit 'parsec', expected one of m, dm"),
-        (
-            SimpleNamespace(points=VERTICES, faces=[4, 0, 1, 2, 3]),
-            "m",
-            "the mesh has faces that are no triangles",
-        ),
-        (SimpleNamespace(vertices=VERTICES, triangles=FACES[:0]), "m", "the SimpleNamespace holds no faces"),
-        (VERTICES, "m", "a ndarray was given, expected a mesh of trimesh, PyVista or Open3D"),
+        (from_trimesh, box(units=None), None,
+         "the mesh names no unit, expected units to be given: one of m, dm, cm, mm, "),
+        (from_trimesh, box(), "m", "units are given as m, mm, expected one unit for all meshes"),
+        (from_trimesh, MIXED, None, "units are given as in, mm, expected one unit"),
+        (from_trimesh, box(units="angstroms"), None, "there is no unit 'angstroms', expected one of m, dm"),
+        (from_trimesh, np.eye(3), "m", "a ndarray was given, expected a trimesh.Trimesh or a trimesh.Scene"),
+        (from_trimesh, FLATTENED, None, "part 'flat': it is placed by a matrix that flattens it"),
+        (from_mesh, OPEN3D, None, "the mesh names no unit, expected units to be given"),
+        (from_mesh, OPEN3D, "parsec", "there is no unit 'parsec', expected one of m, dm"),
+        (from_mesh, SimpleNamespace(points=VERTICES, faces=[4, 0, 1, 2, 3]), "m",
+         "the mesh has faces that are no triangles"),
+        (from_mesh, SimpleNamespace(vertices=VERTICES, triangles=FACES[:0]), "m",
+         "the SimpleNamespace holds no faces"),
+        (from_mesh, VERTICES, "m", "a ndarray was given, expected a mesh of trimesh, PyVista or Open3D"),
     ],
-)
-def test_what_is_no_mesh_is_refused(mesh, units, message):
+)  # fmt: skip
+def test_what_is_no_mesh_is_refused(take, mesh, units, message):
     with pytest.raises(MeshError, match=f"^{re.escape(message)}"):
-        from_mesh(mesh, units=units)
+        take(mesh, units=units)
 
 
 def test_scene_becomes_one_of_trimesh_and_comes_back(tmp_path):

@@ -233,8 +233,9 @@ REFUSED = [  # queries, their arguments, options, and the sentence
          f"{first} have shape (4, 3) and {second} (2, 3), expected shapes that broadcast together"),
         (((1.0, 2.0), POINTS), f"{first} have shape (2,), expected (..., 3)"),
         ((POINTS, ["a", "b", "c"]), f"{second} have dtype <U1, expected numbers of shape (..., 3)"))),
-    (("cast",), (POINTS, ZERO), {}, "direction 1 is zero, expected a vector with a length"),
-    (("cast",), (POINTS, (0, 0, 0)), {}, "direction 0 is zero, expected a vector with a length"),
+    *((("cast", "cast_distance"), (POINTS, ways), {},
+       f"direction {row} is zero, expected a vector with a length")
+      for row, ways in ((1, ZERO), (1, ZERO.tolist()), (0, (0, 0, 0)))),
 ]  # fmt: skip
 
 

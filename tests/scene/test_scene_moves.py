@@ -1,12 +1,12 @@
 """Parts that move between questions: cheap, never torn, and to the bit what a scene made anew answers."""
 
 import re
-import threading
 
 import judging
 import numpy as np
 import pytest
 import shapes
+from changing import seen_while
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene_parts import (
@@ -131,26 +131,16 @@ def test_bounds_are_those_of_the_vertices_however_parts_are_turned():
 def test_bounds_follow_parts_that_other_threads_move_and_remove():
     scene = Scene(some_parts(4))
     largest = np.abs(scene.bounds).max() + 20.0
-    wrong, is_over = [], threading.Event()
-
-    def read():
-        while not is_over.is_set():
-            lower, upper = scene.bounds
-            if not (lower < upper).all() or np.abs([lower, upper]).max() > largest:
-                wrong.append((lower, upper))
-
-    readers = [threading.Thread(target=read) for _ in range(2)]
-    for reader in readers:
-        reader.start()
     last = scene.parts[-1]
-    for matrix in matrices_of(np.random.default_rng(3), 100):
-        scene.move(scene.parts[0].name, matrix)
-        scene.remove(last.name)
-        scene.add(last)
-    is_over.set()
-    for reader in readers:
-        reader.join()
-    assert not wrong
+
+    def change():
+        for matrix in matrices_of(np.random.default_rng(3), 100):
+            scene.move(scene.parts[0].name, matrix)
+            scene.remove(last.name)
+            scene.add(last)
+
+    for lower, upper in np.concatenate(seen_while(change, lambda: scene.bounds)):
+        assert (lower < upper).all() and np.abs([lower, upper]).max() <= largest
 
 
 def test_velocities_are_those_of_the_last_move():
