@@ -1,4 +1,7 @@
-"""Tables of the closest points of eight triangles to a point each, see `closest_feature`."""
+"""The closest points of eight triangles to a point each: `closest_feature.closest_on_triangle`, lane by lane.
+
+The same formulas in the same order, so that a point has one answer, whether it is asked alone or among many.
+"""
 
 from proximity.kernels.geometry.closest_feature import (
     CLOSEST_ARM,
@@ -7,14 +10,11 @@ from proximity.kernels.geometry.closest_feature import (
     CLOSEST_POINT,
     CLOSEST_TRIANGLE,
     CLOSEST_WEIGHT,
-    chosen,
     closest_on_triangle,
     height_over,
-    nearest_on_edges,
-    weighted,
-    weights_on_face,
 )
-from proximity.kernels.layout import ALL_LANES, FEATURE_FACE, LANES
+from proximity.kernels.geometry.triangle import TINY, cross, dot
+from proximity.kernels.layout import ALL_LANES, FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX, LANES
 from proximity.native import inlined, kernel
 from proximity.native.simd import absolute, bits, load, load_each, select, splat, square_root, store
 
@@ -24,6 +24,166 @@ LANES_WHICH = CLOSEST_TRIANGLE + 1
 LANES_HEIGHT = CLOSEST_TRIANGLE + 2
 """Height over the plane of the face; of `sides_of_lanes` only."""
 LANES_COLUMNS = CLOSEST_TRIANGLE + 3
+
+
+@inlined
+def _lesser(a, b):
+    """As min of two numbers."""
+    return select(b < a, b, a)
+
+
+@inlined
+def _share(value):
+    """Within 0 and 1, as min and max of numbers."""
+    zero = splat(0.0)
+    return _lesser(select(zero > value, zero, value), splat(1.0))
+
+
+@inlined
+def _one_of(is_second, is_third, first, second, third):
+    return select(is_third, third, select(is_second, second, first))
+
+
+@inlined
+def _points_of(is_second, is_third, first, second, third):
+    """One of three points."""
+    return (
+        _one_of(is_second, is_third, first[0], second[0], third[0]),
+        _one_of(is_second, is_third, first[1], second[1], third[1]),
+        _one_of(is_second, is_third, first[2], second[2], third[2]),
+    )
+
+
+@inlined
+def _between(start, end):
+    return end[0] - start[0], end[1] - start[1], end[2] - start[2]
+
+
+@inlined
+def _length_sq(vector):
+    return dot(*vector, *vector)
+
+
+@inlined
+def _back_onto(third, tip, along, longest_sq, height_sq):
+    """Rounding may put the foot beside a needle: back onto a shorter side."""
+    back = (along * tip * longest_sq + third * height_sq) / (tip * tip * longest_sq + height_sq)
+    return select(third * tip > along, back, third)
+
+
+@inlined
+def _weights_on_face(a, b, c, normal, foot_point):
+    """As `closest_feature.closest_on_face`."""
+    length_a, length_b, length_c = (
+        _length_sq(_between(a, b)), _length_sq(_between(b, c)), _length_sq(_between(c, a))
+    )  # fmt: skip
+    is_second = length_b > length_a
+    longest_sq = select(is_second, length_b, length_a)
+    is_third = length_c > longest_sq
+    longest_sq = select(is_third, length_c, longest_sq)
+    start = _points_of(is_second, is_third, a, b, c)
+    edge = _between(start, _points_of(is_second, is_third, b, c, a))
+    side = _between(start, _points_of(is_second, is_third, c, a, b))
+    foot_arm = _between(start, foot_point)
+    foot, full = dot(*normal, *cross(*edge, *foot_arm)), dot(*normal, *cross(*edge, *side))
+    third = select(full > splat(0.0), _share(foot / full), splat(0.0))
+    along = _share(dot(*foot_arm, *edge) / longest_sq)
+    tip = dot(*side, *edge) / longest_sq
+    height_sq = full * full / longest_sq
+    one, zero = splat(1.0), splat(0.0)
+    third = _back_onto(third, tip, along, longest_sq, height_sq)
+    third = _back_onto(third, one - tip, one - along, longest_sq, height_sq)
+    second = along - third * tip
+    second = _lesser(select(zero > second, zero, second), one - third)
+    first = (one - third) - second
+    return (
+        _one_of(is_second, is_third, first, third, second),
+        _one_of(is_second, is_third, second, first, third),
+        _one_of(is_second, is_third, third, second, first),
+    )
+
+
+@inlined
+def _on_edge(p, start, end):
+    """Parameter along an edge, arm from its nearest point, squared distance; whether that is an end of it."""
+    edge, from_a, from_b = _between(start, end), _between(start, p), _between(end, p)
+    length_sq = _length_sq(edge)
+    ahead, behind = dot(*from_a, *edge), -dot(*from_b, *edge)
+    zero, one = splat(0.0), splat(1.0)
+    is_start = (ahead <= zero) | (length_sq <= splat(TINY))
+    is_end = (behind <= zero) & ~is_start
+    is_near = ahead <= behind
+    t, u = _lesser(ahead / length_sq, one), _lesser(behind / length_sq, one)
+    dx = _arm_of(is_start, is_end, is_near, t, u, from_a[0], from_b[0], edge[0])
+    dy = _arm_of(is_start, is_end, is_near, t, u, from_a[1], from_b[1], edge[1])
+    dz = _arm_of(is_start, is_end, is_near, t, u, from_a[2], from_b[2], edge[2])
+    t = select(is_start, zero, select(is_end, one, select(is_near, t, one - u)))
+    return t, (dx, dy, dz), dot(dx, dy, dz, dx, dy, dz), is_start, is_end
+
+
+@inlined
+def _arm_of(is_start, is_end, is_near, t, u, from_a, from_b, edge):
+    along = select(is_near, from_a - t * edge, from_b + u * edge)
+    return select(is_start, from_a, select(is_end, from_b, along))
+
+
+@inlined
+def _feature_of(is_start, is_end, number, end_number):
+    """The kind of feature on an edge, and which one."""
+    is_corner = is_start | is_end
+    feature = select(is_corner, splat(float(FEATURE_VERTEX)), splat(float(FEATURE_EDGE)))
+    return feature, select(is_end, splat(end_number), splat(number))
+
+
+@inlined
+def _closest_on_edges(p, a, b, c):
+    """As `closest_feature.closest_on_edges`: squared distance, arm, weights, feature and which one."""
+    zero, one = splat(0.0), splat(1.0)
+    t, arm, best_sq, is_start, is_end = _on_edge(p, a, b)
+    feature, which = _feature_of(is_start, is_end, 0.0, 1.0)
+    weights = one - t, t, zero
+    t, other, other_sq, is_start, is_end = _on_edge(p, b, c)
+    other_feature, other_which = _feature_of(is_start, is_end, 1.0, 2.0)
+    is_nearer = other_sq < best_sq
+    best_sq = select(is_nearer, other_sq, best_sq)
+    arm = _chosen(is_nearer, other, arm)
+    weights = _chosen(is_nearer, (zero, one - t, t), weights)
+    feature, which = select(is_nearer, other_feature, feature), select(is_nearer, other_which, which)
+    t, other, other_sq, is_start, is_end = _on_edge(p, c, a)
+    other_feature, other_which = _feature_of(is_start, is_end, 2.0, 0.0)
+    is_nearer = other_sq < best_sq
+    best_sq = select(is_nearer, other_sq, best_sq)
+    arm = _chosen(is_nearer, other, arm)
+    weights = _chosen(is_nearer, (t, zero, one - t), weights)
+    feature, which = select(is_nearer, other_feature, feature), select(is_nearer, other_which, which)
+    return best_sq, arm, weights, feature, which
+
+
+@inlined
+def _chosen(is_first, one, other):
+    """One of two points, lane by lane."""
+    return (
+        select(is_first, one[0], other[0]),
+        select(is_first, one[1], other[1]),
+        select(is_first, one[2], other[2]),
+    )
+
+
+@inlined
+def _weighted(a, b, c, weights):
+    """The point with these weights, from the corner that weighs most."""
+    is_second = weights[1] > weights[0]
+    is_third = weights[2] > select(is_second, weights[1], weights[0])
+    base = _points_of(is_second, is_third, a, b, c)
+    u = _between(base, _points_of(is_second, is_third, b, c, a))
+    v = _between(base, _points_of(is_second, is_third, c, a, b))
+    second = _one_of(is_second, is_third, weights[1], weights[2], weights[0])
+    third = _one_of(is_second, is_third, weights[2], weights[0], weights[1])
+    return (
+        base[0] + (second * u[0] + third * v[0]),
+        base[1] + (second * u[1] + third * v[1]),
+        base[2] + (second * u[2] + third * v[2]),
+    )
 
 
 @inlined
@@ -61,9 +221,9 @@ def _features(p, triangle):
     feature, which = splat(float(FEATURE_FACE)), splat(0.0)
     weights = which, which, which
     if bits(is_over) != ALL_LANES:
-        best_sq, edge_arm, weights, edge_feature, which = nearest_on_edges(p, a, b, c)
+        best_sq, edge_arm, weights, edge_feature, which = _closest_on_edges(p, a, b, c)
         length = select(is_over, length, square_root(best_sq))
-        arm, feature = chosen(is_over, arm, edge_arm), select(is_over, feature, edge_feature)
+        arm, feature = _chosen(is_over, arm, edge_arm), select(is_over, feature, edge_feature)
     return is_over, height, (nx, ny, nz), length, arm, feature, which, weights
 
 
@@ -89,10 +249,10 @@ def closest_of_lanes(reals, offsets, at, local_points, table):
     a, b, c = _triangles(reals, offsets, at)
     is_over, height, normal, length, arm, feature, which, edge_weights = _features(p, (a, b, c))
     foot = p[0] - normal[0] * height, p[1] - normal[1] * height, p[2] - normal[2] * height
-    weights = chosen(is_over, weights_on_face(a, b, c, normal, foot), edge_weights)
+    weights = _chosen(is_over, _weights_on_face(a, b, c, normal, foot), edge_weights)
     _store_feature(table, chunk, at, length, arm, normal, feature, which)
     _store_point(table, chunk, at, CLOSEST_WEIGHT, weights)
-    _store_point(table, chunk, at, CLOSEST_POINT, weighted(a, b, c, weights))
+    _store_point(table, chunk, at, CLOSEST_POINT, _weighted(a, b, c, weights))
 
 
 @kernel
