@@ -75,8 +75,7 @@ batches · results
     "proximity.service": """
 hosting
 loop
-contact_bridge · loop_watch
-loop_parts
+loop_parts · loop_watch
 loop_ends · loop_memory
 held_contacts
 inputs

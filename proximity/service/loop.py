@@ -19,7 +19,6 @@ from typing import Any
 from proximity.errors import ServiceError
 from proximity.message import Source
 from proximity.service.clock import Clock, SkippingClock
-from proximity.service.contact_bridge import ContactBridge
 from proximity.service.contact_source import ContactSource
 from proximity.service.description import Describer
 from proximity.service.frame_log import FrameLogThread, Log
@@ -32,7 +31,7 @@ from proximity.service.loop_memory import (
     nanoseconds,
     run_function,
 )
-from proximity.service.loop_parts import LoopSources
+from proximity.service.loop_parts import ContactBridge, LoopSources
 from proximity.service.loop_watch import LoopWatch
 from proximity.service.realtime import RealTime, undisturbed
 from proximity.service.report import Report
