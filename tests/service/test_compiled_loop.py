@@ -435,7 +435,7 @@ def test_count_of_lost_messages_does_not_overflow(scene):
         for session, number in enumerate([2**64 - 2, 2**63, 4, 2**64 - 1]):
             message.header["send_ns"] = message.records["pose_ns"] = time.monotonic_ns()
             sender.send(message.seal(time.time_ns() + session, number).copy())
-        taken = served.service._loop.input
+        taken = served.service._loop.input["receiver"]
         until(lambda: int(taken["received"]) == 4)
         assert int(taken["lost"]) == 4 and int(taken["sessions"]) == 4
         sender.close()
