@@ -3,6 +3,7 @@
 import math
 import re
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -167,6 +168,22 @@ def test_datagrams_lead_to_the_same_states_and_targets(shares_clock, cable, has_
             glove.offer(data)
         kinds.add(glove.sample().state)
     assert len(kinds) >= 5 + has_sensor and len(set(glove.defects)) >= 6
+    glove.check(build(tmp_path, ControllerSettings(RATE, cable=cable)), tmp_path)
+
+
+@pytest.mark.parametrize("has_sensor", [True, False])
+def test_stretch_of_the_cable_is_made_up_for_alike(has_sensor, tmp_path):
+    """Two presses of a second and a half each, frames at 1 kHz."""
+    cable = CableRule(1200.0, 10.0 if has_sensor else 2.0)
+    glove, sent = Glove3kHz(cable=cable), []
+    glove.has_sensor = has_sensor
+    for sample in range(9000):
+        glove.bend = 0.2 + min(0.0003 * (sample % 4500), 0.31)
+        if sample % 3 == 0:
+            glove.offer(frame_of(glove, sample).seal(SESSION, sample).tobytes())
+        sent.append(PATH.position(0.5) - glove.sample().position)
+
+    assert sent[4400] == pytest.approx(0.5e-3, rel=0.5)
     glove.check(build(tmp_path, ControllerSettings(RATE, cable=cable)), tmp_path)
 
 
@@ -378,3 +395,25 @@ def test_sample_costs_less_than_a_fifth_of_a_cortex_m7(tmp_path):
     assert counts[0][0] == 1500 and counts[0][2] > counts[0][1] > 100.0  # they were counted
     assert a_sample * CYCLES_AN_INSTRUCTION < BUDGET
     assert sum(count[2] for count in counts) < BUDGET  # even the sample with a frame, at one cycle each
+
+
+def test_sample_costs_less_than_a_fifth_of_a_core(tmp_path):
+    """The same, counted on this machine: instructions of one finger with a frame every third sample."""
+    if shutil.which("valgrind") is None or sys.platform != "linux":
+        pytest.skip("there is no valgrind to count instructions with")
+    program = build(tmp_path, options=["-O2", "-fno-math-errno"])
+    glove = press(3000)
+    counted = {}
+    for function in ("decaff_controller_step", "decaff_subscriber_take", "decaff_subscriber_look"):
+        out = tmp_path / f"{function}.out"
+        tool = [
+            "valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", f"--toggle-collect={function}",
+            "--collect-atstart=no", program,
+        ]  # fmt: skip
+        glove.events.answers(tool, tmp_path)
+        (total,) = re.findall(r"^(?:summary|totals): (\d+)", out.read_text(), re.MULTILINE)[:1]
+        counted[function] = int(total) / len(glove.events.expected)
+    print(f"\ninstructions a sample: {counted}")
+
+    assert all(number > 10.0 for number in counted.values())
+    assert sum(counted.values()) * CYCLES_AN_INSTRUCTION < BUDGET

@@ -329,12 +329,21 @@ def test_cad_faces_that_fit_no_triangles_are_unknown_and_noted(tmp_path, surface
     assert contents.notes == ("the numbers of the CAD faces of 'lid' are unknown",)
 
 
+ROUNDED = {
+    "quantised positions, i1 True",
+    "skin that its joints bend stays straight",
+    "node that is flattened to a sheet",
+}
+"""Documents whose numbers are multiplied; those of the others are the same bits."""
+
+
 @pytest.mark.parametrize("name", READ)
 def test_document_is_read_as_it_is_meant_and_what_was_passed_over_is_said(tmp_path, name):
     document, expected, *notes = READ[name]
     contents = read(tmp_path, *document)
     for geometry, vertices in zip(contents.geometries, expected, strict=True):
-        assert np.allclose(corners(geometry), vertices[FACES], rtol=1e-12, atol=1e-15), geometry.name
+        off = np.abs(corners(geometry) - vertices[FACES]).max()
+        assert off <= (1e-12 if name in ROUNDED else 0.0), geometry.name
     assert [note for note in contents.notes if not note.endswith("they are numbered")] == notes
 
 
