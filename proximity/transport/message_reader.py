@@ -43,7 +43,7 @@ class Counts:
 
     def __str__(self) -> str:
         parts = [f"{self.received} received", f"{self.lost} lost"]
-        parts += [f"{count} {defect.value}" for defect, count in self.flawed.items()]
+        parts += [f"{count} {defect.value}" for defect, count in self.flawed.most_common()]
         if self.refused:
             parts.append(f"{self.refused} from another sender")
         if self.unverified:

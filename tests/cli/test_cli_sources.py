@@ -33,7 +33,9 @@ def test_sources_are_written_and_examples_are_left_alone(run, words, sources, tm
     folder = tmp_path / "a" / "b"
     result = run(*words, "--out", folder)
     files = {
-        path.relative_to(folder).as_posix(): path.read_text(encoding="utf-8") for path in folder.rglob("*.*")
+        path.relative_to(folder).as_posix(): path.read_text(encoding="utf-8")
+        for path in folder.rglob("*")
+        if path.is_file()
     }
     assert (result.code, result.err, files) == (0, "", sources)
     assert result.out.splitlines() == [f"{folder / name}: written" for name in sources]

@@ -461,7 +461,7 @@ class CountedEnd:
     """Either end of a transport of this test; a third one that is open is refused."""
 
     opened = 0
-    shares_clock, refused = True, 0
+    shares_clock, is_keyed, refused = True, False, 0
 
     def __init__(self, address):
         if CountedEnd.opened == 2:

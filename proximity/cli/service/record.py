@@ -71,7 +71,7 @@ def record(
 def _summary(log: "FrameLog", seconds: float, counts: "Counts") -> dict[str, Any]:
     """What was recorded, and how many messages were refused, and why."""
     others = {"from another sender": counts.refused, "not verified by the key": counts.unverified}
-    reasons = {flaw.value: count for flaw, count in counts.flawed.items()}
+    reasons = {flaw.value: count for flaw, count in counts.flawed.most_common()}
     return {
         "file": str(log.path),
         "frames": log.frame_count,
