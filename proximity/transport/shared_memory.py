@@ -12,6 +12,7 @@ The mailbox is a file in ``/dev/shm`` that only its owner may open, so all ends 
 import ctypes
 import os
 import sys
+import threading
 import time
 from typing import Any
 from urllib.parse import quote
@@ -155,7 +156,10 @@ if hasattr(os, "register_at_fork"):
 
 
 class SharedMemoryInlet(_Mailbox):
-    """Reads a mailbox as soon as there is one, and the next one after it was closed."""
+    """Reads a mailbox as soon as there is one, and the next one after it was closed.
+
+    One thread may wait while another receives.
+    """
 
     shares_clock = True
     refused = 0
@@ -163,6 +167,7 @@ class SharedMemoryInlet(_Mailbox):
 
     def __init__(self, address: Address) -> None:
         super().__init__(address)
+        self._lock = threading.Lock()  # the memory is not given back while a thread waits in it
         self._is_closed = False
         self._is_next = 0  # whether all of the next mailbox is news: this was here first
         self._looked = 0.0  # when the name was looked at
@@ -195,15 +200,18 @@ class SharedMemoryInlet(_Mailbox):
             left = min(ends - time.monotonic(), SLICE)
             if self._is_closed or self._has_messages() or left <= 0.0:
                 return not self._is_closed and self._has_messages()
-            if self._is_open:
-                self._call.wait(self._box, time.monotonic_ns() + round(NS_PER_S * left))
-            else:
+            with self._lock:
+                was_open = self._is_open
+                if was_open:
+                    self._call.wait(self._box, time.monotonic_ns() + round(NS_PER_S * left))
+            if not was_open:
                 wait_until(self._has_messages, left)
 
     def close(self) -> None:
         """Leave."""
         self._is_closed = True
-        super().close()
+        with self._lock:
+            super().close()
 
     def _has_messages(self) -> bool:
         if not self._is_open and not self._follow():
@@ -222,13 +230,14 @@ class SharedMemoryInlet(_Mailbox):
 
     def _follow(self) -> bool:
         """Open the mailbox that has the name now; whether there is one."""
-        if self._is_open:
-            super().close()
-        outcome = self._call.open(self._box, self._name, self._is_next)
-        if outcome not in (OK, NOBODY):
-            raise self._refusal(outcome)
-        self._is_open = outcome == OK
-        return self._is_open
+        with self._lock:
+            if self._is_open:
+                super().close()
+            outcome = self._call.open(self._box, self._name, self._is_next)
+            if outcome not in (OK, NOBODY):
+                raise self._refusal(outcome)
+            self._is_open = outcome == OK
+            return self._is_open
 
 
 class PrivateMailbox:

@@ -206,6 +206,30 @@ def test_threads_see_whole_messages_while_the_ring_is_overwritten(address):
     inlet.close()
 
 
+def test_one_thread_may_wait_while_another_follows_to_the_next_mailbox(address, path):
+    """The memory was given back below the thread that waited, and the process ended (SIGSEGV)."""
+    outlets, inlet, is_over = [open_outlet(address)], open_inlet(address), threading.Event()
+    buffer = np.empty(64, np.uint8)
+
+    def wait():
+        while not is_over.is_set():
+            inlet.wait(0.02)
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    for number in range(10):
+        path.unlink()  # by hand: nobody is woken, and for a while there is no mailbox
+        until(lambda: inlet.receive(buffer) == NOTHING and not inlet.is_written)
+        time.sleep(0.03)
+        outlets.append(open_outlet(address))
+        outlets[-1].send(np.full(8, number, np.uint8))
+        until(lambda: inlet.receive(buffer) == 8)
+        assert buffer[0] == number
+    is_over.set()
+    waiting.join()
+    inlet.close()
+
+
 def test_reader_does_not_follow_what_no_writer_has_left(address, path):
     """Lengths and positions that cannot be are passed over, within the ring."""
     outlet, inlet = open_outlet(address), open_inlet(address)
