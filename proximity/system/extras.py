@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from proximity.errors import MissingLibraryError
+from proximity.errors import ArgumentError, MissingLibraryError
 
 DISTRIBUTION = "cad-proximity"
 """Name on the package index, where ``proximity`` is another project."""
@@ -30,3 +30,15 @@ def needed(sentence: str, extra: str) -> Iterator[None]:
             f"{sentence} {package}, which {how}: {installation(extra)}, or in a checkout "
             f'pip install -e ".[{extra}]"'
         ) from missing
+
+
+@contextmanager
+def needed_in_c(sentence: str) -> Iterator[None]:
+    """Raise `ArgumentError` if code in C that is loaded within is missing, with how to compile it."""
+    try:
+        yield
+    except ImportError as missing:
+        raise ArgumentError(
+            f"{sentence}: {missing}; compile it by `python tools/build_kernels.py` in the checkout, or "
+            "install the package anew"
+        ) from None

@@ -4,13 +4,12 @@ import hashlib
 import re
 import socket
 import subprocess
-import sys
 import threading
 import time
 
 import numpy as np
 import pytest
-from client_programs import LANGUAGES, PATIENCE, Events, ask, build, driver_source
+from client_programs import LANGUAGES, PATIENCE, Events, ask, build_driver
 from ports import free_port
 from wire import KNOWN, MS, SESSION, Clock, Wire, frame, sealed
 
@@ -32,11 +31,7 @@ from proximity.transport.message_key import write_key
 @pytest.fixture(scope="module", params=LANGUAGES)
 def driver(request, tmp_path_factory):
     """A program for each language."""
-    if sys.platform == "win32":
-        pytest.skip("clients are built and run on POSIX systems only")
-    return build(
-        request.param, tmp_path_factory.mktemp(request.param), driver_source(request.param), "driver"
-    )
+    return build_driver(request.param, tmp_path_factory.mktemp(request.param))
 
 
 class Beside:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from compiling_c import WARNINGS, c_compiler, run
 from ports import free_port
+from publishing import publishing
 from wire import MS, frame, sealed
 
 from proximity.clients import EXAMPLE_RECEIVER
@@ -208,7 +209,10 @@ def test_publisher_elsewhere_is_believed_when_its_clock_has_been_seen_to_run(pro
     """The address of another machine, which sends from here; its clock is an hour ahead."""
     ahead, here = 3600 * 1000 * MS, own_address()
     with listening(program, port, here, here) as receiver:
-        with publishing(f"udp://{here}:{port}?bind={here}", ahead):
+        with publishing(
+            f"udp://{here}:{port}?bind={here}",
+            lambda: frame(time.monotonic_ns() + ahead, valid_for=900 * MS),
+        ):
             receiver.read_until(" OK age")
         receiver.stop()
 
@@ -216,25 +220,6 @@ def test_publisher_elsewhere_is_believed_when_its_clock_has_been_seen_to_run(pro
     assert states[0] == "STALE"
     ages = [float(re.search(r"OK age (\S+)", line)[1]) for line in receiver.lines if " OK " in line]
     assert min(ages) < 1000.0
-
-
-@contextlib.contextmanager
-def publishing(address, ahead):
-    """Publish frames every 5 ms, by a clock that is so much ahead."""
-    is_enough = threading.Event()
-
-    def publish():
-        with open_publisher(address) as publisher:
-            while not is_enough.wait(0.005):
-                publisher.publish(frame(time.monotonic_ns() + ahead, valid_for=900 * MS))
-
-    thread = threading.Thread(target=publish)
-    thread.start()
-    try:
-        yield
-    finally:
-        is_enough.set()
-        thread.join()
 
 
 def own_address():

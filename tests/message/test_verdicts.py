@@ -1,10 +1,8 @@
 """Receivers in every language decide alike which messages are used: by one table."""
 
-import sys
-
 import numpy as np
 import pytest
-from client_programs import DEFECTS, LANGUAGES, Events, build, driver_source
+from client_programs import DEFECTS, LANGUAGES, Events, build_driver
 from controller_in_c import Events as ChipEvents
 from controller_in_c import build as build_controller
 from verdicts import CASES, ROWS, datagrams
@@ -16,11 +14,7 @@ from proximity.transport import Subscriber
 @pytest.fixture(scope="module", params=LANGUAGES)
 def driver(request, tmp_path_factory):
     """A program for each language."""
-    if sys.platform == "win32":
-        pytest.skip("clients are built and run on POSIX systems only")
-    return build(
-        request.param, tmp_path_factory.mktemp(request.param), driver_source(request.param), "driver"
-    )
+    return build_driver(request.param, tmp_path_factory.mktemp(request.param))
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,7 @@ struct Posts {
     Slot *slots;
 };
 
-static struct Posts *made_posts(size_t parts)
+static struct Posts *create_posts(size_t parts)
 {
     size_t words = parts / PARTS_A_WORD + 1, rows = words + 2 * parts;
     struct Posts *posts = calloc(1, sizeof *posts + rows * sizeof(int64_t) + 22 * parts * sizeof(double) +
@@ -56,9 +56,11 @@ int proximity_post(proximity_scene *scene, int32_t part, const double *matrix, i
     if (scene == NULL) {
         return proximity_refuse_scene(scene, error);
     }
-    if (part < 0 || part >= scene->archive.part_count || matrix == NULL) {
-        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there is no part %d, expected 0 to %d; or no matrix",
-                                (int)part, (int)scene->archive.part_count - 1);
+    if (part < 0 || part >= scene->archive.part_count) {
+        return proximity_no_such_part(scene, part, error);
+    }
+    if (matrix == NULL) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "the matrix is NULL, expected 16 numbers");
     }
     if (!(pose_ns >= -MOST_NS && pose_ns <= MOST_NS)) {
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "pose_ns is beyond 2^62 ns");
@@ -68,7 +70,7 @@ int proximity_post(proximity_scene *scene, int32_t part, const double *matrix, i
     }
     struct Posts *posts = __atomic_load_n(&scene->posts, __ATOMIC_RELAXED); /* only this thread writes it */
     if (posts == NULL) {
-        posts = made_posts((size_t)scene->archive.part_count);
+        posts = create_posts((size_t)scene->archive.part_count);
         if (posts == NULL) {
             return proximity_refuse(error, PROXIMITY_NO_MEMORY, "there is no memory for poses");
         }
@@ -161,6 +163,18 @@ static int add_row(const proximity_scene *scene, int64_t part, int64_t at, int64
     return goes_on;
 }
 
+int64_t proximity_newest_instant(const double *positions, const int64_t *pose_ns, int64_t count, int64_t now_ns)
+{
+    int64_t newest_ns = INT64_MIN;
+    for (int64_t k = 0; k < count; k++) {
+        const double *p = positions + 3 * k;
+        if (isfinite(p[0]) && isfinite(p[1]) && isfinite(p[2]) && pose_ns[k] > newest_ns) {
+            newest_ns = pose_ns[k];
+        }
+    }
+    return newest_ns == INT64_MIN ? now_ns : newest_ns;
+}
+
 int proximity_take(proximity_scene *scene, int64_t instant_ns, proximity_error *error)
 {
     int unusable = proximity_refuse_scene(scene, error);
@@ -186,7 +200,7 @@ int proximity_take(proximity_scene *scene, int64_t instant_ns, proximity_error *
     return proximity_refuse_scene(scene, error);
 }
 
-void proximity_carry_no_more(proximity_scene *scene, int32_t part)
+void proximity_discard_posts(proximity_scene *scene, int32_t part)
 {
     struct Posts *posts = __atomic_load_n(&scene->posts, __ATOMIC_ACQUIRE);
     if (posts != NULL) {

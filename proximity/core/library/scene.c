@@ -342,7 +342,7 @@ static int settle(proximity_scene *scene, proximity_error *error)
     return reach <= 1.0 ? PROXIMITY_OK : fail_half_way(scene, error);
 }
 
-static int no_such_part(const proximity_scene *scene, int32_t part, proximity_error *error)
+int proximity_no_such_part(const proximity_scene *scene, int32_t part, proximity_error *error)
 {
     return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there is no part %d, expected 0 to %d", (int)part,
                             (int)scene->archive.part_count - 1);
@@ -396,7 +396,7 @@ int proximity_move(proximity_scene *scene, const int32_t *parts, size_t count, c
     }
     for (size_t k = 0; k < count; k++) {
         if (parts[k] < 0 || parts[k] >= scene->archive.part_count) {
-            return no_such_part(scene, parts[k], error);
+            return proximity_no_such_part(scene, parts[k], error);
         }
     }
     int64_t unfit = proximity_first_unfit(scene, (int64_t)count, matrices, velocities, angular_velocities);
@@ -408,7 +408,7 @@ int proximity_move(proximity_scene *scene, const int32_t *parts, size_t count, c
     scene->changes++;
     for (size_t k = 0; k < count; k++) {
         int64_t row = parts[k];
-        proximity_carry_no_more(scene, parts[k]);
+        proximity_discard_posts(scene, parts[k]);
         if (!write_poses(scene, &row, 1, matrices + 16 * k, velocities != NULL ? velocities + 3 * k : NULL,
                          angular_velocities != NULL ? angular_velocities + 3 * k : NULL)) {
             return fail_half_way(scene, error);
@@ -424,7 +424,7 @@ int proximity_set_surface(proximity_scene *scene, int32_t part, double stiffness
         return proximity_refuse_scene(scene, error);
     }
     if (part < 0 || part >= scene->archive.part_count) {
-        return no_such_part(scene, part, error);
+        return proximity_no_such_part(scene, part, error);
     }
     if (!(stiffness >= 0.0 && stiffness < INFINITY && damping >= 0.0 && damping < INFINITY) ||
         (stiffness == 0.0 && damping > 0.0)) {
@@ -446,7 +446,7 @@ int proximity_hide(proximity_scene *scene, int32_t part, int is_hidden, proximit
         return unusable;
     }
     if (part < 0 || part >= scene->archive.part_count) {
-        return no_such_part(scene, part, error);
+        return proximity_no_such_part(scene, part, error);
     }
     Part *row = &scene->archive.parts[part];
     if (row->is_hidden == (is_hidden != 0)) {

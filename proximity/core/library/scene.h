@@ -40,12 +40,18 @@ int proximity_refuse_scene(const proximity_scene *scene, proximity_error *error)
 int64_t proximity_first_unfit(const proximity_scene *scene, int64_t n, const double *matrices, const double *velocities,
                               const double *angular_velocities);
 
+/* The sentence about a number that no part has, as an error. */
+int proximity_no_such_part(const proximity_scene *scene, int32_t part, proximity_error *error);
+
 /* The sentence why a pose of a part cannot be used, as an error. */
 int proximity_refuse_pose(const proximity_scene *scene, int64_t part, const double *matrix, const double *velocity,
                           const double *angular_velocity, proximity_error *error);
 
+/* The newest instant of all tracked fingers, whose positions are finite; now_ns if there are none. */
+int64_t proximity_newest_instant(const double *positions, const int64_t *pose_ns, int64_t count, int64_t now_ns);
+
 /* Discard poses posted for a part, after proximity_move has moved it. */
-void proximity_carry_no_more(proximity_scene *scene, int32_t part);
+void proximity_discard_posts(proximity_scene *scene, int32_t part);
 
 /* Put parts elsewhere, and find what follows from it; where that cannot be done the scene is broken. */
 void proximity_put_parts(proximity_scene *scene, const int64_t *rows, int64_t count, const double *matrices,

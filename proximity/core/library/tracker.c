@@ -253,20 +253,6 @@ static const char *unfit_tick(const proximity_tracker *tracker, const int64_t *p
     return NULL;
 }
 
-/* The newest instant of all tracked fingers, or now. */
-static int64_t newest_instant(const proximity_tracker *tracker, const double *positions, const int64_t *pose_ns,
-                              int64_t now_ns)
-{
-    int64_t newest_ns = INT64_MIN;
-    for (size_t k = 0; k < tracker->count; k++) {
-        const double *p = positions + 3 * k;
-        if (isfinite(p[0]) && isfinite(p[1]) && isfinite(p[2]) && pose_ns[k] > newest_ns) {
-            newest_ns = pose_ns[k];
-        }
-    }
-    return newest_ns == INT64_MIN ? now_ns : newest_ns;
-}
-
 int proximity_tick(proximity_tracker *tracker, const double *positions, const int64_t *pose_ns, int64_t now_ns,
                    const double *velocities, const proximity_paths *paths, proximity_contact *contacts,
                    proximity_error *error)
@@ -281,7 +267,8 @@ int proximity_tick(proximity_tracker *tracker, const double *positions, const in
     if (unfit != NULL) {
         return proximity_refuse(error, scene->is_broken ? PROXIMITY_BROKEN : PROXIMITY_BAD_ARGUMENT, "%s", unfit);
     }
-    int code = proximity_take((proximity_scene *)(uintptr_t)scene, newest_instant(tracker, positions, pose_ns, now_ns), error);
+    int64_t instant_ns = proximity_newest_instant(positions, pose_ns, (int64_t)tracker->count, now_ns);
+    int code = proximity_take((proximity_scene *)(uintptr_t)scene, instant_ns, error);
     if (code != PROXIMITY_OK) {
         return code;
     }

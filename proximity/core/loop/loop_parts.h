@@ -16,21 +16,6 @@ static proximity_scene *scene_of(const LoopSource *source)
     return POINTER(source->scene);
 }
 
-/* The newest instant of a finger that is there; now where there is none. */
-static int64_t newest_instant(const Loop *loop, int64_t now_ns)
-{
-    const int64_t *pose_ns = POINTER(loop->pose_ns);
-    const double *positions = POINTER(loop->positions);
-    int64_t newest_ns = INT64_MIN;
-    for (int64_t k = 0; k < loop->count; k++) {
-        const double *p = positions + 3 * k;
-        if (isfinite(p[0]) && isfinite(p[1]) && isfinite(p[2]) && pose_ns[k] > newest_ns) {
-            newest_ns = pose_ns[k];
-        }
-    }
-    return newest_ns == INT64_MIN ? now_ns : newest_ns;
-}
-
 static int is_carried(const LoopMotion *motion)
 {
     return motion->number != 0 && motion->is_moving;
@@ -132,7 +117,8 @@ static int64_t carry_parts(Loop *loop, int64_t now_ns)
 {
     LoopSource *source = POINTER(loop->source);
     proximity_scene *scene = scene_of(source);
-    int64_t instant_ns = newest_instant(loop, now_ns), count = 0, all_silent = 1;
+    int64_t instant_ns = proximity_newest_instant(POINTER(loop->positions), POINTER(loop->pose_ns), loop->count, now_ns);
+    int64_t count = 0, all_silent = 1;
     if (scene == NULL) {
         return instant_ns;
     }

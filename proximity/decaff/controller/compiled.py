@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from proximity.decaff.controller.records import TYPES
-from proximity.errors import ArgumentError
 from proximity.message import CONTACT, VERSION
 from proximity.native.in_c import function_in_c
+from proximity.system.extras import needed_in_c
 
 SOURCE = Path(__file__).with_name("decaff_controller.c")
 SETTINGS, PATH, CONTROLLER, OBSERVATION, ACTION, STEADY, SERVO = (
@@ -29,7 +29,7 @@ _SIGNATURES = {
 @cache
 def in_c(name: str) -> Any:
     """Return a function of the controller, of bytes of these structures."""
-    try:
+    with needed_in_c("the drum's controller, which is written in C, cannot run"):
         sizes = np.zeros(9, np.int64)
         function_in_c("controller_sizes", "int64[9]")(sizes)
         if sizes.tolist() != [
@@ -39,11 +39,6 @@ def in_c(name: str) -> Any:
         ]:
             raise ImportError("its structures are others than those of the compiled controller")
         return function_in_c(f"controller_{name}", _SIGNATURES[name])
-    except ImportError as reason:
-        raise ArgumentError(
-            f"the drum's controller, which is written in C, cannot run: {reason}; compile it by "
-            "`python tools/build_kernels.py` in the checkout, or install the package anew"
-        ) from None
 
 
 def memory(kind: np.dtype) -> tuple[np.ndarray, Any, np.ndarray]:

@@ -7,9 +7,11 @@ SIZE…`` prints tags, ``listen`` and ``send HOST PORT FROM-or-BIND KEY`` open a
 import shutil
 import struct
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from compiling_c import WARNINGS, compiler, run
 
 from proximity.clients import write_client
@@ -51,6 +53,13 @@ def build(language, folder, source, target):
 
 def driver_source(language):
     return DRIVERS / {"cpp": "driver.cpp", "javascript": "driver.mjs", "csharp": "Driver.cs"}[language]
+
+
+def build_driver(language, folder):
+    """The command that runs the driver of a client; skips the test where clients are not built."""
+    if sys.platform == "win32":
+        pytest.skip("clients are built and run on POSIX systems only")
+    return build(language, folder, driver_source(language), "driver")
 
 
 def example_source(language, folder):
