@@ -30,7 +30,7 @@ errors
 native
 """,
     "proximity.native": """
-in_c · simd · warm_up
+simd · warm_up
 declaration
 jit · mode
 signature · sources
@@ -44,9 +44,8 @@ cpython · receiver_state
 """,
     "proximity.kernels": """
 tracking
-scene
 pair
-inside
+scene
 point · ray · segment
 tree
 sign
@@ -55,6 +54,11 @@ geometry
 stack_arrays
 compiled_stack · contact_record · entries
 answers · layout · thresholds
+""",
+    "proximity.kernels.scene": """
+store
+queries
+inside · parts
 """,
     "proximity.scene": """
 clashes · picture · trimesh_scene

@@ -21,8 +21,8 @@ from proximity.kernels.contact_record import (
 )
 from proximity.kernels.layout import NEVER, STATIC_COPIES
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
-from proximity.kernels.scene.model_validation import FAULT_SIZE, SOUND
-from proximity.kernels.scene.stored_bytes import HEADER_SIZE, NO_MAGIC, PAGE
+from proximity.kernels.scene.store.model_validation import FAULT_SIZE, SOUND
+from proximity.kernels.scene.store.stored_bytes import HEADER_SIZE, NO_MAGIC, PAGE
 from proximity.kernels.thresholds import SORT_FROM, SORT_STEPS
 from proximity.kernels.tracking import motion
 from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE

@@ -3,7 +3,7 @@
 from functools import cache
 from typing import Any
 
-from proximity.native.in_c import function_in_c
+from proximity.native.declaration import function_in_c
 from proximity.system.extras import needed_in_c
 
 _SIGNATURES = {

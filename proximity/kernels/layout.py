@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.native import bundle, record
-from proximity.native.simd import LANES
+from proximity.native.signature import LANES
 
 ALL_LANES = 2**LANES - 1
 """Bits of all lanes."""

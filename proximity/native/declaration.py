@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.native.mode import IS_AHEAD, IS_JIT, MODE, OBJECTS
+from proximity.native.mode import IS_AHEAD, IS_JIT, MODE, OBJECTS, extension
 from proximity.native.signature import (
     BUNDLES,
     Array,
@@ -22,7 +22,7 @@ from proximity.native.signature import (
     dtype_of,
     signature,
 )
-from proximity.native.sources import entry_modules
+from proximity.native.sources import TOOLS, digest_in_c, entry_modules
 
 ENTRIES: dict[str, "Entry"] = {}
 """All entry points that modules of this process declare, by their names."""
@@ -30,6 +30,8 @@ ROWS_WITH_GIL = 16
 """Rows up to which an entry point may keep the interpreter locked: to release it takes 0.1 µs."""
 _KINDS = {"int": 0, "float": 1, "bool": 2}
 _ARRAY, _BUNDLE = 3, 4
+C_CODE = "c"
+"""Stands where a wrapper's set of instructions stands."""
 _RECORD_SIZE = 256
 """Factor of the size in the number of a type of records, which NumPy gives all the same number."""
 
@@ -148,6 +150,18 @@ def packed(arrays: Any) -> Any:
     kind = BUNDLES[type(arrays).__name__]
     words = tuple(map(codes, kind.arrays))
     return OBJECTS.make_bundle(kind.name, list(BUNDLES).index(kind.name), words, tuple(arrays))
+
+
+def function_in_c(name: str, types: str) -> Any:
+    """Return a function written in C; `ImportError` if the extension is missing or of other sources."""
+    compiled = extension()
+    if compiled is None:
+        raise ImportError("there is no compiled extension for this system")
+    if TOOLS.is_dir() and compiled.digest_in_c != digest_in_c():
+        raise ImportError("its sources were edited since it was compiled")
+    declared = signature(types)
+    takes, gives = (tuple(map(codes, each)) for each in (declared.arguments, declared.results))
+    return compiled.make_entry(C_CODE, name, takes, gives, -1)
 
 
 class _Internal:

@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+LANES = 8
+"""Lanes of every vector type."""
 SCALARS = ("int", "float", "bool")
 DTYPES = ("float64", "float32", "int64", "int32", "uint32", "uint8", "bool")
 ANY_LENGTH = -1

@@ -34,7 +34,7 @@ from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import ArgumentError
 from proximity.message import ContactFlag, Mode, Source, State, Surface
-from proximity.native import in_c
+from proximity.native import declaration
 
 GLOVE = Glove()
 PATH = FingerPath(GLOVE)
@@ -711,7 +711,7 @@ def test_action_tells_the_motor_by_the_parameters_of_the_drum():
     ],
 )
 def test_controller_that_was_not_compiled_says_what_to_do(name, instead, reason, monkeypatch):
-    monkeypatch.setattr(in_c, name, instead)
+    monkeypatch.setattr(declaration, name, instead)
     compiled.in_c.cache_clear()
     with pytest.raises(ArgumentError, match=f"{reason}; compile it by `python tools/build_kernels.py`"):
         FingerController(PATH)

@@ -13,8 +13,8 @@ from proximity.kernels import entries
 from proximity.kernels.geometry.morton_order import morton_order
 from proximity.kernels.layout import FRAME, PART, ModelArrays
 from proximity.kernels.mesh.faces import signed_volume, thin_faces
-from proximity.kernels.scene.placement import first_unfit, update_box
-from proximity.kernels.scene.point_queries import signed_batch
+from proximity.kernels.scene.parts.placement import first_unfit, update_box
+from proximity.kernels.scene.queries.point_queries import signed_batch
 from proximity.kernels.tree.builder import build_tree
 from proximity.native import declaration
 from proximity.scene.scene import Scene

@@ -19,7 +19,7 @@ from project import MESHES
 import proximity
 from proximity import MeshFormatError, Part, Pose, Scene, SceneError, Solid
 from proximity.errors import FileError
-from proximity.kernels.scene.part_trees import copies_in_use
+from proximity.kernels.scene.parts.part_trees import copies_in_use
 from proximity.scene.queries import results
 from proximity.scene.queries.queries import Queries
 from proximity.scene.saved import archive, compiled_scene

@@ -14,7 +14,7 @@ from project import IMPORT_PATHS, TRIALS
 import proximity
 from proximity import MeshFormatError
 from proximity.kernels import layout
-from proximity.kernels.scene.part_trees import copies_in_use, copy_offsets
+from proximity.kernels.scene.parts.part_trees import copies_in_use, copy_offsets
 from proximity.scene.saved import archive, compiled_scene
 
 

@@ -28,9 +28,9 @@ from proximity.native.declaration import ENTRIES
 from proximity.native.sources import PACKAGE
 
 GROUPS = (
-    ("kernels.scene.point_queries",),
+    ("kernels.scene.queries.point_queries",),
     ("kernels.tree", "kernels.mesh", "kernels.sign", "kernels.geometry"),
-    ("kernels.tracking", "kernels.scene.segment_queries"),
+    ("kernels.tracking", "kernels.scene.queries.segment_queries"),
     ("",),
 )
 """Modules, by the beginnings of their names, whose entry points share much code: groups that take about

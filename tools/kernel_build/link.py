@@ -16,7 +16,7 @@ from kernel_build.windows import python_library
 from proximity.core import CORE
 from proximity.decaff.controller.records import controller_header
 from proximity.message.c_header import header_text
-from proximity.native.in_c import C_CODE
+from proximity.native.declaration import C_CODE
 
 HEADERS = Path(__file__).resolve().parent / "headers"
 PYTHON = CORE / "cpython"

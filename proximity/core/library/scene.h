@@ -17,7 +17,7 @@ struct proximity_scene {
     void *copies; /* what is changed of the caller's bytes */
     int is_broken;
     int references; /* that of who opened it, and one of each tracker */
-    /* What follows from where parts are, see kernels.scene.dynamic_tree. */
+    /* What follows from where parts are, see kernels.scene.parts.dynamic_tree. */
     int64_t dynamic[6]; /* address and length of rows, order and keys */
     int64_t *versions, *rows, *order, *keys;
     float *boxes;

@@ -8,7 +8,7 @@ import numpy as np
 
 from proximity.decaff.controller.records import TYPES
 from proximity.message import CONTACT, VERSION
-from proximity.native.in_c import function_in_c
+from proximity.native.declaration import function_in_c
 from proximity.system.extras import needed_in_c
 
 SOURCE = Path(__file__).with_name("decaff_controller.c")

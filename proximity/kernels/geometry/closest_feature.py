@@ -7,10 +7,9 @@ point back even on a needle.
 
 from math import sqrt
 
-from proximity.kernels.geometry.triangle import TINY, cross, dot, offset_of
+from proximity.kernels.geometry.triangle import TINY, cross, dot, height_over, offset_of
 from proximity.kernels.layout import FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX
 from proximity.native import inlined
-from proximity.native.simd import fma, like, load_int, minimum, select, square_root
 
 CLOSEST_SIZE = 24
 CLOSEST_LENGTH = 0  # distance
@@ -56,37 +55,6 @@ def over_face(closest, px, py, pz):
     )  # fmt: skip
     closest[CLOSEST_NORMAL], closest[CLOSEST_NORMAL + 1], closest[CLOSEST_NORMAL + 2] = nx, ny, nz
     return is_over, height
-
-
-@inlined
-def height_over(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz):
-    """Whether the foot of *p* on the plane is strictly inside the triangle *abc*, height, and unit normal.
-
-    Scalars or vectors of eight. The same formula as the walk's, so that both agree on what is inside. A
-    triangle without area has normal and height 0.
-    """
-    abx, aby, abz = bx - ax, by - ay, bz - az
-    acx, acy, acz = cx - ax, cy - ay, cz - az
-    pax, pay, paz = px - ax, py - ay, pz - az
-    nx, ny, nz = cross(abx, aby, abz, acx, acy, acz)
-    normal_sq = dot(nx, ny, nz, nx, ny, nz)
-    zero = like(0.0, normal_sq)
-    has_area = normal_sq > like(TINY, normal_sq)
-    nx, ny, nz = select(has_area, nx, zero), select(has_area, ny, zero), select(has_area, nz, zero)
-    qx = fma(pay, nz, -(paz * ny))
-    qy = fma(paz, nx, -(pax * nz))
-    qz = fma(pax, ny, -(pay * nx))
-    side_ab = dot(abx, aby, abz, qx, qy, qz)
-    side_ac = -dot(acx, acy, acz, qx, qy, qz)
-    pbx, pby, pbz = px - bx, py - by, pz - bz
-    rx = fma(pby, nz, -(pbz * ny))
-    ry = fma(pbz, nx, -(pbx * nz))
-    rz = fma(pbx, ny, -(pby * nx))
-    side_bc = dot(cx - bx, cy - by, cz - bz, rx, ry, rz)
-    length = select(has_area, square_root(normal_sq), like(1.0, normal_sq))
-    nx, ny, nz = nx / length, ny / length, nz / length
-    is_over = minimum(minimum(side_ab, side_ac), side_bc) > zero
-    return is_over, dot(nx, ny, nz, pax, pay, paz), nx, ny, nz
 
 
 @inlined
@@ -203,45 +171,3 @@ def closest_on_triangle(px, py, pz, closest):
     closest[CLOSEST_POINT + 1] = closest[at + 1] + (second * uy + third * vy)
     closest[CLOSEST_POINT + 2] = closest[at + 2] + (second * uz + third * vz)
     return feature, which
-
-
-@inlined
-def _add_face_normal(reals, words, corners_at, face_at, closest):
-    """Add the unit normal of the face whose corners are listed at *face_at* to the pseudo-normal."""
-    a = corners_at + 3 * load_int(words, face_at)
-    b = corners_at + 3 * load_int(words, face_at + 1)
-    c = corners_at + 3 * load_int(words, face_at + 2)
-    ux, uy, uz = reals[b] - reals[a], reals[b + 1] - reals[a + 1], reals[b + 2] - reals[a + 2]
-    vx, vy, vz = reals[c] - reals[a], reals[c + 1] - reals[a + 1], reals[c + 2] - reals[a + 2]
-    nx, ny, nz = cross(ux, uy, uz, vx, vy, vz)
-    length = sqrt(dot(nx, ny, nz, nx, ny, nz))
-    if length > 0.0:
-        closest[CLOSEST_NORMAL] += nx / length
-        closest[CLOSEST_NORMAL + 1] += ny / length
-        closest[CLOSEST_NORMAL + 2] += nz / length
-
-
-@inlined
-def pseudo_normal(model, part, face, feature, which, closest):
-    """Make the face's unit normal in *closest* the pseudo-normal of the feature: the one that tells the side.
-
-    Source: Bærentzen & Aanæs 2005, "Signed distance computation using the angle weighted pseudonormal".
-    """
-    reals, words, _, parts = model
-    if feature == FEATURE_VERTEX:
-        corner = load_int(words, parts[part].faces + 3 * face + which)
-        at = parts[part].corner_normals + 3 * corner
-        closest[CLOSEST_NORMAL], closest[CLOSEST_NORMAL + 1], closest[CLOSEST_NORMAL + 2] = (
-            reals[at],
-            reals[at + 1],
-            reals[at + 2],
-        )
-    elif feature == FEATURE_EDGE:
-        neighbor = load_int(words, parts[part].neighbors + 3 * face + which)
-        if neighbor >= 0:
-            _add_face_normal(reals, words, parts[part].corners, parts[part].faces + 3 * neighbor, closest)
-            nx, ny, nz = closest[CLOSEST_NORMAL], closest[CLOSEST_NORMAL + 1], closest[CLOSEST_NORMAL + 2]
-            length = sqrt(dot(nx, ny, nz, nx, ny, nz))
-            if length > 0.0:
-                for axis in range(3):
-                    closest[CLOSEST_NORMAL + axis] /= length

@@ -11,9 +11,8 @@ from proximity.kernels.geometry.closest_feature import (
     CLOSEST_TRIANGLE,
     CLOSEST_WEIGHT,
     closest_on_triangle,
-    height_over,
 )
-from proximity.kernels.geometry.triangle import TINY, cross, dot
+from proximity.kernels.geometry.triangle import TINY, cross, dot, height_over
 from proximity.kernels.layout import ALL_LANES, FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX, LANES
 from proximity.native import inlined, kernel
 from proximity.native.simd import absolute, bits, load, load_each, select, splat, square_root, store

@@ -1,8 +1,8 @@
-"""Rows of three numbers, loaded eight at a time or prefetched."""
+"""Rows of numbers: loaded eight at a time, copied."""
 
 from proximity.kernels.layout import LANES
 from proximity.native import inlined
-from proximity.native.simd import load_each, prefetch
+from proximity.native.simd import load_each
 
 
 @inlined
@@ -34,17 +34,3 @@ def copy_row(source, row, target, to):
     """Copy a row of a table to row *to* of another."""
     for column in range(source.shape[1]):
         target[to, column] = source[row, column]
-
-
-@inlined
-def limit_of(limits, row):
-    """The limit of a row: its own of (N,), or that of all, (1,)."""
-    return limits[row] if len(limits) > 1 else limits[0]
-
-
-@inlined
-def fetch_row(rows, order, i):
-    """Have the row that is *i*-th in order, which may lie anywhere, brought from memory; if there is one."""
-    if i < len(order):
-        prefetch(rows, 3 * order[i])
-        prefetch(rows, 3 * order[i] + 2)

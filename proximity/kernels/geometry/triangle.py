@@ -13,7 +13,7 @@ difference of products (see Jeannerod, Louvet, Muller 2013) for the cross produc
 
 from proximity.kernels.layout import BLOCK_STRIDE, LANES
 from proximity.native import inlined
-from proximity.native.simd import fma, like, load, maximum, minimum, select
+from proximity.native.simd import fma, like, load, maximum, minimum, select, square_root
 
 TINY = 1e-60
 """Below it a squared length, or a squared double area, counts as none: in the local frame that is an edge of
@@ -120,12 +120,44 @@ def point_block_distance_sq(blocks, base, p):
     return point_triangle_distance_sq(p, *corners_of_block(blocks, base))
 
 
+@inlined
+def height_over(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz):
+    """Whether the foot of *p* on the plane is strictly inside the triangle *abc*, height, and unit normal.
+
+    Scalars or vectors of eight. The same formula as the walk's, so that both agree on what is inside. A
+    triangle without area has normal and height 0.
+    """
+    abx, aby, abz = bx - ax, by - ay, bz - az
+    acx, acy, acz = cx - ax, cy - ay, cz - az
+    pax, pay, paz = px - ax, py - ay, pz - az
+    nx, ny, nz = cross(abx, aby, abz, acx, acy, acz)
+    normal_sq = dot(nx, ny, nz, nx, ny, nz)
+    zero = like(0.0, normal_sq)
+    has_area = normal_sq > like(TINY, normal_sq)
+    nx, ny, nz = select(has_area, nx, zero), select(has_area, ny, zero), select(has_area, nz, zero)
+    qx = fma(pay, nz, -(paz * ny))
+    qy = fma(paz, nx, -(pax * nz))
+    qz = fma(pax, ny, -(pay * nx))
+    side_ab = dot(abx, aby, abz, qx, qy, qz)
+    side_ac = -dot(acx, acy, acz, qx, qy, qz)
+    pbx, pby, pbz = px - bx, py - by, pz - bz
+    rx = fma(pby, nz, -(pbz * ny))
+    ry = fma(pbz, nx, -(pbx * nz))
+    rz = fma(pbx, ny, -(pby * nx))
+    side_bc = dot(cx - bx, cy - by, cz - bz, rx, ry, rz)
+    length = select(has_area, square_root(normal_sq), like(1.0, normal_sq))
+    nx, ny, nz = nx / length, ny / length, nz / length
+    is_over = minimum(minimum(side_ab, side_ac), side_bc) > zero
+    return is_over, dot(nx, ny, nz, pax, pay, paz), nx, ny, nz
+
+
 __all__ = [
     "corners_of_block",
     "cross",
     "difference_of_products",
     "dot",
     "edge_distance_sq",
+    "height_over",
     "maximum",
     "offset_of",
     "point_block_distance_sq",

@@ -22,7 +22,6 @@ from proximity.kernels.geometry.closest_feature import (
 )
 from proximity.kernels.geometry.frames import ROUNDED_DOWN, ROUNDED_UP, to_scene
 from proximity.kernels.geometry.triangle import corners_of_block, cross, dot
-from proximity.kernels.inside.chunk_tables import new_workspace, reset_recent
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, SIGN_NONE, ModelArrays
 from proximity.kernels.pair.boxes import frames_between, mapped
 from proximity.kernels.pair.deepest_pieces import search_surface
@@ -45,6 +44,7 @@ from proximity.kernels.pair.deepest_state import (
 from proximity.kernels.pair.meeting import to_second
 from proximity.kernels.pair.triangles import SIDE_ROUNDING, between
 from proximity.kernels.ray.walk import ray_in_part
+from proximity.kernels.scene.inside.chunk_tables import new_workspace, reset_recent
 from proximity.kernels.stack_arrays import stack_f64, stack_f64_rows
 from proximity.kernels.traverse.depth_first import depth_first, in_blocks
 from proximity.native import entry, inlined, kernel

@@ -5,10 +5,10 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.geometry.triangle import cross, dot, offset_of
-from proximity.kernels.inside.containment import state_in_part
 from proximity.kernels.layout import CELL_CROSSED, CELL_INSIDE, NO_SLOT
 from proximity.kernels.pair.triangles import between
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part, slot_distance_sq
+from proximity.kernels.scene.inside.containment import state_in_part
 from proximity.kernels.sign.side import signed_of_slot
 from proximity.native import inlined
 from proximity.native.simd import load, select, splat32

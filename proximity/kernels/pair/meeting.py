@@ -11,12 +11,12 @@ from math import floor, sqrt
 
 from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
 from proximity.kernels.geometry.triangle import cross, dot
-from proximity.kernels.inside.chunk_tables import new_workspace, reset_recent
-from proximity.kernels.inside.part_containment import is_deep
 from proximity.kernels.layout import SIGN_NONE
 from proximity.kernels.pair.boxes import mapped
 from proximity.kernels.pair.connection import BOTH, between_edges, corner_of, on_triangle, read_both
 from proximity.kernels.pair.triangles import between
+from proximity.kernels.scene.inside.chunk_tables import new_workspace, reset_recent
+from proximity.kernels.scene.inside.containment import is_deep
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import inlined, kernel
 from proximity.native.simd import load_int

@@ -21,8 +21,6 @@ from proximity.kernels.geometry.frames import (
     turn_to_scene,
 )
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.inside.chunk_tables import new_workspace, reset_recent
-from proximity.kernels.inside.part_containment import contained_corner, is_deep
 from proximity.kernels.layout import NO_SLOT, ModelArrays
 from proximity.kernels.pair.boxes import frames_at
 from proximity.kernels.pair.held_motion import POSE_SIZE
@@ -31,6 +29,8 @@ from proximity.kernels.pair.part_query import fill_ends, turn_normal
 from proximity.kernels.pair.triangles import CROSSING
 from proximity.kernels.pair.walk import nearest_of_parts, rounding_size
 from proximity.kernels.ray.walk import ray_in_part
+from proximity.kernels.scene.inside.chunk_tables import new_workspace, reset_recent
+from proximity.kernels.scene.inside.containment import contained_corner, is_deep
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import entry, inlined, kernel
 

@@ -18,7 +18,7 @@ import numpy as np
 from proximity.kernels.geometry.box import bound_of, lanes_of_point, node_bounds_sq
 from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
 from proximity.kernels.geometry.triangle import offset_of, point_block_distance_sq, point_triangle_distance_sq
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, ORIENTED_STRIDE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_PART, NO_SLOT, ORIENTED_STRIDE
 from proximity.kernels.traverse.depth_first import (
     SCENE_STACKS,
     depth_first,
@@ -160,3 +160,20 @@ def nearest_in_scene(model, point, best_sq, best_part, best_slot, seen, stacks):
     if best_slot >= 0:
         best_part = part_of_slot(words, parts, best_slot)
     return best_sq, best_part, best_slot
+
+
+@inlined
+def nearest_from_block(model, point, limit_sq, part, slot, stacks):
+    """`nearest_in_scene`, starting from the block of what the point before has found, if anything."""
+    reals, _, frames, parts = model
+    x, y, z = point
+    best_sq, seen = limit_sq, np.int64(NOTHING_SEEN)
+    if slot >= 0:
+        seen = ~(slot // LANES)
+        px, py, pz = to_local(frames, parts, part, x, y, z)
+        ratio = frames[part].scale / frames[len(parts) - 1].scale
+        best_sq, slot = best_of_block(reals, slot, px, py, pz)
+        best_sq /= ratio * ratio
+        if not best_sq <= limit_sq:
+            best_sq, part, slot = limit_sq, np.int64(NO_PART), np.int64(NO_SLOT)
+    return nearest_in_scene(model, point, best_sq, part, slot, seen, stacks)

@@ -9,11 +9,10 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import FOLDED_AT, LANES
+from proximity.kernels.layout import LANES
 from proximity.kernels.mesh.faces import face_normal
 from proximity.kernels.sign.winding_number import winding_number
-from proximity.native import allocating_kernel, entry, inlined, kernel
-from proximity.native.simd import load_int
+from proximity.native import allocating_kernel, entry, kernel
 
 SHARPEST_COSINE = -0.9
 """Cosine between the normals of two faces across an edge below which both are looked at: an edge of 26
@@ -24,12 +23,6 @@ MOST_STEP, STEP_SHARE = 1e-6, 1e-3
 """Distance of samples to either side, local: at most this, and this share of the root of the face's area."""
 MOST_LOOKED_AT = 4096
 """Faces of a part; what more there are count as folded."""
-
-
-@inlined
-def is_folded(words, notes, slot):
-    """Whether the face at a slot is folded over; *notes*: the word where those of all blocks begin."""
-    return (load_int(words, notes + slot // LANES) >> (FOLDED_AT + slot % LANES)) & 1 != 0
 
 
 @entry(

@@ -1,5 +1,7 @@
 """Inside or outside of one part, decided by its nearest triangle."""
 
+from math import sqrt
+
 import numpy as np
 
 from proximity.kernels.geometry.closest_feature import (
@@ -9,13 +11,19 @@ from proximity.kernels.geometry.closest_feature import (
     CLOSEST_TRIANGLE,
     closest_on_triangle,
     over_face,
-    pseudo_normal,
     read_corners,
 )
 from proximity.kernels.geometry.closest_lanes import LANES_COLUMNS, LANES_FEATURE, LANES_WHICH
-from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import NO_GRID, SIGN_NONE, SIGN_PSEUDONORMAL
-from proximity.kernels.sign.folded_faces import is_folded
+from proximity.kernels.geometry.triangle import cross, dot
+from proximity.kernels.layout import (
+    FEATURE_EDGE,
+    FEATURE_VERTEX,
+    FOLDED_AT,
+    LANES,
+    NO_GRID,
+    SIGN_NONE,
+    SIGN_PSEUDONORMAL,
+)
 from proximity.kernels.sign.winding_along_ray import winding_along_ray
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import inlined
@@ -50,8 +58,51 @@ def is_beyond(p):
 
 @inlined
 def has_normals(words, parts, part, slot):
-    """Whether the side of a face, and of its edges and corners, is decided by their normals."""
-    return parts[part].sign == SIGN_PSEUDONORMAL and not is_folded(words, parts[part].block_notes, slot)
+    """Whether normals decide the side of the face at *slot*: of a face that is not marked as folded."""
+    notes, mark = parts[part].block_notes + slot // LANES, FOLDED_AT + slot % LANES
+    return parts[part].sign == SIGN_PSEUDONORMAL and not (load_int(words, notes) >> mark) & 1
+
+
+@inlined
+def _add_face_normal(reals, words, corners_at, face_at, closest):
+    """Add the unit normal of the face whose corners are listed at *face_at* to the pseudo-normal."""
+    a = corners_at + 3 * load_int(words, face_at)
+    b = corners_at + 3 * load_int(words, face_at + 1)
+    c = corners_at + 3 * load_int(words, face_at + 2)
+    ux, uy, uz = reals[b] - reals[a], reals[b + 1] - reals[a + 1], reals[b + 2] - reals[a + 2]
+    vx, vy, vz = reals[c] - reals[a], reals[c + 1] - reals[a + 1], reals[c + 2] - reals[a + 2]
+    nx, ny, nz = cross(ux, uy, uz, vx, vy, vz)
+    length = sqrt(dot(nx, ny, nz, nx, ny, nz))
+    if length > 0.0:
+        closest[CLOSEST_NORMAL] += nx / length
+        closest[CLOSEST_NORMAL + 1] += ny / length
+        closest[CLOSEST_NORMAL + 2] += nz / length
+
+
+@inlined
+def pseudo_normal(model, part, face, feature, which, closest):
+    """Make the face's unit normal in *closest* the pseudo-normal of the feature: the one that tells the side.
+
+    Source: Bærentzen & Aanæs 2005, "Signed distance computation using the angle weighted pseudonormal".
+    """
+    reals, words, _, parts = model
+    if feature == FEATURE_VERTEX:
+        corner = load_int(words, parts[part].faces + 3 * face + which)
+        at = parts[part].corner_normals + 3 * corner
+        closest[CLOSEST_NORMAL], closest[CLOSEST_NORMAL + 1], closest[CLOSEST_NORMAL + 2] = (
+            reals[at],
+            reals[at + 1],
+            reals[at + 2],
+        )
+    elif feature == FEATURE_EDGE:
+        neighbor = load_int(words, parts[part].neighbors + 3 * face + which)
+        if neighbor >= 0:
+            _add_face_normal(reals, words, parts[part].corners, parts[part].faces + 3 * neighbor, closest)
+            nx, ny, nz = closest[CLOSEST_NORMAL], closest[CLOSEST_NORMAL + 1], closest[CLOSEST_NORMAL + 2]
+            length = sqrt(dot(nx, ny, nz, nx, ny, nz))
+            if length > 0.0:
+                for axis in range(3):
+                    closest[CLOSEST_NORMAL + axis] /= length
 
 
 @inlined

@@ -23,7 +23,7 @@ from proximity.kernels.geometry.frames import direction_to_scene, rounding_at
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES
 from proximity.kernels.point.budgeted_walk import DOWN
-from proximity.kernels.scene.distance_bounds import fill_closest, nearest_from_face
+from proximity.kernels.scene.queries.distance_bounds import fill_closest, nearest_from_face
 from proximity.kernels.tracking.part_drift import part_travel
 from proximity.native import inlined, kernel
 from proximity.native.simd import horizontal_min, load, minimum, select, splat, square_root

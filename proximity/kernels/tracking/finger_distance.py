@@ -14,7 +14,6 @@ from proximity.kernels.geometry.closest_feature import (
     CLOSEST_NORMAL,
     CLOSEST_POINT,
     closest_on_triangle,
-    pseudo_normal,
 )
 from proximity.kernels.geometry.frames import (
     LENGTH_ROUNDING,
@@ -28,13 +27,14 @@ from proximity.kernels.geometry.frames import (
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import SIGN_NONE
 from proximity.kernels.point.coherent_search import FRONTIER_BEGINS, LONG_WALK, nearest_from_last_answer
-from proximity.kernels.scene.distance_bounds import (
+from proximity.kernels.scene.queries.distance_bounds import (
     beyond_all,
     bounds_at,
     bounds_of_nearest,
     fill_closest,
     is_in_box_with_holes,
 )
+from proximity.kernels.sign.side import pseudo_normal
 from proximity.kernels.tracking.conservative_advancement import outward_of
 from proximity.kernels.tracking.track import vector
 from proximity.native import inlined

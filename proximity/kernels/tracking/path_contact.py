@@ -12,7 +12,7 @@ from proximity.kernels.contact_record import CONTACT_FOUND, INSIDE, ON_PATH, PRE
 from proximity.kernels.geometry.frames import rounding_at, velocity_at
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.point.budgeted_walk import DOWN
-from proximity.kernels.scene.distance_bounds import bounds_at
+from proximity.kernels.scene.queries.distance_bounds import bounds_at
 from proximity.kernels.tracking.conservative_advancement import (
     TOUCH,
     Sphere,

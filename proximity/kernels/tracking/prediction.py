@@ -14,7 +14,7 @@ import numpy as np
 from proximity.kernels.contact_record import IN_RANGE, INSIDE, PREDICTED
 from proximity.kernels.geometry.frames import ROUNDED_UP, rounding_at
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.scene.distance_bounds import bounds_at, is_in_box_with_holes, may_pass_hole
+from proximity.kernels.scene.queries.distance_bounds import bounds_at, is_in_box_with_holes, may_pass_hole
 from proximity.kernels.tracking.conservative_advancement import Sphere, advance_conservatively
 from proximity.kernels.tracking.motion import predict
 from proximity.kernels.tracking.part_drift import (

@@ -13,7 +13,7 @@ through. There `fma` multiplies and adds exactly, too.
 """
 
 from proximity.native import IS_JIT
-from proximity.native.simd.interpreted import LANES
+from proximity.native.signature import LANES
 
 if IS_JIT:
     from proximity.native.simd.compiled import (

@@ -8,7 +8,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from proximity.native.simd.interpreted import LANES
+from proximity.native.signature import LANES
 from proximity.native.simd.vectors import LLVM, Vector, f32x8, f64x8, mask8, suffix
 
 

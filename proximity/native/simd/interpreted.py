@@ -4,8 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 
-LANES = 8
-"""Lanes of every vector type."""
+from proximity.native.signature import LANES
 
 absolute = np.abs
 square_root = np.sqrt

@@ -10,7 +10,7 @@ from numba import types
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import lower_builtin, models, register_model
 
-from proximity.native.simd.interpreted import LANES
+from proximity.native.signature import LANES
 
 
 class Vector(types.Type):

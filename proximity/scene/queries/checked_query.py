@@ -56,7 +56,11 @@ class CheckedQuery:
         """
         *given, max_distance, workers = arguments
         rows = [as_points(each, name) for each, name in zip(given, self.names, strict=True)]
-        limits, rows = _broadcast_limits(max_distance, _broadcast_rows(rows, self.names), self.subject)
+        limits = _NO_LIMIT
+        if len(rows) > 1 and rows[0].shape != rows[1].shape:
+            rows = _broadcast_rows(rows, self.names)
+        if max_distance is not inf:
+            limits, rows = _broadcast_limits(max_distance, rows, self.subject)
         flat = [each.reshape(-1, 3) for each in rows]
         answers: np.ndarray = np.empty((len(flat[0]), self.width), self.dtype)
         if len(answers) < SORT_FROM:
@@ -120,13 +124,8 @@ def in_millimetres(what: str, distance: float, size: float, names: str) -> str:
 
 
 def _broadcast_rows(rows: list[np.ndarray], names: tuple[str, ...]) -> list[np.ndarray]:
-    """Return one array of rows, or two in one shape, C-ordered.
-
-    *rows*: (..., 3).
-    """
-    first, second = rows[0], rows[-1]
-    if first.shape == second.shape:
-        return rows
+    """Return two arrays of rows, (..., 3), in one shape, C-ordered."""
+    first, second = rows
     try:
         shape = np.broadcast_shapes(first.shape, second.shape)
     except ValueError as unfit:
@@ -145,8 +144,6 @@ def _broadcast_limits(
     *max_distance*: one length, or lengths whose shape broadcasts against the leading shape of the rows.
     *rows*: (..., 3).
     """
-    if max_distance is inf:
-        return _NO_LIMIT, rows
     if isinstance(max_distance, (str, bytes)):
         raise ArgumentError(f"max_distance is {shown(max_distance)}, expected a length in metres")
     if np.ndim(max_distance) == 0:

@@ -26,9 +26,9 @@ import numpy as np
 from proximity.errors import MeshFormatError, SceneError
 from proximity.kernels.entries import checksum_of
 from proximity.kernels.layout import EXTENSION, MAGIC
-from proximity.kernels.scene import stored_bytes
-from proximity.kernels.scene.model_validation import FAULT_SIZE, SOUND
-from proximity.kernels.scene.stored_bytes import BYTE_ORDER_MARK, FORMAT_VERSION, PAGE
+from proximity.kernels.scene.store import stored_bytes
+from proximity.kernels.scene.store.model_validation import FAULT_SIZE, SOUND
+from proximity.kernels.scene.store.stored_bytes import BYTE_ORDER_MARK, FORMAT_VERSION, PAGE
 from proximity.system.regular_file import open_regular
 from proximity.system.whole_file import whole_file
 

@@ -1,15 +1,14 @@
 """The model in a compiled scene, validated before anything walks it; and what is said of its faults.
 
 Kernels check no bounds. So every number that says where something lies is compared with what is there, see
-`kernels.scene.row_validation` and `kernels.scene.model_validation`.
+`kernels.scene.store`.
 """
 
 import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.kernels import layout
-from proximity.kernels.scene import model_validation, opened_model
-from proximity.kernels.scene import row_validation as rows
+from proximity.kernels.scene.store import model_validation, opened_model
 from proximity.kernels.thresholds import LARGEST_COORDINATE
 from proximity.pose import ORTHONORMAL_TOLERANCE
 from proximity.scene.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE
@@ -45,38 +44,40 @@ SENTENCES = {
     model_validation.BAD_VERTEX: "vertex {0} of its mesh is not finite, or too far away",
     model_validation.BAD_LIST: "cell {0} of the grid over the parts has no list",
     model_validation.BAD_LISTED_PART: "cell {0} of the grid over the parts lists part {1}, but there are {2}",
-    rows.BAD_PART_COUNT: "it has {0} parts, expected 1 to {1}",
-    rows.BAD_TREE_COUNT: "there are {0} parts, but the trees of {1}",
-    rows.BAD_NUMBER: "the table of parts has a number that is below 0 or beyond the {0} numbers in the file",
-    rows.BAD_FLAG: "a flag of a part is neither 0 nor 1",
-    rows.BAD_SIGN: "a part has no known kind of sign",
-    rows.EMPTY_PART: "a part has no nodes, blocks, faces or corners",
-    rows.BAD_NODE_RUN: "the nodes of the parts do not follow each other",
-    rows.BAD_BLOCK_RUN: "the blocks of the parts do not follow each other",
-    rows.BAD_TABLE: "parts do not agree on where tables begin",
-    rows.BAD_TREES_START: "the trees over the parts do not begin behind those of the parts",
-    rows.BAD_FACE_COUNT: "the scene has {0} faces, but its parts do not",
-    rows.BAD_CAPACITY: "there is a tree of {0} nodes over {1} parts",
-    rows.BAD_EMPTY_NODE: "the empty node is not behind those of the part",
-    rows.BAD_REGION: "the tree over moved parts is at none of its places",
-    rows.BAD_ENTRIES: "the entries of the tree over parts are at none of their places",
-    rows.BAD_STATIC_ROOT: "the tree over parts is at none of its places",
-    rows.BAD_STATIC_SIZE: "the tree over parts has {0} nodes and {1} entries, "
+    opened_model.BAD_PART_COUNT: "it has {0} parts, expected 1 to {1}",
+    opened_model.BAD_TREE_COUNT: "there are {0} parts, but the trees of {1}",
+    opened_model.BAD_NUMBER: (
+        "the table of parts has a number that is below 0 or beyond the {0} numbers in the file"
+    ),
+    opened_model.BAD_FLAG: "a flag of a part is neither 0 nor 1",
+    opened_model.BAD_SIGN: "a part has no known kind of sign",
+    opened_model.EMPTY_PART: "a part has no nodes, blocks, faces or corners",
+    opened_model.BAD_NODE_RUN: "the nodes of the parts do not follow each other",
+    opened_model.BAD_BLOCK_RUN: "the blocks of the parts do not follow each other",
+    opened_model.BAD_TABLE: "parts do not agree on where tables begin",
+    opened_model.BAD_TREES_START: "the trees over the parts do not begin behind those of the parts",
+    opened_model.BAD_FACE_COUNT: "the scene has {0} faces, but its parts do not",
+    opened_model.BAD_CAPACITY: "there is a tree of {0} nodes over {1} parts",
+    opened_model.BAD_EMPTY_NODE: "the empty node is not behind those of the part",
+    opened_model.BAD_REGION: "the tree over moved parts is at none of its places",
+    opened_model.BAD_ENTRIES: "the entries of the tree over parts are at none of their places",
+    opened_model.BAD_STATIC_ROOT: "the tree over parts is at none of its places",
+    opened_model.BAD_STATIC_SIZE: "the tree over parts has {0} nodes and {1} entries, "
     "but there is room for {2} nodes",
-    rows.TOO_MANY_BLOCKS: "there are {0} blocks, more than can be numbered",
-    rows.BAD_REALS: "parts have coordinates that lie in one another, or beyond the {0} in the file",
-    rows.BAD_WORDS: "parts have words that lie in one another, or beyond the {0} in the file",
-    rows.EMPTY_GRID: "a sign grid has no cells",
-    rows.LARGE_GRID: "a grid has more than 2^31 cells",
-    rows.BAD_FRAME_COUNT: "there are {0} frames for {1} parts",
-    rows.NOT_FINITE: "column {0} of frame {1} is not finite",
-    rows.BAD_SCALE: "a local frame is not scaled by a power of two that can be computed with",
-    rows.FAR_FRAME: "a local frame lies too far away",
-    rows.BAD_OWN_BOX: "the box of a part is none, or lies outside of its local frame",
-    rows.BAD_RATE: "a grid has cells of no size",
-    rows.BAD_POSE: "the pose of part {0} is no rigid transform, or leads too far away",
-    rows.BAD_VELOCITY: "velocities of part {0} are not finite, or too fast",
-    rows.BAD_SURFACE: "stiffness and damping of part {0} are those of no surface",
+    opened_model.TOO_MANY_BLOCKS: "there are {0} blocks, more than can be numbered",
+    opened_model.BAD_REALS: "parts have coordinates that lie in one another, or beyond the {0} in the file",
+    opened_model.BAD_WORDS: "parts have words that lie in one another, or beyond the {0} in the file",
+    opened_model.EMPTY_GRID: "a sign grid has no cells",
+    opened_model.LARGE_GRID: "a grid has more than 2^31 cells",
+    opened_model.BAD_FRAME_COUNT: "there are {0} frames for {1} parts",
+    opened_model.NOT_FINITE: "column {0} of frame {1} is not finite",
+    opened_model.BAD_SCALE: "a local frame is not scaled by a power of two that can be computed with",
+    opened_model.FAR_FRAME: "a local frame lies too far away",
+    opened_model.BAD_OWN_BOX: "the box of a part is none, or lies outside of its local frame",
+    opened_model.BAD_RATE: "a grid has cells of no size",
+    opened_model.BAD_POSE: "the pose of part {0} is no rigid transform, or leads too far away",
+    opened_model.BAD_VELOCITY: "velocities of part {0} are not finite, or too fast",
+    opened_model.BAD_SURFACE: "stiffness and damping of part {0} are those of no surface",
     opened_model.BAD_ORDER: "the tree over the parts that have moved does not have each of them once",
     opened_model.BEYOND_FRAME: "its parts reach beyond the scene's frame",
 }

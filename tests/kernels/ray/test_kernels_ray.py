@@ -17,7 +17,7 @@ from proximity.kernels import answers
 from proximity.kernels.geometry.frames import direction_to_local, to_local
 from proximity.kernels.layout import NO_FACE, NO_PART, NODE_STRIDE
 from proximity.kernels.ray import ray_lanes, walk
-from proximity.kernels.scene import ray_queries
+from proximity.kernels.scene.queries import ray_queries
 from proximity.native.simd import bits, lane, splat32
 from proximity.pose import Pose
 

@@ -10,7 +10,7 @@ import oracle
 from proximity.kernels import contact_record
 from proximity.kernels.geometry.closest_feature import CLOSEST_LENGTH, CLOSEST_SIZE
 from proximity.kernels.layout import NO_SLOT
-from proximity.kernels.scene import distance_bounds
+from proximity.kernels.scene.queries import distance_bounds
 from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
 from proximity.pose import Pose
 from proximity.scene.scene import Scene

@@ -7,9 +7,9 @@ from models import arrays_of
 from scene_parts import some_pose
 
 from proximity.kernels.geometry.frames import to_local
-from proximity.kernels.inside.containment import state_in_part
-from proximity.kernels.inside.part_grid import dynamic_turn_count, list_of
 from proximity.kernels.layout import CELL_OUTSIDE
+from proximity.kernels.scene.inside.containment import state_in_part
+from proximity.kernels.scene.inside.part_grid import dynamic_turn_count, list_of
 from proximity.pose import Pose
 from proximity.scene.model import part_grid
 from proximity.scene.scene import Part, Scene

@@ -14,7 +14,7 @@ from nodes import node_of
 import oracle
 from proximity.kernels import answers
 from proximity.kernels.layout import LANES, NO_SLOT
-from proximity.kernels.scene import segment_queries
+from proximity.kernels.scene.queries import segment_queries
 from proximity.kernels.segment import plan as plans
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
 from proximity.kernels.segment.plan import PLAN_SIZE, PROBE_SIZE, make_plan

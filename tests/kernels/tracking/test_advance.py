@@ -7,7 +7,7 @@ from ticking import block, line, plate, sheet, solid
 
 from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
 from proximity.kernels.layout import NO_SLOT, ModelArrays
-from proximity.kernels.scene.distance_bounds import fill_closest
+from proximity.kernels.scene.queries.distance_bounds import fill_closest
 from proximity.kernels.tracking import conservative_advancement as advancing
 from proximity.kernels.tracking.conservative_advancement import (
     BALL_COUNT,

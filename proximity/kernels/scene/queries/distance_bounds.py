@@ -21,8 +21,6 @@ from proximity.kernels.geometry.closest_feature import (
     read_corners,
 )
 from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
-from proximity.kernels.inside.containment import state_in_part
-from proximity.kernels.inside.part_grid import containing_bits, lowest_part, sought, turns_of
 from proximity.kernels.layout import (
     CELL_CROSSED,
     CELL_INSIDE,
@@ -34,6 +32,8 @@ from proximity.kernels.layout import (
     SIGN_WINDING,
 )
 from proximity.kernels.point.budgeted_walk import DOWN, NO_TOLERANCE, known_sq, nearest_with_budget
+from proximity.kernels.scene.inside.containment import state_in_part
+from proximity.kernels.scene.inside.part_grid import containing_bits, lowest_part, sought, turns_of
 from proximity.kernels.sign.side import closest_of_slot, is_inside_by_winding, signed_of_slot
 from proximity.native import inlined, kernel
 

@@ -19,8 +19,8 @@ from proximity.kernels.layout import (
     STATIC_COPIES,
     DynamicParts,
 )
-from proximity.kernels.scene.dynamic_tree import bring_up_to_date
-from proximity.kernels.scene.static_tree import gather_entries, name_leaves, thin_out
+from proximity.kernels.scene.parts.dynamic_tree import bring_up_to_date
+from proximity.kernels.scene.parts.static_tree import gather_entries, name_leaves, thin_out
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.kernels.thresholds import MOVING_MARGIN, SMALLEST_REACH
 from proximity.kernels.tree.builder import build_tree

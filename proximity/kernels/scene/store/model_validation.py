@@ -28,7 +28,7 @@ from proximity.kernels.layout import (
     NODE_STRIDE,
     ORIENTED_STRIDE,
 )
-from proximity.kernels.scene.static_tree import part_of_node
+from proximity.kernels.scene.parts.static_tree import part_of_node
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, bits, load, load_int, splat, splat32
 

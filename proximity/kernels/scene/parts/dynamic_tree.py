@@ -9,7 +9,7 @@ little at every move: so nodes stay small wherever the parts go, and a move cost
 import numpy as np
 
 from proximity.kernels.layout import ENTRY, LANES, NODE_PARTS, NODE_STRIDE, DynamicParts
-from proximity.kernels.scene.placement import box_in_scene, copy_rows, update_scene_box
+from proximity.kernels.scene.parts.placement import box_in_scene, copy_rows, update_scene_box
 from proximity.kernels.stack_arrays import stack_f32
 from proximity.kernels.tree.collapse import clear_node, node_box, write_lane
 from proximity.native import entry, inlined, kernel

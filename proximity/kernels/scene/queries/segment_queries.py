@@ -23,10 +23,9 @@ from proximity.kernels.geometry.closest_feature import (
     read_corners,
 )
 from proximity.kernels.geometry.frames import can_be_asked, to_local, to_scene
-from proximity.kernels.geometry.rows import limit_of
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_ROW, NO_SLOT, STACKS_SIZE, ModelArrays
 from proximity.kernels.point.walk import NOTHING_SEEN, nearest_in_scene
-from proximity.kernels.scene.point_chunk import reach_sq
+from proximity.kernels.scene.queries.point_queries import limit_of, reach_sq
 from proximity.kernels.segment.plan import PLAN_HIGH, PLAN_LOW, PLAN_SIZE, PROBE_SIZE
 from proximity.kernels.segment.triangle import (
     WITNESS_FRACTION,

@@ -9,7 +9,6 @@ import numpy as np
 
 from proximity.kernels.answers import DISTANCE_WIDTH, RAY_ANSWER_DISTANCE
 from proximity.kernels.geometry.frames import is_alone
-from proximity.kernels.geometry.rows import fetch_row, limit_of
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES, NO_ROW, NO_SLOT, STACKS_SIZE, ModelArrays
 from proximity.kernels.ray.hit_rows import HIT_OFFSETS_SIZE, HITS_SIZE, fill_hits, write_hit, write_no_hit
@@ -30,6 +29,7 @@ from proximity.kernels.ray.ray_lanes import (
     view_of,
 )
 from proximity.kernels.ray.walk import first_hit, first_hit_in_scene
+from proximity.kernels.scene.queries.point_queries import fetch_row, limit_of
 from proximity.kernels.stack_arrays import stack_f32, stack_f64, stack_i64
 from proximity.kernels.traverse.depth_first import SCENE_STACKS
 from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel

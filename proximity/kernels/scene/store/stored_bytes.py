@@ -7,7 +7,7 @@ that it finds, or `SOUND`, and fills *fault* (int64, `FAULT_SIZE`) with the numb
 import numpy as np
 
 from proximity.kernels.layout import MAGIC
-from proximity.kernels.scene.model_validation import SOUND
+from proximity.kernels.scene.store.model_validation import SOUND
 from proximity.native import entry, inlined, kernel
 
 FORMAT_VERSION = 2

@@ -1,0 +1,1 @@
+"""Parts of a scene: their poses, and the trees over them."""
