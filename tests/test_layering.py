@@ -65,16 +65,17 @@ clashes · picture · trimesh_scene
 loader · overlap
 scene
 pairs · scene_parts
-deformation · part · saved
+deformation · saved
+part
 solid
 penetration · queries · solid_arrays
-part_motion · sign
+sign
 model
 """,
     "proximity.scene.queries": """
 queries
 checked_query
-batches · results
+results
 """,
     "proximity.service": """
 hosting

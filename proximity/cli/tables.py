@@ -2,12 +2,14 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import rich.console
-from rich.console import ConsoleDimensions, RenderableType
+from rich.cells import cell_len
+from rich.console import ConsoleDimensions, ConsoleOptions, RenderableType
 from rich.live import Live
+from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
@@ -45,22 +47,92 @@ def table_of(columns: Iterable[tuple[str, bool]], rows: Iterable[Iterable[str]] 
     """Return a table as `table`, of titles with whether the column is aligned to the right."""
     made = Table(box=None, pad_edge=False, header_style="bold")
     for title, is_right in columns:
-        if is_right:  # a number is never broken: half of one looks complete
-            made.add_column(Text(title), justify="right", no_wrap=True, overflow="ellipsis")
-        else:
-            made.add_column(Text(title), overflow="fold")
+        Column("", title, is_right).add_to(made)
     for row in rows:
         made.add_row(*map(Text, row))
     return made
+
+
+class Drawn:
+    """A cell, or a line, that is drawn as wide as its column: at least *least* cells, at most *most*."""
+
+    def __init__(self, draw: Callable[[int], str | Text], least: int = 1, most: int = UNBOUNDED) -> None:
+        self._draw, self.least, self.most = draw, least, most
+
+    def __rich_measure__(self, console: rich.console.Console, options: ConsoleOptions) -> Measurement:
+        return Measurement(self.least, self.most)
+
+    def __rich_console__(
+        self, console: rich.console.Console, options: ConsoleOptions
+    ) -> Iterator[str | Text]:
+        yield self._draw(options.max_width)
 
 
 class Column(NamedTuple):
     """A column of a table that may be too wide for a terminal."""
 
     name: str
-    title: str
+    title: str | Drawn
     is_right: bool
-    cells: list[str]
+    cells: Sequence[str | Text | Drawn] = ()
+    width: int | None = None  # of a table that is drawn again and again; None: that of the widest cell
+    legend: str = ""  # of the letters and signs in the cells
+
+    @property
+    def space(self) -> int:
+        """The width that the column needs."""
+        each = [self.title, *self.cells]
+        return self.width or max(cell.least if isinstance(cell, Drawn) else _width(cell) for cell in each)
+
+    def add_to(self, table: Table) -> None:
+        """Add the column to a table, without its cells. A number is never broken: half looks complete."""
+        title = Text(self.title) if isinstance(self.title, str) else self.title
+        is_whole = self.is_right or self.width is not None
+        table.add_column(
+            title,
+            justify="right" if self.is_right else "left",
+            no_wrap=is_whole,
+            overflow="ellipsis" if is_whole else "fold",
+            width=self.width,
+        )
+
+
+def _width(cell: str | Text) -> int:
+    return max(map(cell_len, str(cell).split("\n")))
+
+
+class FittingTable(NamedTuple):
+    """A table without the columns for which a terminal is too narrow, which Rich draws."""
+
+    columns: Sequence[Column]
+    dispensable: Sequence[str]  # names of columns to leave out, in this order
+    styles: Sequence[str] = ()  # of rows, the last of them of the last row
+    gap: int = 2  # between columns
+    below: Sequence[Text] = ()  # between the table and the legends
+
+    def kept(self, width: int) -> list[Column]:
+        """Return the columns that fit."""
+        for count in range(len(self.dispensable) + 1):
+            kept = [column for column in self.columns if column.name not in self.dispensable[:count]]
+            if sum(column.space + self.gap for column in kept) - self.gap <= width:
+                break
+        return kept
+
+    def __rich_console__(
+        self, console: rich.console.Console, options: ConsoleOptions
+    ) -> Iterator[RenderableType]:
+        drawn = Table(box=None, pad_edge=False, padding=(0, 1, 0, self.gap - 1), header_style="bold")
+        kept = self.kept(options.max_width)
+        for column in kept:
+            column.add_to(drawn)
+        for cells in zip(*(column.cells for column in kept), strict=True):
+            drawn.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in cells))
+        for row, style in zip(reversed(drawn.rows), reversed(self.styles), strict=False):
+            row.style = style
+        yield drawn
+        yield from self.below
+        if legends := [column.legend for column in kept if column.legend]:
+            yield Text(f"{'. '.join(legends)}.", "dim")
 
 
 def print_fitting(
@@ -75,17 +147,10 @@ def print_fitting(
 
     *elsewhere*: where all is shown. *styles*: of rows, the last of them of the last row.
     """
-    unbounded = console.options.update(width=UNBOUNDED)
-    for count in range(len(dispensable) + 1):
-        kept = [column for column in columns if column.name not in dispensable[:count]]
-        titles = [(column.title, column.is_right) for column in kept]
-        drawn = table_of(titles, zip(*(column.cells for column in kept), strict=True))
-        if console.measure(drawn, options=unbounded).maximum <= console.width:
-            break
-    for row, style in zip(reversed(drawn.rows), reversed(styles), strict=False):
-        row.style = style
-    console.print(drawn)
-    if missing := ", ".join(column.title for column in columns if column not in kept):
+    table = FittingTable(columns, dispensable, styles)
+    console.print(table)
+    kept = table.kept(console.width)
+    if missing := ", ".join(str(column.title) for column in columns if column not in kept):
         report(f"note: the terminal is narrow: columns are left out ({missing}); {elsewhere} shows all")
 
 

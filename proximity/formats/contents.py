@@ -1,4 +1,7 @@
-"""The contents of a file: as its reader found them, and as the rest of the package takes them."""
+"""The contents of a file: as its reader found them, and as the rest of the package takes them.
+
+Matrices of scene graphs are split into rigid poses and a remainder that goes into the vertices.
+"""
 
 from dataclasses import dataclass, field
 
@@ -18,6 +21,17 @@ UNPACKED_LIMIT = 2_000_000_000
 
 UNKNOWN_FACE = -1
 """Stands for the CAD faces of a part whose triangles do not say which they belong to."""
+RIGID_TOLERANCE = 4 * float(np.finfo(np.float32).eps)
+"""How far stretches may be from one another, or from 1, and still count as equal: scene graphs are written in
+single precision. A rotation within it is replaced by the nearest exact one."""
+
+
+class DialectError(MeshFormatError):
+    """A refusal for the grammar alone, of a file with so many faces."""
+
+    def __init__(self, message: str, face_count: int) -> None:
+        super().__init__(message)
+        self.face_count = face_count
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,3 +100,57 @@ def check_part_count(count: int) -> None:
     """Raise if a file places more parts than anybody means, before they are made."""
     if count > MOST_PARTS:
         raise MeshFormatError(f"it places {count} parts, expected at most {MOST_PARTS}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placement:
+    """A matrix as *turn and shift* after *deform*."""
+
+    rotation: np.ndarray  # (3, 3), exact
+    translation: np.ndarray  # (3,), in the units of the file
+    scale: float  # uniform, negative where it mirrors; 1.0 where `stretch` is given
+    stretch: np.ndarray | None  # (3, 3), where the scale is not uniform
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether faces must be turned to keep looking outward."""
+        return self.scale < 0.0 or (self.stretch is not None and bool(np.linalg.det(self.stretch) < 0.0))
+
+    def part_vertices(self, vertices: np.ndarray, metres_per_number: float) -> np.ndarray:
+        """Return vertices deformed and in metres; the same array where nothing changes.
+
+        *vertices*: (V, 3) units of the file.
+        """
+        factor = self.scale * metres_per_number
+        with np.errstate(over="ignore", invalid="ignore"):  # infinities are found and named later
+            deformed = vertices if self.stretch is None else vertices @ self.stretch.T
+            return deformed if factor == 1.0 else deformed * factor
+
+    def pose(self, metres_per_number: float) -> Pose:
+        """Return world_from_part, in metres."""
+        return Pose(self.rotation, self.translation * metres_per_number)
+
+
+def place(matrix: np.ndarray | None) -> Placement:
+    """Split a matrix into a rigid motion after a deformation.
+
+    *matrix*: (4, 4) or None; world from mesh, acting on columns; None is the identity.
+    """
+    if matrix is None:
+        return Placement(np.eye(3), np.zeros(3), 1.0, None)
+    if not np.isfinite(matrix).all():
+        raise MeshFormatError("it is placed by a matrix that is not finite")
+    if np.abs(matrix[3] - (0.0, 0.0, 0.0, 1.0)).max() > RIGID_TOLERANCE:
+        raise MeshFormatError(f"the last row of its matrix is {matrix[3].tolist()}, expected [0, 0, 0, 1]")
+    linear, translation = matrix[:3, :3], matrix[:3, 3].copy()
+    left, stretches, right = np.linalg.svd(linear)
+    if stretches[2] <= RIGID_TOLERANCE * stretches[0]:
+        raise MeshFormatError("it is placed by a matrix that flattens it, expected an invertible one")
+    sign = 1.0 if np.linalg.det(left) * np.linalg.det(right) > 0.0 else -1.0
+    rotation = sign * (left @ right)
+    if stretches[0] - stretches[2] > RIGID_TOLERANCE * stretches[0]:
+        return Placement(rotation, translation, 1.0, sign * (right.T * stretches) @ right)
+    scale = float(stretches[1])  # exact where the matrix is diagonal
+    return Placement(
+        rotation, translation, sign * (1.0 if abs(scale - 1.0) <= RIGID_TOLERANCE else scale), None
+    )

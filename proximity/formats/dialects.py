@@ -12,17 +12,9 @@ import io
 import numpy as np
 
 from proximity.errors import MeshFormatError
-from proximity.formats.contents import RawFile, RawMesh
+from proximity.formats.contents import DialectError, RawFile, RawMesh
 
 _MOST_SECONDS, _MOST_BYTES = 60, 4 << 30
-
-
-class DialectError(MeshFormatError):
-    """A refusal for the grammar alone, of a file with so many faces."""
-
-    def __init__(self, message: str, face_count: int) -> None:
-        super().__init__(message)
-        self.face_count = face_count
 
 
 def read_dialect(data: bytes, kind: str, refusal: DialectError) -> RawFile:

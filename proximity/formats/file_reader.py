@@ -14,15 +14,18 @@ import numpy as np
 
 from proximity.checks import positive
 from proximity.errors import MeshError, MeshFormatError, MissingLibraryError, PoseError, ProximityError
-from proximity.formats import dialects, format_detection, node_placement, text_rows
+from proximity.formats import format_detection, text_rows
 from proximity.formats.contents import (
     STEP_TOLERANCE,
     UNPACKED_LIMIT,
+    DialectError,
     FileContents,
     Geometry,
+    Placement,
     RawFile,
     RawMesh,
     Source,
+    place,
 )
 from proximity.formats.units import UNITS, metres_per_unit, unit_name
 from proximity.system.regular_file import NotRegularFileError, open_regular
@@ -50,6 +53,7 @@ _READERS: dict[str, Callable[..., RawFile]] = {
     "STEP": _imported("step.step", "read_step"),
     "3MF": _imported("threemf.threemf", "read_3mf"),
 }
+_read_dialect = _imported("dialects", "read_dialect")
 _POINT_READERS = {
     ".ply": _imported("ply.ply", "read_ply_points"),
     ".obj": _imported("obj", "read_obj_points"),
@@ -95,8 +99,8 @@ def read_geometries(
         try:
             found = format_detection.find_format(source, extension)
             raw = _read(partial(_READERS[found], **options.get(found, {})), source)
-        except dialects.DialectError as refusal:
-            raw = dialects.read_dialect(source.data, extension[1:], refusal)
+        except DialectError as refusal:
+            raw = _read_dialect(source.data, extension[1:], refusal)
         if raw.metres_per_number is not None:
             metres = raw.metres_per_number
         elif raw.units is not None:
@@ -199,7 +203,7 @@ def _geometries(raw: RawFile, metres: float, stem: str) -> tuple[tuple[Geometry,
     geometries = []
     for mesh, name in zip(meshes, names, strict=True):
         try:
-            placement = node_placement.place(mesh.matrix)
+            placement = place(mesh.matrix)
             pose = placement.pose(metres)
         except (MeshError, PoseError) as reason:
             raise MeshFormatError(f"{text_rows.shortened(name, 60)}: {reason}") from reason
@@ -213,7 +217,7 @@ def _geometries(raw: RawFile, metres: float, stem: str) -> tuple[tuple[Geometry,
 
 
 def _arrays(
-    mesh: RawMesh, name: str, placement: node_placement.Placement, metres: float
+    mesh: RawMesh, name: str, placement: Placement, metres: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     vertices = placement.part_vertices(mesh.vertices, metres)
     faces = mesh.faces[:, ::-1] if placement.is_mirrored else mesh.faces

@@ -12,8 +12,7 @@ import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.formats import polygons, text_rows
-from proximity.formats.contents import RawFile, RawMesh, Source, check_part_count
-from proximity.formats.dialects import DialectError
+from proximity.formats.contents import DialectError, RawFile, RawMesh, Source, check_part_count
 
 _PASSED_OVER = frozenset((
     "vt", "vn", "vp", "g", "s", "mg", "usemtl", "mtllib", "usemap", "maplib", "bevel", "c_interp", "d_interp",

@@ -12,8 +12,7 @@ import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
-from proximity.formats.contents import RawFile, RawMesh, Source
-from proximity.formats.dialects import DialectError
+from proximity.formats.contents import DialectError, RawFile, RawMesh, Source
 from proximity.formats.format_detection import (
     STL_FACET_BYTES,
     STL_HEADER_BYTES,

@@ -4,7 +4,7 @@ from bisect import insort
 from collections.abc import Iterator
 from enum import StrEnum
 from math import inf
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,10 @@ from proximity.kernels import answers
 from proximity.kernels.entries import connect_parts, contains_corner
 from proximity.kernels.layout import NO_FACE
 from proximity.scene.model.assembly import Model
-from proximity.scene.penetration import DeepestPoint, Penetration, PenetrationSearch, find_deepest
 from proximity.scene.solid import Solid
+
+if TYPE_CHECKING:
+    from proximity.scene.penetration import DeepestPoint, Penetration
 
 
 class Relation(StrEnum):
@@ -130,7 +132,7 @@ class PairQueries:
 
     def penetration(
         self, first: str | int, second: str | int, *, direction: Any = None, tolerance: float = 0.01
-    ) -> Penetration:
+    ) -> "Penetration":
         """Return how deep two parts are in each other: the way out, and the deepest point.
 
         A screw in its hole comes free only along its axis, by its length, but where triangles stand for round
@@ -177,13 +179,15 @@ class PairQueries:
         if row == other:
             raise SceneError(f"{first!r} is asked how deep it is in itself, expected two parts")
         faces = solids[row].surface_faces, solids[other].surface_faces
-        search = PenetrationSearch(model, row, other, faces)
+        from proximity.scene import penetration  # other queries do not need it
+
+        search = penetration.PenetrationSearch(model, row, other, faces)
         search.search(tolerance) if along is None else search.look_along(along, tolerance)
-        deepest = DeepestPoint(0.0, 0.0, np.full(3, np.nan), 0)
+        deepest = penetration.DeepestPoint(0.0, 0.0, np.full(3, np.nan), 0)
         if search.depth > 0.0:
-            deepest = find_deepest(model, row, other, tolerance)
+            deepest = penetration.find_deepest(model, row, other, tolerance)
         names = model.names
-        return Penetration(
+        return penetration.Penetration(
             names[row], names[other], search.depth, search.lower, search.direction, *deepest[:3]
         )
 
@@ -235,9 +239,11 @@ class PairQueries:
         return [pair for *_, pair in found]
 
 
-def deepest_of(queries: PairQueries, first: str, second: str, tolerance: float) -> DeepestPoint:
+def deepest_of(queries: PairQueries, first: str, second: str, tolerance: float) -> "DeepestPoint":
     """Return the deepest point of two parts without their way out; *tolerance* as in `penetration`."""
     model, _, (row, other) = queries._state_with_rows(first, second)
+    from proximity.scene.penetration import find_deepest
+
     return find_deepest(model, row, other, tolerance)
 
 

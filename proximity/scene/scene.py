@@ -11,8 +11,16 @@ from proximity.errors import SceneError
 from proximity.scene.model.assembly import Model
 from proximity.scene.model.scene_state import box_of_vertices
 from proximity.scene.pairs import PairQueries
-from proximity.scene.part import NO_VELOCITY, LoadReport, Part, checked_part, parts_of_mesh
-from proximity.scene.part_motion import checked_move, checked_moves, checked_surface
+from proximity.scene.part import (
+    NO_VELOCITY,
+    LoadReport,
+    Part,
+    checked_move,
+    checked_moves,
+    checked_part,
+    checked_surface,
+    parts_of_mesh,
+)
 from proximity.scene.queries.queries import Queries
 from proximity.scene.scene_parts import SceneParts, checked_parts, with_arrays
 from proximity.scene.solid import Solid

@@ -11,7 +11,6 @@ import numpy as np
 from proximity.errors import ArgumentError, MeshError, SceneError
 from proximity.mesh.bvh import LocalFrame
 from proximity.mesh.part_arrays import PartArrays
-from proximity.scene.deformation import deform_part
 from proximity.scene.model.assembly import Model, assemble
 from proximity.scene.model.scene_state import SceneState, write_motion, write_surface
 from proximity.scene.part import Part, checked_part
@@ -167,6 +166,8 @@ class SceneParts:
 
         *vertices*: (V, 3) m, part's frame.
         """
+        from proximity.scene.deformation import deform_part  # few scenes need it
+
         part, state = self._parts[row], self.state
         state.current, self._interrupted = None, (row, LocalFrame.read(state.frames[row]))
         try:

@@ -1,7 +1,7 @@
 """Solids: one body with its faces, tree, and method to decide what is inside."""
 
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -9,7 +9,6 @@ from proximity.checks import refuse_trimesh
 from proximity.kernels.entries import signed_volume, surface_faces
 from proximity.kernels.layout import UNUSED
 from proximity.mesh.bvh import Bvh, LocalFrame
-from proximity.mesh.diagnosis import Diagnosis, diagnose
 from proximity.mesh.part_arrays import part_arrays
 from proximity.mesh.topology import Topology, build_topology, corners_of
 from proximity.mesh.triangle_mesh import TriangleMesh
@@ -17,6 +16,9 @@ from proximity.scene.model.assembly import Model
 from proximity.scene.queries.queries import Queries
 from proximity.scene.sign import SignMethod, choose_sign
 from proximity.scene.solid_arrays import SolidArrays
+
+if TYPE_CHECKING:
+    from proximity.mesh.diagnosis import Diagnosis
 
 DEFORMED = "; decided before the part was deformed, and not checked since"
 
@@ -157,8 +159,10 @@ class Solid(Queries):
         return build_topology(self.mesh)
 
     @cached_property
-    def diagnosis(self) -> Diagnosis:
+    def diagnosis(self) -> "Diagnosis":
         """Diagnosis of the mesh, with manifold3d's verdict."""
+        from proximity.mesh.diagnosis import diagnose  # queries do not need it
+
         return diagnose(self.mesh)
 
     @property

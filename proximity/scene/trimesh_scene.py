@@ -8,7 +8,7 @@ import numpy as np
 from proximity.checks import as_points, trimesh_kind
 from proximity.errors import ArgumentError, MeshError, PoseError
 from proximity.formats import UNITS, Geometry, metres_per_unit, unit_name
-from proximity.formats.node_placement import Placement, place
+from proximity.formats.contents import Placement, place
 from proximity.pose import Pose
 from proximity.scene.loader import scene_of
 from proximity.scene.part import LoadReport

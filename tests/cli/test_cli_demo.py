@@ -180,7 +180,7 @@ def shown(reading, silent_s=0.0, came=998, due=1000):
     last = demo_view.LastSecond()
     last._samples.extend([(0.0, 0, 0), (1.0, came, due)])
     console = Console(width=80, record=True, file=io.StringIO())
-    console.print(demo_view.picture(reading, seen, last, Beside(), 80))
+    console.print(demo_view.picture(reading, seen, last, Beside()))
     return console.export_text()
 
 

@@ -48,7 +48,7 @@ def drawn(shown, *, width=120, color=False, row_count=20, seen=SEEN, drums=None)
     console = Console(
         file=stream, width=width, force_terminal=color, color_system="standard" if color else None
     )
-    console.print(watch_view.picture(shown, seen, width=width, row_count=row_count, drums=drums))
+    console.print(watch_view.picture(shown, seen, row_count=row_count, drums=drums))
     return stream.getvalue().splitlines()
 
 

@@ -32,7 +32,7 @@ from proximity import (
 )
 from proximity.core import CORE, library_in_c
 from proximity.native import IS_AHEAD, mode
-from proximity.scene.queries import batches
+from proximity.scene.queries import checked_query
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::proximity.UnitsWarning"),  # some points are far away on purpose
@@ -490,4 +490,4 @@ def test_pairs_that_cannot_be_measured_are_told():
 def test_blocks_are_sorted_as_in_python():
     source = (CORE / "library" / "questions.c").read_text(encoding="ascii")
 
-    assert "BLOCK = 1 << 20" in source and batches.BLOCK == 1 << 20
+    assert "BLOCK = 1 << 20" in source and checked_query.BLOCK == 1 << 20

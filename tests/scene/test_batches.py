@@ -14,8 +14,8 @@ from scene_parts import anew, assert_answers_alike, some_parts, some_pose, some_
 
 from proximity.checks import COPIED_AT_ONCE, as_points
 from proximity.pose import Pose
-from proximity.scene.queries import batches
-from proximity.scene.queries.batches import run_batch
+from proximity.scene.queries import checked_query
+from proximity.scene.queries.checked_query import run_batch
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 
@@ -28,7 +28,7 @@ def backwards(rows, *_):
 @pytest.mark.parametrize("workers", [1, 3])
 @pytest.mark.parametrize("count", [0, 47, 5000, 2 * 700 + 1])
 def test_every_row_is_asked_once(monkeypatch, count, workers, order_of):
-    monkeypatch.setattr(batches, "BLOCK", 700)
+    monkeypatch.setattr(checked_query, "BLOCK", 700)
     rows, one, counts = np.arange(float(count)), np.array([7.0]), np.zeros(count, int)
 
     def ask(order, some, limit, tally):

@@ -5,7 +5,7 @@ import pytest
 
 from proximity import formats
 from proximity.errors import MeshFormatError
-from proximity.formats.dialects import DialectError
+from proximity.formats.contents import DialectError
 
 
 def write(folder, name, data):

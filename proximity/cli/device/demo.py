@@ -72,7 +72,7 @@ def demo(
             reading, seen = follower.look(TURN_S)
             last.add(time.monotonic(), reading, seen)
             shown = partial(picture, reading, seen, last, drums)
-            screen.show(str, lambda size, shown=shown: shown(size.width))  # type: ignore[misc]
+            screen.show(str, lambda size, shown=shown: shown())  # type: ignore[misc]
             is_running = service.is_running and drums.is_running
             if stop.is_set() or not is_running or time.monotonic() >= ends:
                 break

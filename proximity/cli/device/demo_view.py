@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from proximity.cli.output import MM_PER_M, counted
 from proximity.cli.service.finger_view import TOUCH_STYLE, filled, is_tracked
+from proximity.cli.tables import Column, Drawn, FittingTable
 from proximity.decaff.controller.settings import Limits
 from proximity.message import State
 from proximity.system.time_units import MS_PER_S, S_PER_NS
@@ -32,9 +32,16 @@ FARTHEST_TOUCH = 1e-3
 FORESEEN_S = 0.010
 """s before a touch by which it is predicted: what a drum needs for the last millimetres. Assumed."""
 WINDOW_S, SILENT_S = 1.0, 0.3
-SCALE_MM, LEAST_BAR = 60.0, 8  # of a bar; its cells
-COLUMNS = {"finger": 7, "bar": 0, "mm": 6, "touch in": 8, "finger mm": 9, "drum mm": 7, "drum": 18}
-NUMBERS = ("mm", "touch in", "finger mm", "drum mm")
+SCALE_MM, MIN_BAR = 60.0, 8  # of a bar; its cells
+COLUMNS = (
+    Column("finger", "finger", False, width=7),
+    Column("bar", f"0 to {SCALE_MM:.0f} mm", False),
+    Column("mm", "mm", True, width=6),
+    Column("touch in", "touch in", True, width=8),
+    Column("finger mm", "finger mm", True, width=9),
+    Column("drum mm", "drum mm", True, width=7),
+    Column("drum", "drum", False, width=18),
+)
 NEXT = (
     ("proximity query part.stl 30 10 5", "how far a point is from your part"),
     ("proximity view part.stl", "your part and a hand in the browser"),
@@ -102,27 +109,22 @@ class TouchWatch:
         self.farthest = max(self.farthest, abs(gap))
 
 
-def picture(
-    reading: Reading, seen: "Seen", last: LastSecond, drums: "DrumsBeside", width: int
-) -> RenderableType:
-    """Return what a terminal shows."""
+def picture(reading: Reading, seen: "Seen", last: LastSecond, drums: "DrumsBeside") -> RenderableType:
+    """Return the picture for a terminal."""
     if not len(reading.contacts) or _is_outdated(reading, seen):
         return headline(seen, last)
-    columns = COLUMNS | {"bar": max(width - sum(COLUMNS.values()) - len(COLUMNS), LEAST_BAR)}
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
-    for name, width in columns.items():
-        title = f"0 to {SCALE_MM:.0f} mm" if name == "bar" else name
-        table.add_column(title, justify="right" if name in NUMBERS else "left", no_wrap=True, width=width)
-    words = drums.reported()
+    words, rows = drums.reported(), []
     for row, contact in enumerate(reading.contacts):
-        cells = _cells(contact, columns["bar"])
+        cells = {"finger": _name(row, seen.finger_names), **_cells(contact)}
         if row < len(words):
             finger = drums.bench.fingers[row]
             cells["finger mm"] = f"{MM_PER_M * finger.path.position(finger.bend):.1f}"
             cells["drum mm"], cells["drum"] = f"{MM_PER_M * finger.plant.position:.1f}", words[row]
-        cells["finger"] = _name(row, seen.finger_names)
-        table.add_row(*(cells.get(name, "") for name in columns))
-    return Group(headline(seen, last), _what_comes(reading, seen.finger_names), table)
+        rows.append(cells)
+    columns = [each._replace(cells=[cells.get(each.name, "") for cells in rows]) for each in COLUMNS]
+    return Group(
+        headline(seen, last), _what_comes(reading, seen.finger_names), FittingTable(columns, (), gap=1)
+    )
 
 
 def _is_outdated(reading: Reading, seen: "Seen") -> bool:
@@ -165,18 +167,19 @@ def _name(row: int, names: Sequence[str]) -> str:
     return names[row] if row < len(names) else f"{row}"
 
 
-def _cells(contact: Any, width: int) -> dict[str, Any]:
+def _cells(contact: Any) -> dict[str, Any]:
     """Bar, distance and time of a finger."""
     if not is_tracked(contact):
-        return {"bar": Text("lost in the recording"[:width], "dim")}
+        return {"bar": Drawn(lambda width: Text("lost in the recording"[:width], "dim"), MIN_BAR)}
     distance, left_s = MM_PER_M * float(contact["signed_distance"]), float(contact["time_to_contact"])
     cells: dict[str, Any] = {"mm": f"{distance:.1f}"}
     if distance <= 0.0:
-        return {**cells, "bar": Text(" touches".ljust(width), TOUCH_STYLE), "touch in": "now"}
+        bar = Drawn(lambda width: Text(" touches".ljust(width), TOUCH_STYLE), MIN_BAR)
+        return {**cells, "bar": bar, "touch in": "now"}
     style = "yellow" if math.isfinite(left_s) else "green"
     return {
         **cells,
-        "bar": Text(filled(min(distance / SCALE_MM, 1.0) * width), style),
+        "bar": Drawn(lambda width: Text(filled(min(distance / SCALE_MM, 1.0) * width), style), MIN_BAR),
         "touch in": f"{MS_PER_S * left_s:.0f} ms" if math.isfinite(left_s) else "-",
     }
 

@@ -1,9 +1,8 @@
 """Answers to queries for people: labelled lines for a single one, a table for several."""
 
 import math
-import shutil
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import chain
 from typing import Any
 
@@ -21,7 +20,6 @@ from proximity.cli.parts.answers import (
 )
 
 TERMINAL_ROWS = 100  # more than a person reads from a screen
-TABLE_WIDTH = 100  # columns; a narrower terminal has fewer
 SIDE_WORDS = {"surface": "on the surface", "unknown": "which side is unknown"}
 ON_FEATURES = {"face": "a face", "edge": "an edge", "vertex": "a corner"}
 ENDINGS = {"face": " of the file", "fraction": " of the segment"}
@@ -52,10 +50,10 @@ def write_text(question: Question, chunks: Iterator[Answers], *, is_whole: bool 
     row = 0
     for chunk in counted_answers(chain([first], chunks)):
         columns = _shown(question, chunk, row)
-        if not row:
-            _write_row(columns, [column.title for column in columns])
-        for cells in zip(*(map(column.cell, column.values) for column in columns), strict=True):
-            _write_row(columns, cells)
+        if sys.stdout.isatty():
+            _print_table(columns)
+        else:
+            _write_rows(columns, has_titles=not row)
         row += count_of(chunk)
         sys.stdout.flush()
     if count > row or more:
@@ -78,25 +76,30 @@ def _shown(question: Question, answers: Answers, first_row: int) -> list[Column]
     if "name" not in columns[0].name:
         rows = list(range(first_row, first_row + count_of(answers)))
         columns.insert(0, Column("#", "#", "", GIVEN, rows, 5, 0))
-    width = min(TABLE_WIDTH, shutil.get_terminal_size().columns) if sys.stdout.isatty() else TABLE_WIDTH
-    all_count = len(columns)
-    for name in (None, *DISPENSABLE):
-        columns = [column for column in columns if column.name != name]
-        left = width - sum(abs(column.width) + 1 for column in columns)
-        if left >= (len("part") if columns[-1].name == "part_name" else 0):
-            break
-    if len(columns) < all_count and not first_row:
-        report("note: the terminal is narrow: columns are left out; --csv FILE or a pipe shows all")
-    return [each._replace(width=-left) if each.name == "part_name" else each for each in columns]
+    return columns
 
 
-def _write_row(columns: list[Column], cells: Iterable[str]) -> None:
-    widths = (column.width for column in columns)
-    aligned = (
-        cell.rjust(width) if width > 0 else cell.ljust(-width)
-        for cell, width in zip(cells, widths, strict=True)
-    )
-    sys.stdout.write(" ".join(aligned).rstrip() + "\n")
+def _print_table(columns: list[Column]) -> None:
+    """Print the table on a terminal; a narrow one gets fewer columns."""
+    from proximity.cli import tables
+
+    shown = [
+        tables.Column(each.name, each.title, each.width > 0, list(map(each.cell, each.values)))
+        for each in columns
+    ]
+    tables.print_fitting(tables.results_console(), shown, DISPENSABLE, "--csv FILE or a pipe")
+
+
+def _write_rows(columns: list[Column], *, has_titles: bool) -> None:
+    """Write all columns as lines, which other programs read while more are answered."""
+    titles = [[column.title for column in columns]] if has_titles else []
+    rows = zip(*(map(column.cell, column.values) for column in columns), strict=True)
+    for row in chain(titles, rows):
+        aligned = (
+            cell.rjust(column.width) if column.width > 0 else cell.ljust(-column.width)
+            for cell, column in zip(row, columns, strict=True)
+        )
+        sys.stdout.write(" ".join(aligned).rstrip() + "\n")
 
 
 def _lines(question: Question, answer: dict[str, Any]) -> Iterator[tuple[str, str]]:

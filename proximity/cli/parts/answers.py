@@ -33,7 +33,6 @@ from proximity.cli.output import (
 from proximity.cli.parts.points import Points
 from proximity.errors import ArgumentError, ProximityError
 from proximity.scene.queries.results import NO_FACE, Feature
-from proximity.system.table_text import table_text
 
 NUMBER_WIDTH = 9  # of a column, as -123.4567
 SMALLEST_M = 1e-7  # shown in a table: 4 decimals of a millimetre
@@ -92,7 +91,7 @@ FIELDS = {
 TITLED = ("name", "start_name", "end_name")
 GIVEN = _text()
 """Field of a column of the points that only passes through."""
-TEXT_WIDTHS = {"name": 10, "start_name": 10, "side": len("outside")}
+TEXT_WIDTHS = {"name": 10, "start_name": 10, "side": len("outside"), "part_name": 24}
 FACES = ("part", "part_name", "face", "face_id")
 """``face`` is the row of the file's faces, ``face_id`` that of the part's mesh."""
 ANSWERED = {  # by kind of query, behind the points asked from; named as in the library's results
@@ -246,24 +245,25 @@ def write_json(
 
 def write_csv(question: Question, stream: TextIO, chunks: Iterable[Answers]) -> None:
     """Write a header and a line an answer; three numbers take three columns, lengths name their unit."""
+    from proximity.system.table_text import table_text  # for CSV only
+
+    def text_cell(value: Any) -> Any:
+        """A cell of text; numbers of the points' own columns stay as they are written."""
+        try:
+            float(value)
+        except (TypeError, ValueError):
+            return table_text(value)
+        return value
+
     writer, has_header = csv.writer(stream, lineterminator="\n"), False
     for chunk in counted_answers(chunks):
         columns = list(columns_of(chunk, question.units))
         if not has_header:
             writer.writerow(column.name_in_csv for column in columns)
             has_header = True
-        cells = (map(_text_cell, each.values) if each.field.is_text else each.values for each in columns)
+        cells = (map(text_cell, each.values) if each.field.is_text else each.values for each in columns)
         writer.writerows(zip(*cells, strict=True))
         stream.flush()
-
-
-def _text_cell(value: Any) -> Any:
-    """A cell of text; numbers of the points' own columns stay as they are written."""
-    try:
-        float(value)
-    except (TypeError, ValueError):
-        return table_text(value)
-    return value
 
 
 class Column(NamedTuple):

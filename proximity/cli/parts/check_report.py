@@ -101,16 +101,18 @@ def print_report(report: Values, *, is_whole: bool) -> None:
     shown = parts if is_whole else parts[:PARTS_SHOWN]
     print_block(_head(report))
     console.print()
+    totals = [{**report["total"], "size": report["size"]}] if len(parts) > 1 else []
     columns = [
-        Column(title, title + unit.format(report["units"]), is_right, [cell(part) for part in shown])
-        for title, (unit, is_right, cell, _) in COLUMNS.items()
+        Column(
+            title,
+            title + unit.format(report["units"]),
+            is_right,
+            [*map(cell, shown), *map(cell_of_all, totals)],
+        )
+        for title, (unit, is_right, cell, cell_of_all) in COLUMNS.items()
     ]
-    if len(parts) > 1:
-        total = {**report["total"], "size": report["size"]}
-        for column, (*_, cell) in zip(columns, COLUMNS.values(), strict=True):
-            column.cells.append(cell(total))
     print_fitting(
-        console, columns, DISPENSABLE, "a wider one, a pipe or --json", styles=["bold"] * (len(parts) > 1)
+        console, columns, DISPENSABLE, "a wider one, a pipe or --json", styles=["bold"] * len(totals)
     )
     if len(shown) < len(parts):
         console.print(f"These are the first {len(shown)} of {len(parts)} parts; --all lists all.")

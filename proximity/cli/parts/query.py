@@ -117,7 +117,6 @@ def query(
     # What imports and kernels leave behind is no garbage: to look at it again and again is 4 % of a query.
     with collector_paused():
         from proximity.cli.parts import answer_text, answers
-        from proximity.cli.parts.deviations import Deviations, check_unit
         from proximity.formats import metres_per_unit
         from proximity.scene.loader import notes_on_sizes
 
@@ -125,10 +124,14 @@ def query(
         question = answers.Question(scene, reading.units, metres, direction, workers, is_segment=segment)
     for note in notes_on_sizes(scene):
         report(f"note: {note}")
-    if points is not None and points_units is None:
-        check_unit(sides, scene, reading.units, is_gate=within is not None)
-    collected = Deviations(reading.units, metres, within) if question.mode == "closest" else None
-    summary = None if points is None else collected
+    collected = summary = None
+    if points is not None or within is not None:
+        from proximity.cli.parts.deviations import Deviations, check_unit
+
+        if points is not None and points_units is None:
+            check_unit(sides, scene, reading.units, is_gate=within is not None)
+        collected = Deviations(reading.units, metres, within) if question.mode == "closest" else None
+        summary = None if points is None else collected
     try:
         answered = question.answers(asked)
         if collected is not None:

@@ -5,7 +5,7 @@ finger comes near. Of a touch the whole bar is a red field that says so.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from rich.text import Text
 
 from proximity.cli.output import MM_PER_M
+from proximity.cli.tables import Drawn
 from proximity.message import ContactFlag, Mode, Source, State, Surface
 from proximity.system.time_units import MS_PER_S
 
@@ -24,8 +25,7 @@ NAMED: dict[str, type[IntEnum]] = {"mode": Mode, "surface": Surface, "source": S
 SCALE_MM = 120.0
 """As far as the tracker searches by default."""
 MARKS_MM = (0, 30, 60, 90, 120)
-FEW_MARKS_MM = (0, 60, 120)
-MARKS_WIDTH = 24  # cells
+MIN_BAR, MAX_BAR = 25, 60
 EIGHTHS = " ▏▎▍▌▋▊▉"
 BETWEEN = "▒"
 PREDICTED = "◆"
@@ -69,15 +69,19 @@ def is_tracked(contacts: np.ndarray) -> np.ndarray:
     return (contacts["flags"] & ContactFlag.TRACKED) != 0
 
 
-def finger_cells(contact: Any, bar_width: int, part_names: Sequence[str] = ()) -> dict[str, Text]:
+def finger_cells(contact: Any, part_names: Sequence[str] = ()) -> dict[str, Text | Drawn]:
     """Return the cells of a finger by the names of their columns.
 
     *part_names*: of the parts that the contact's numbers count; a part without one is shown by its number.
     """
-    cells = {"finger": Text(str(contact["finger"]), "bold"), "mode": _mode(contact), "flags": _flags(contact)}
+    cells: dict[str, Text | Drawn] = {
+        "finger": Text(str(contact["finger"]), "bold"),
+        "mode": _mode(contact),
+        "flags": _flags(contact),
+    }
     if not is_tracked(contact):
         unknown = dict.fromkeys(("part", "distance mm", "touch in", "closing"), Text(UNKNOWN, "red"))
-        return {**cells, **unknown, "bar": Text("nothing is known"[:bar_width], "red")}
+        return {**cells, **unknown, "bar": _bar_cell(lambda width: Text("nothing is known"[:width], "red"))}
     lower, upper = MM_PER_M * float(contact["lower"]), MM_PER_M * float(contact["upper"])
     predicted = float(contact["predicted_distance"]) if contact["flags"] & ContactFlag.PREDICTED else math.nan
     style = CLOSING_STYLE if math.isfinite(contact["time_to_contact"]) else FREE_STYLE
@@ -85,10 +89,14 @@ def finger_cells(contact: Any, bar_width: int, part_names: Sequence[str] = ()) -
         **cells,
         "part": Text(_part(int(contact["part"]), part_names)),
         "distance mm": Text(_distance(lower, upper)),
-        "bar": bar(lower, upper, MM_PER_M * predicted, bar_width, style),
+        "bar": _bar_cell(lambda width: bar(lower, upper, MM_PER_M * predicted, width, style)),
         "touch in": Text(_time(contact)),
         "closing": Text(_speed(float(contact["approach_speed"]))),
     }
+
+
+def _bar_cell(draw: Callable[[int], Text]) -> Drawn:
+    return Drawn(draw, MIN_BAR, MAX_BAR)
 
 
 def finger_words(contact: Any, part_names: Sequence[str] = ()) -> str:
@@ -181,7 +189,7 @@ def _flags(contact: Any) -> Text:
 def ruler(width: int) -> str:
     """Return the scale that stands above the bars."""
     cells = [" "] * width
-    for mark in MARKS_MM if width >= MARKS_WIDTH else FEW_MARKS_MM:
+    for mark in MARKS_MM[:: 1 if width >= 24 else 2 if width >= 12 else 4]:
         text = str(mark)
         first = min(round(mark / SCALE_MM * width), width - len(text))
         cells[first : first + len(text)] = text

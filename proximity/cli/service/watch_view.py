@@ -8,12 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from rich.cells import cell_len
 from rich.console import ConsoleDimensions, Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from proximity.cli.output import counted
-from proximity.cli.service.finger_view import FLAG_LETTERS, finger_cells, finger_words, is_tracked, ruler
-from proximity.cli.tables import Screen
+from proximity.cli.service.finger_view import (
+    FLAG_LETTERS,
+    MAX_BAR,
+    MIN_BAR,
+    finger_cells,
+    finger_words,
+    is_tracked,
+    ruler,
+)
+from proximity.cli.tables import Column, Drawn, FittingTable, Screen
 from proximity.message import Defect, Source, State
 from proximity.transport import Counts, Reading, Subscriber
 
@@ -47,26 +54,22 @@ HELD_MEANINGS = {
     State.LATE: "ticks were missed or poses are old: only the bounds hold, and they widen",
     State.STOPPING: "the service was asked to stop",
 }
-COLUMNS = {  # and their cells; a space follows each
-    "finger": 6,
-    "part": 4,
-    "distance mm": 13,
-    "bar": 0,
-    "touch in": 8,
-    "closing": 9,
-    "mode": 8,
-    "flags": 12,
-}
-NUMBERS = ("finger", "part", "distance mm", "touch in", "closing")
-DRUM_CELLS = 20
-MOST_NAME_CELLS = 16
+FLAGS = f"Flags: {', '.join(f'{letter} {word}' for letter, word in FLAG_LETTERS.values())}"
+BARS = "Bars: █ certainly free, ▒ between the bounds, ◆ predicted, » farther"
+MAX_NAME_CELLS = 16
 """Of the name of a part; a longer one is cut."""
+COLUMNS = (
+    Column("finger", "finger", True, width=6),
+    Column("part", "part", True, width=4),
+    Column("distance mm", "distance mm", True, width=13),
+    Column("bar", Drawn(ruler, MIN_BAR, MAX_BAR), False, legend=BARS),
+    Column("touch in", "touch in", True, width=8),
+    Column("closing", "closing", True, width=9),
+    Column("mode", "mode", False, width=8),
+    Column("flags", "flags", False, width=12, legend=FLAGS),
+)
+DRUM = Column("drum", "drum", False, width=20)
 DISPENSABLE = ("flags", "mode", "closing", "part")  # in this order, for the sake of the bar
-ENOUGH_BAR = 24
-SMALLEST_BAR = 14
-LARGEST_BAR = 60
-FLAGS_LEGEND = f"Flags: {', '.join(f'{letter} {word}' for letter, word in FLAG_LETTERS.values())}"
-BARS_LEGEND = "Bars: █ certainly free, ▒ between the bounds, ◆ predicted, » farther"
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,48 +136,43 @@ def show(screen: Screen, reading: Reading, seen: Seen, drums: Sequence[Text] | N
     """
 
     def drawn(size: ConsoleDimensions) -> RenderableType:
-        rows = max(1, size.height - OTHER_LINES)
-        return picture(reading, seen, width=size.width, row_count=rows, drums=drums)
+        return picture(reading, seen, row_count=max(1, size.height - OTHER_LINES), drums=drums)
 
     screen.show(lambda: line(reading, seen), drawn)
 
 
 def picture(
-    reading: Reading, seen: Seen, *, width: int, row_count: int, drums: Sequence[Text] | None = None
+    reading: Reading, seen: Seen, *, row_count: int, drums: Sequence[Text] | None = None
 ) -> RenderableType:
-    """Return what a terminal shows.
+    """Return the picture for a terminal.
 
     *drums*: what a controller does with each finger, where one runs beside.
     """
     if not len(reading.contacts):
-        return Group(*headline(reading, seen, width))
-    columns = _columns(width, seen.part_names, has_drums=drums is not None)
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
-    for name, cells in columns.items():
-        title = ruler(cells) if name == "bar" else "held" if name == "finger" and _is_held(reading) else name
-        table.add_column(title, justify="right" if name in NUMBERS else "left", no_wrap=True, width=cells)
+        return headline(reading, seen)
     rows = nearest(reading.contacts, row_count)
-    for row in rows:
-        shown = finger_cells(reading.contacts[row], columns["bar"], seen.part_names)
-        if drums is not None:
-            # A controller that runs beside may not have had its first frame yet.
-            shown["drum"] = drums[row] if row < len(drums) else Text("")
-        table.add_row(*(shown[name] for name in columns))
+    shown = [finger_cells(reading.contacts[row], seen.part_names) for row in rows]
+    columns = [each._replace(cells=[cells[each.name] for cells in shown]) for each in COLUMNS]
+    columns[0] = columns[0]._replace(title="held" if _is_held(reading) else "finger")
+    longest = max(map(cell_len, seen.part_names), default=0)
+    columns[1] = columns[1]._replace(width=min(max(longest, len("part")), MAX_NAME_CELLS))
+    if drums is not None:
+        # A controller that runs beside may not have had its first frame yet.
+        words = [drums[row] if row < len(drums) else Text("") for row in rows]
+        columns.append(DRUM._replace(cells=words))
     hidden = len(reading.contacts) - len(rows)
     more = [Text(f"and {hidden} more, farther away", "dim")] if hidden else []
-    legend = f"{FLAGS_LEGEND}. {BARS_LEGEND}." if "flags" in columns else BARS_LEGEND
-    return Group(*headline(reading, seen, width), table, *more, Text(legend, "dim"))
+    return Group(headline(reading, seen), FittingTable(columns, DISPENSABLE, gap=1, below=more))
 
 
-def headline(reading: Reading, seen: Seen, width: int) -> tuple[Text, Text]:
+def headline(reading: Reading, seen: Seen) -> Group:
     """Return the two lines above the table: the state and what it means, and the figures."""
     style = STATE_STYLES[reading.state]
     badge, meaning = f" {reading.state.name} ", _meaning(reading, seen)
-    if reading.state is State.STALE:  # a whole line, so that nobody takes what stands below for now
-        state = Text(f"{badge} {meaning}".ljust(width), style)
-    else:
-        state = Text.assemble((badge, style), f"  {meaning}")
-    return state, Text(f"{seen.address}  {',  '.join(_figures(reading, seen))}")
+    state: RenderableType = Text.assemble((badge, style), f"  {meaning}")
+    if reading.state is State.STALE:  # a whole line: what stands below is not of now
+        state = Drawn(lambda width: Text(f"{badge} {meaning}".ljust(width), style))
+    return Group(state, Text(f"{seen.address}  {',  '.join(_figures(reading, seen))}"))
 
 
 def line(reading: Reading, seen: Seen) -> str:
@@ -195,23 +193,6 @@ def nearest(contacts: np.ndarray, count: int) -> list[int]:
     """
     lower = np.where(is_tracked(contacts), contacts["lower"], np.inf)
     return sorted(np.argsort(lower, kind="stable")[:count].tolist())
-
-
-def _columns(width: int, part_names: Sequence[str], *, has_drums: bool) -> dict[str, int]:
-    """The columns that fit, and their cells; the bar gets what is left of the line."""
-    columns = COLUMNS | ({"drum": DRUM_CELLS} if has_drums else {})
-    longest = max(map(cell_len, part_names), default=0)
-    columns["part"] = min(max(longest, columns["part"]), MOST_NAME_CELLS)
-    for name in DISPENSABLE:
-        if width - _cells(columns) < ENOUGH_BAR:
-            del columns[name]
-    columns["bar"] = min(max(width - _cells(columns), SMALLEST_BAR), LARGEST_BAR)
-    return columns
-
-
-def _cells(columns: dict[str, int]) -> int:
-    """Number of cells that the columns take, with a space behind each."""
-    return sum(columns.values()) + len(columns)
 
 
 def _lacking(contacts: np.ndarray) -> str:

@@ -7,12 +7,11 @@ import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
-from proximity.formats.contents import UNKNOWN_FACE, RawFile, RawMesh, Source
+from proximity.formats.contents import RIGID_TOLERANCE, UNKNOWN_FACE, RawFile, RawMesh, Source
 from proximity.formats.gltf import buffers, primitives, scene_graph
 from proximity.formats.gltf.buffers import Document
 from proximity.formats.gltf.primitives import Primitive
 from proximity.formats.gltf.scene_graph import Node
-from proximity.formats.node_placement import RIGID_TOLERANCE
 
 Part = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Vertices, faces and source faces of a mesh."""

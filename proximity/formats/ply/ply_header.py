@@ -7,7 +7,7 @@ import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
-from proximity.formats.dialects import DialectError
+from proximity.formats.contents import DialectError
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1",

@@ -24,8 +24,7 @@ from proximity.kernels.entries import (
     signed_batch,
 )
 from proximity.scene.model.assembly import Model
-from proximity.scene.queries.batches import LARGEST_SLICE, OrderOf
-from proximity.scene.queries.checked_query import CheckedQuery
+from proximity.scene.queries.checked_query import LARGEST_SLICE, CheckedQuery, OrderOf
 from proximity.scene.queries.results import ClosestPoints, RayHits, Reals, SegmentHits
 
 SORT_RAYS_FROM = 1024

@@ -9,7 +9,7 @@ import numpy as np
 from proximity.errors import ArgumentError, MeshFormatError
 from proximity.mesh.body_split import Repairs
 from proximity.scene.model.scene_state import first_unfit_move
-from proximity.scene.part_motion import checked_surface
+from proximity.scene.part import checked_surface
 from proximity.scene.sign import SignMethod
 
 _NO_ROWS = np.zeros((0, 3))
