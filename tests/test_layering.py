@@ -39,7 +39,7 @@ signature · sources
 loop
 mailbox
 library
-library_in_c · loop_records · receiver · receiver_in_c
+library_in_c · loop_records · receiver
 cpython · receiver_state
 """,
     "proximity.kernels": """
@@ -114,7 +114,6 @@ drum
 study
 certificate
 claims · experiment · part_press
-press_curves
 figures
 engine · stability
 simulation

@@ -13,7 +13,7 @@ import proximity
 from proximity.message.c_header import header_text
 from proximity.message.csharp_layout import csharp_layout
 from proximity.message.javascript_layout import layout_module
-from proximity.system.written_files import write_files
+from proximity.system.whole_file import write_files
 
 LAYOUTS: dict[str, tuple[str, Callable[[], str]]] = {
     "csharp": ("Runtime/ProximityMessages.cs", csharp_layout),

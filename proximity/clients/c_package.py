@@ -9,7 +9,7 @@ from proximity.core import CORE
 from proximity.core.library_in_c import library_path
 from proximity.errors import ProximityError
 from proximity.message.c_header import header_text
-from proximity.system.written_files import write_files
+from proximity.system.whole_file import write_files
 
 HERE = Path(__file__).parent / "c"
 ANDROID = "android-aarch64/libproximity.so"

@@ -10,7 +10,7 @@ from proximity.clients import client_files, license_text
 from proximity.core.library_in_c import NATIVE
 from proximity.errors import ProximityError
 from proximity.message.javascript_layout import layout_types
-from proximity.system.written_files import write_files
+from proximity.system.whole_file import write_files
 
 HERE = Path(__file__).parent / "wasm"
 MODULES = ("proximity.plain.wasm", "proximity.relaxed.wasm")

@@ -1,14 +1,24 @@
-"""The library in C that was compiled for this system: where it is, and Python's handles of it."""
+"""What is compiled from C, for Python: handles of the library, and functions of the receiver of messages."""
 
 import ctypes
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from proximity.errors import ProximityError
+from proximity.native.declaration import function_in_c
 from proximity.native.sources import TOOLS, core_digest
+from proximity.system.extras import needed_in_c
 
 NATIVE = Path(__file__).parent.parent / "native"
 LIBRARIES = ("libproximity.so", "libproximity.dylib", "proximity.dll")
+_RECEIVER = {
+    "is_old": "uint8[:], uint8[:], int, int, int -> bool",
+    "accept": "uint8[:], uint8[:], int, int, int",
+    "content_flaw": "uint8[:], int -> int",
+    "widen": "uint8[:], int, float, float",
+    "forget": "uint8[:]",
+}
 
 
 def library_path() -> Path:
@@ -38,3 +48,10 @@ def libraries() -> tuple[ctypes.CDLL, ctypes.PyDLL]:
         return ctypes.CDLL(str(path), use_errno=True), ctypes.PyDLL(str(path), use_errno=True)
     except OSError as failure:
         raise ProximityError(f"{path} cannot be loaded ({failure})") from failure
+
+
+@cache
+def receiver_in_c(name: str) -> Any:
+    """Return a function of the receiver; `ArgumentError` where it was not compiled, or of other sources."""
+    with needed_in_c("messages cannot be received, which is written in C"):
+        return function_in_c(f"receiver_{name}", _RECEIVER[name])

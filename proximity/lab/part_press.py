@@ -10,11 +10,11 @@ from proximity.decaff.controller.settings import ControllerSettings, Limits
 from proximity.decaff.drum.servo import SERVO_RATE
 from proximity.lab.engine.engine_loop import Distances, EnginePress, EngineSetup, press_on_part
 from proximity.lab.engine.finger_placement import place_finger
-from proximity.lab.figures.style import Table
-from proximity.lab.press_curves import curves
+from proximity.lab.figures.style import SAMPLING, Table
+from proximity.lab.simulation.closed_loop import Response
 from proximity.lab.simulation.devices import Hand
 from proximity.lab.simulation.metrics import drum_offset
-from proximity.lab.simulation.simulated_press import Felt, cable_words, felt
+from proximity.lab.simulation.simulated_press import Felt, Simulation, Wall, cable_words, felt
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 
@@ -128,3 +128,29 @@ def numbers(simulation: PartSimulation) -> Table:
     """Return the press about every 0.1 ms, with the ideal distance and on the real wall beside it."""
     engine, ideal = simulation.engine, simulation.ideal.response
     return curves(engine.response, engine.real, has_drum=True, ideal=ideal)
+
+
+def numbers_on_wall(simulation: Simulation) -> Table:
+    """Return a press on a simulated wall about every 0.1 ms, with the same press on a real wall."""
+    return curves(simulation.response, simulation.real, has_drum=simulation.setup.wall == Wall.DECAFF)
+
+
+def curves(response: Response, real: Response, *, has_drum: bool, ideal: Response | None = None) -> Table:
+    """Return a press about every 0.1 ms, in whole steps, beside others at the same instants."""
+    stride = max(round(SAMPLING / response.step), 1)
+    every = slice(response.zero % stride, None, stride)  # the contact among them
+    times = response.times[every]
+    columns = {
+        "time_s": times,
+        "intent_m": response.press.at(times).position,
+        "finger_m": response.finger[every],
+        "link_m": response.link[every],
+        "force_N": response.force[every],
+        "real_finger_m": real.finger[every],
+        "real_force_N": real.force[every],
+    }
+    if has_drum:
+        columns |= {"drum_m": response.drum[every], "drum_force_N": response.contact[every]}
+    if ideal is not None:
+        columns["ideal_force_N"] = ideal.force[every]
+    return Table(columns)

@@ -9,12 +9,12 @@ import os
 import re
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from proximity.errors import FileError
+from proximity.errors import FileError, ProximityError
 
 try:
     import fcntl
@@ -133,3 +133,33 @@ def _put_on_disk(path: Path) -> None:
         os.fsync(number)
     finally:
         os.close(number)
+
+
+def write_files(
+    contents: Mapping[str, str | bytes], folder: str | os.PathLike[str], kept: Collection[str] = ()
+) -> dict[str, bool]:
+    """Write files into a folder, which is made where it is not there.
+
+    *kept*: files that are left alone where they are there already. A package of Python is no such folder:
+    they would be imported with it.
+    """
+    if Path(folder, "__init__.py").is_file():
+        raise ProximityError(f"{folder}: is a package of Python, expected another folder, such as engine")
+    written = {}
+    for name, content in contents.items():
+        path = Path(folder) / name
+        is_kept = name in kept and path.exists()
+        written[str(path)] = not is_kept
+        if not is_kept:
+            _make_folder(path.parent)
+            with whole_file(path, takes_devices=False) as stream:
+                stream.write(content.encode() if isinstance(content, str) else content)
+    return written
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as failure:
+        reason = getattr(failure, "strerror", None) or failure
+        raise ProximityError(f"{folder}: is not a folder and cannot be created ({reason})") from failure

@@ -5,7 +5,7 @@ Both functions change records in place and leave every field with the meaning it
 
 import numpy as np
 
-from proximity.core.receiver_in_c import receiver_in_c
+from proximity.core.library_in_c import receiver_in_c
 
 
 def widen(contacts: np.ndarray, now_ns: int, max_speed: float, max_acceleration: float) -> None:

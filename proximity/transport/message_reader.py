@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.core.receiver_in_c import receiver_in_c
+from proximity.core.library_in_c import receiver_in_c
 from proximity.core.receiver_state import MOST_AT_ONCE, MOST_FLAWED, RECEIVER
 from proximity.message import MAX_RECORDS, PREFIX, Defect, Kind, validate
 from proximity.message.envelope import unpack_prefix

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.core.receiver_in_c import receiver_in_c
+from proximity.core.library_in_c import receiver_in_c
 from proximity.core.receiver_state import LONGEST_VALID_NS
 from proximity.message import FRAME, Defect, State, parts_of
 from proximity.message.envelope import PREFIX_FIELDS

@@ -71,7 +71,7 @@ def started(code, stdin=None):
     )
 
 
-COLD_QUERY_MODULES = 80
+COLD_QUERY_MODULES = 66
 """Modules of the package that a query imports at most: readers of other formats and kernels are left."""
 COUNTED = """
 import sys

@@ -9,9 +9,8 @@ from printed import printed
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from proximity.decaff.glove.drum_geometry import ArmDrum
 from proximity.decaff.glove.finger import Finger
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import ArmDrum, Glove
 from proximity.decaff.glove.transmission import Cable, Linkage, Potentiometer
 from proximity.errors import ArgumentError
 from proximity.message import PATH_CORNERS

@@ -13,7 +13,7 @@ from sampled_walls import stiffness_limit
 
 from proximity.decaff.drum.sampled_mass import SampledMass, maximum_stiffness
 from proximity.errors import ArgumentError, MissingLibraryError
-from proximity.lab import press_curves
+from proximity.lab import part_press
 from proximity.lab.figures import catalogue, error_plots, figure_5_plots, motion_plots, stability_plots, style
 from proximity.lab.figures.style import Table
 from proximity.lab.paper import figure_5
@@ -224,7 +224,7 @@ def test_simulated_press_is_told_as_the_metrics_say(setup, tmp_path):
     assert press.felt.steady - simulated_press.felt(press.real).steady == found.steady_error
     assert press.felt.penetration == found.penetration
     assert press.felt.work - simulated_press.felt(press.real).work == found.work_error
-    style.write_table(tmp_path / "press.csv", press_curves.numbers(press))
+    style.write_table(tmp_path / "press.csv", part_press.numbers_on_wall(press))
     columns = read_columns(tmp_path / "press.csv")
     touch = int(np.argmin(np.abs(columns["time_s"])))
     assert columns["time_s"][touch] == 0.0

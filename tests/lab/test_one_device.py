@@ -20,9 +20,8 @@ from proximity.decaff.drum.drum_model import GEARS, Gear, Motor, gear_named, wit
 from proximity.decaff.drum.servo import SERVO_RATE, servo_for
 from proximity.decaff.glove.calibrated_glove import read_any_glove
 from proximity.decaff.glove.calibration import glove_of, read_calibration, table_of, write_calibration
-from proximity.decaff.glove.drum_geometry import ArmDrum
 from proximity.decaff.glove.finger_path import FingerPath
-from proximity.decaff.glove.glove import CONTACT_BEND, DRUMS, Glove, with_gear
+from proximity.decaff.glove.glove import CONTACT_BEND, DRUMS, ArmDrum, Glove, with_gear
 from proximity.decaff.motors.motor_driver import MotorScale, MotorSettings
 from proximity.errors import ArgumentError, DecaffError
 from proximity.lab.simulation import sweeps

@@ -9,7 +9,7 @@ from proximity.cli.lab.press_options import PartOptions, WallOptions
 from proximity.cli.output import MISSING, print_block, write_document
 from proximity.cli.tables import results_console, table
 from proximity.formats import metres_per_unit
-from proximity.lab import part_press, press_curves
+from proximity.lab import part_press
 from proximity.lab.engine.engine_loop import Distances, EngineSetup
 from proximity.lab.figures.style import write_table
 from proximity.lab.simulation import simulated_press
@@ -37,7 +37,7 @@ def simulate_press(surface: WallOptions, out: Path | None, *, as_json: bool) -> 
     with progress.spinner("simulating"):
         press = simulated_press.simulate(setup)
         if out is not None:
-            write_table(out, press_curves.numbers(press))
+            write_table(out, part_press.numbers_on_wall(press))
     if as_json:
         write_document(simulated_press.document(press))
         return

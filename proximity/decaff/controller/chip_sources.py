@@ -13,7 +13,7 @@ from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.message.c_header import header_text
-from proximity.system.written_files import write_files
+from proximity.system.whole_file import write_files
 
 NUMBERS_A_LINE = 4
 

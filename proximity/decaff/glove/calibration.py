@@ -19,9 +19,8 @@ import numpy as np
 from proximity.checks import as_float64, finite, not_negative, positive
 from proximity.decaff.drum.drum_model import MOST_LATENCY as MOST_DRUM_LATENCY
 from proximity.decaff.drum.drum_model import Gear, Motor, gear_named
-from proximity.decaff.glove.drum_geometry import ArmDrum
 from proximity.decaff.glove.finger import Finger
-from proximity.decaff.glove.glove import Glove
+from proximity.decaff.glove.glove import ArmDrum, Glove
 from proximity.decaff.glove.transmission import Cable, Linkage, Potentiometer
 from proximity.errors import ArgumentError, DecaffError
 from proximity.system.regular_file import open_regular

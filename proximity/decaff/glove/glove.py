@@ -4,20 +4,62 @@ One degree of freedom a finger: bend, fingertip, angle of the linkage, travel of
 replica, counts, and where the drum must stand are all functions of one another (docs/guide/drums.md). A
 calibration replaces what the cable, the linkage and the motor are thought to do by what was measured
 (`calibration`).
+
+The replica is a straight link of some width that turns about the potentiometer, the origin. The roller of the
+drum stands on the side that the link turns to as the finger bends. Angles count from the same axis:
+``replica`` of the link, ``drum`` of the arm that carries the roller, as it would touch.
 """
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from proximity.checks import positive
 from proximity.decaff.drum.drum_model import GEARS, USUAL_GEAR, Drum, Gear, Motor, gear_named
-from proximity.decaff.glove.drum_geometry import ArmDrum
 from proximity.decaff.glove.finger import Finger
 from proximity.decaff.glove.transmission import Cable, Linkage, Potentiometer
+from proximity.errors import ArgumentError
 
 CONTACT_BEND = 0.5
 """Where a finger touches unless something else is said: half way to the fist."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmDrum:
+    """A roller on an arm about the potentiometer's axis: linear; values assumed."""
+
+    arm: float = 0.040  # m, from the axis to the roller's centre
+    roller_radius: float = 0.006  # m
+    link_width: float = 0.004  # m
+
+    def __post_init__(self) -> None:
+        positive("roller_radius", self.roller_radius, "metres")
+        positive("link_width", self.link_width, "metres")
+        if not positive("arm", self.arm, "metres") > self.clearance:
+            raise ArgumentError(
+                f"the arm is {1e3 * self.arm:g} mm, expected more than the roller's radius and half of the "
+                f"link's width, {1e3 * self.clearance:g} mm"
+            )
+
+    @property
+    def clearance(self) -> float:
+        """Between the link's middle and the roller's centre as they touch, m."""
+        return self.roller_radius + 0.5 * self.link_width
+
+    @property
+    def alpha(self) -> float:
+        """Angle between arm and link as they touch, rad."""
+        return math.asin(self.clearance / self.arm)
+
+    def drum_angle(self, replica: ArrayLike) -> np.ndarray:
+        """Return where the drum stands as it touches the link, (...), rad."""
+        return np.asarray(replica, np.float64) + self.alpha
+
+    def lever(self, replica: ArrayLike) -> np.ndarray:
+        """Return how far from the potentiometer the roller touches, (...), m."""
+        return np.full(np.shape(replica), self.arm * math.cos(self.alpha))
 
 
 @dataclass(frozen=True, slots=True)
