@@ -3,6 +3,7 @@
 from proximity.errors import ArgumentError as ArgumentError
 from proximity.errors import DecaffError as DecaffError
 from proximity.errors import FileError as FileError
+from proximity.errors import FileVersionError as FileVersionError
 from proximity.errors import MeshError as MeshError
 from proximity.errors import MeshFormatError as MeshFormatError
 from proximity.errors import MissingLibraryError as MissingLibraryError

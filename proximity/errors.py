@@ -5,6 +5,7 @@
     ProximityError
     ├── MeshError          (ValueError)    choose another mesh, or repair it
     │   ├── MeshFormatError                export the file again: it is not what it claims, or is damaged
+    │   │   └── FileVersionError           compile the scene again: another version saved it
     │   └── NotWatertightError             ask for unsigned distances, or close the surface
     ├── ArgumentError      (ValueError)    change the argument that the message names
     │   └── PoseError                      give a rotation and a translation
@@ -33,6 +34,10 @@ class MeshError(ProximityError, ValueError):
 
 class MeshFormatError(MeshError):
     """The file is not what it claims to be, or not all of it could be read."""
+
+
+class FileVersionError(MeshFormatError):
+    """A compiled scene is of another version."""
 
 
 class NotWatertightError(MeshError):

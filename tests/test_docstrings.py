@@ -70,6 +70,12 @@ wrong_flag: Reals = hits.is_signed
 wrong_distance: Reals = scene.contains(points)
 wrong_hit: npt.NDArray[np.int32] = scene.cast(points, ways).distance
 scene.closest(points, max_distance=object())
+contacts = proximity.Tracker(scene).tick([[0.0, 0.0, 0.1]] * 5, 10**9, 10**9, velocities=points)
+fields = contacts[contacts["flags"] > 0]["signed_distance"], [each["upper"] for each in contacts]
+wrong_field = contacts["signed_distanse"], contacts["lower"]
+wrong_row = [each["uper"] for each in contacts]
+wrong_reading = proximity.open_subscriber("shm://a").read().contacts["signed_distanse"]
+proximity.Tracker(scene).tick(object(), 1, 1)
 """
 
 

@@ -22,13 +22,14 @@ from proximity.kernels.contact_record import (
 from proximity.kernels.layout import NEVER, STATIC_COPIES
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
 from proximity.kernels.scene.store.model_validation import FAULT_SIZE, SOUND
-from proximity.kernels.scene.store.stored_bytes import HEADER_SIZE, NO_MAGIC, PAGE
-from proximity.kernels.thresholds import SORT_FROM, SORT_STEPS
+from proximity.kernels.scene.store.stored_bytes import HEADER_SIZE, NO_MAGIC, OTHER_VERSION, PAGE
+from proximity.kernels.thresholds import MILLIMETRES_FROM, MILLIMETRES_TO, SORT_FROM, SORT_STEPS
 from proximity.kernels.tracking import motion
 from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
 from proximity.kernels.tracking.finger_distance import CROWD
 from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
 from proximity.kernels.tracking.part_drift import MOVER_COLUMNS, POSE_COLUMNS
+from proximity.kernels.tracking.tick import ALL_IN_MILLIMETRES, DONE, HAS_DEFECT
 from proximity.kernels.tracking.track import MOST_NS, SETTINGS, TRACK
 from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
 from proximity.message.c_header import structure
@@ -60,6 +61,15 @@ _NUMBERS = {
     "PAGE": PAGE,
     "NEVER": NEVER,
     "NO_MAGIC": NO_MAGIC,
+    "OTHER_VERSION": OTHER_VERSION,
+    "MILLIMETRES_FROM": MILLIMETRES_FROM,
+    "MILLIMETRES_TO": MILLIMETRES_TO,
+    "DONE": DONE,
+    "HAS_DEFECT": HAS_DEFECT,
+    "ALL_IN_MILLIMETRES": ALL_IN_MILLIMETRES,
+    "SHORTEST_NS": tracker_arguments.SHORTEST_NS,
+    "EARLY_NS": tracker_arguments.EARLY_NS,
+    "LARGEST_SECONDS": tracker_arguments.LARGEST_SECONDS,
     "STATIC_COPIES": STATIC_COPIES,
     "SORT_FROM": SORT_FROM,
     "SORT_STEPS": SORT_STEPS,

@@ -29,13 +29,14 @@ PANELS = {
         "picture": ("parts.picture", "a PNG of the parts, of points and of a slice"),
         "view": ("parts.view", "the parts in the browser, with a probe and hands"),
         "compile": ("parts.check", "a file that opens in milliseconds, with the same answers"),
+        "library": ("service.sources", "the engine in your own program: C, C++, C#, browsers"),
     },
     "serve": {
         "serve": ("service.serve", "a service for fingers: poses in, distances out"),
         "watch": ("service.watch", "the fingers of a service, live"),
         "record": ("service.record", "the frames of a service in a log"),
         "export": ("service.record", "a log as CSV or Parquet"),
-        "client": ("service.sources", "sources and libraries for your own program; keys"),
+        "client": ("service.sources", "what your own program reads a service with; keys"),
     },
     "glove": {
         "drum": ("device.drum", "the drums that a finger meets, simulated or with motors"),
@@ -69,7 +70,8 @@ MEANT = {
     **dict.fromkeys(("log", "frames"), "record"),
     **dict.fromkeys(("latency", "benchmark", "certificate", "time"), "bench"),
     **dict.fromkeys(("plot", "figure", "paper"), "figures"),
-    "header": "client header", "key": "client key", "sdk": "client", "sweep": "study", "press": "simulate",
+    "header": "client header", "key": "client key",
+    "sdk": "library", "engine": "library", "sweep": "study", "press": "simulate",
 }  # fmt: skip
 """Words that people try, and the command that does it."""
 

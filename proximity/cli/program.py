@@ -143,7 +143,7 @@ class Command(_Plainly, TyperCommand):
 class Group(_Plainly, TyperGroup):
     """Commands whose expected ends are exit codes."""
 
-    meant: ClassVar[dict[str, str]] = {}
+    meant: ClassVar[dict[str, str]] = {"wasm": "library wasm", "javascript": "client js"}
     """Words that are no commands, and the command that people mean by them."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:

@@ -1,4 +1,4 @@
-"""Clients in C++, JavaScript and C# that receive frames and send poses: sources to be written out.
+"""Clients in C, C++, JavaScript and C# that receive frames and send poses: sources to be written out.
 
 What is the same for all messages, their layout, is generated from the fields; the rest lies beside this file.
 The layouts are those of one version: whoever installs another one writes them out again.
@@ -10,6 +10,7 @@ from importlib.metadata import distribution
 from pathlib import Path
 
 import proximity
+from proximity.core import CORE
 from proximity.message.c_header import header_text
 from proximity.message.csharp_layout import csharp_layout
 from proximity.message.javascript_layout import layout_module
@@ -19,29 +20,37 @@ LAYOUTS: dict[str, tuple[str, Callable[[], str]]] = {
     "csharp": ("Runtime/ProximityMessages.cs", csharp_layout),
     "javascript": ("layout.mjs", layout_module),
     "cpp": ("proximity_message.h", header_text),
+    "c": ("proximity_message.h", header_text),
 }
 """By language: the file that is generated, and what makes it."""
+CSHARP = {
+    "client": ("ProximityClient.cs", "ProximityMailbox.cs", "ProximityHand.cs", "Example.cs"),
+    "library": ("Proximity.cs", "ProximityDistance.cs"),
+}
+"""Files in C# that only one of them has; both may be written into one folder."""
 EXAMPLES = {
     *(f"Runtime/{name}.cs" for name in ("Example", "ProximityHand", "ProximityDistance")),
     "example.mjs",
     "example.cpp",
+    "receiver.c",
+    "mailbox_receiver.c",
 }
 """Files that are there to be changed: once written they are left alone."""
-EXAMPLE_RECEIVER = Path(__file__).parent / "c" / "examples" / "receiver.c"
-"""Of a controller that receives frames over UDP, in C."""
 
 
-def client_files(language: str) -> dict[str, str]:
-    """Return the files of a client: their texts by their paths in its folder."""
+def client_files(language: str, without: str = "library") -> dict[str, str]:
+    """Return the files of a client, or in C# of the library: their texts by their paths in its folder."""
     name, layout = LAYOUTS[language]
-    folder = Path(__file__).parent / language
+    folder = Path(__file__).parent / ("c/receivers" if language == "c" else language)
+    mailbox = {"proximity_mailbox.h": (CORE / "mailbox" / "proximity_mailbox.h").read_text(encoding="utf-8")}
     texts = {
         path.relative_to(folder).as_posix(): path.read_text(encoding="utf-8").replace(
             "@VERSION@", proximity.__version__
         )
         for path in sorted(folder.rglob("*.*"))
+        if path.name not in CSHARP[without]
     }
-    return {name: layout(), "LICENSE": license_text(), **texts}
+    return {name: layout(), "LICENSE": license_text(), **texts, **(mailbox if language == "c" else {})}
 
 
 def license_text() -> str:

@@ -4,9 +4,9 @@ import os
 from pathlib import Path
 
 import proximity
-from proximity.clients import license_text, write_client
+from proximity.clients import EXAMPLES, client_files, license_text
 from proximity.core import CORE
-from proximity.core.library_in_c import library_path
+from proximity.core.library_in_c import interface, library_path
 from proximity.errors import ProximityError
 from proximity.message.c_header import header_text
 from proximity.system.whole_file import write_files
@@ -17,14 +17,12 @@ ANDROID = "android-aarch64/libproximity.so"
 PLACES = {
     CORE / "library" / "proximity.h": "include",
     CORE / "library" / "proximity_tracker.h": "include",
-    CORE / "mailbox" / "proximity_mailbox.h": "include",
     HERE / "proximity.hpp": "include",
     HERE / "package" / "proximity-config.cmake": "lib/cmake/proximity",
     HERE / "package" / "proximity-config-version.cmake": "lib/cmake/proximity",
     HERE / "package" / "proximity.pc": "lib/pkgconfig",
     HERE / "examples" / "distances.c": "examples",
     HERE / "examples" / "moving.c": "examples",
-    HERE / "examples" / "mailbox_receiver.c": "examples",
 }
 """Files, and the folders that they are written to."""
 
@@ -35,24 +33,31 @@ def write_library(folder: str | os.PathLike[str]) -> dict[str, bool]:
     Returned: by the files' paths, whether they were written: an example that is there already is left alone.
     """
     library = library_path()
+    name = f"{library.name}.{interface()}" if library.suffix == ".so" else library.name
     contents: dict[str, str | bytes] = {
-        f"lib/{library.name}": library.read_bytes(),
+        f"lib/{name}": library.read_bytes(),
         "include/proximity_message.h": header_text(),
         "LICENSE": license_text(),
     }
-    import_library = library.with_suffix(".lib")
-    if import_library.is_file():
-        contents[f"lib/{import_library.name}"] = import_library.read_bytes()
+    for beside in (library.with_suffix(".lib"), library.with_suffix(".a")):
+        if beside.is_file():
+            contents[f"lib/{beside.name}"] = beside.read_bytes()
     for path, place in PLACES.items():
         text = path.read_text(encoding="utf-8")
-        text = text.replace("@LIBRARY@", library.name).replace("@VERSION@", proximity.__version__)
+        text = text.replace("@LIBRARY@", name).replace("@VERSION@", proximity.__version__)
         contents[f"{place}/{path.name}"] = text
-    return write_files(contents, folder, [name for name in contents if name.startswith("examples/")])
+    written = write_files(contents, folder, [path for path in contents if path.startswith("examples/")])
+    if name != library.name:
+        link = Path(folder, "lib", library.name)
+        link.unlink(missing_ok=True)
+        link.symlink_to(name)
+        written[str(link)] = True
+    return written
 
 
-def write_unity_package(folder: str | os.PathLike[str]) -> dict[str, bool]:
-    """Write the client in C# as `write_client` does, and the library where it was compiled."""
-    written = write_client("csharp", folder)
+def write_csharp_library(folder: str | os.PathLike[str]) -> dict[str, bool]:
+    """Write the engine for Unity and .NET: its binding, and the library where it was compiled."""
+    written = write_files(client_files("csharp", "client"), folder, EXAMPLES)
     try:
         library = library_path()
     except ProximityError:  # sources are of use without it, and with one of another system

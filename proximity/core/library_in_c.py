@@ -32,6 +32,12 @@ def library_path() -> Path:
     )
 
 
+def interface() -> int:
+    """Return the version of the library's interface, as its header has it."""
+    header = (Path(__file__).parent / "library" / "proximity.h").read_text(encoding="utf-8")
+    return int(header.partition("#define PROXIMITY_INTERFACE ")[2].split()[0])
+
+
 @cache
 def libraries() -> tuple[ctypes.CDLL, ctypes.PyDLL]:
     """Return the library twice: for calls that let other threads of Python run meanwhile, and for short ones.

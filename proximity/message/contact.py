@@ -4,8 +4,9 @@ One record is `CONTACT`. Kernels write `kernels.contact_record`; a test compares
 """
 
 import operator
+from collections.abc import Iterator
 from enum import IntEnum, IntFlag
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 
@@ -145,8 +146,23 @@ CONTACT_FIELDS = (
 )
 
 
+ContactField = Literal[
+    "finger", "flags", "pose_ns", "age_ns", "position", "velocity", "signed_distance", "lower", "upper",
+    "point_on_finger", "point_on_part", "normal", "part_velocity", "approach_speed", "predicted_ns",
+    "predicted_distance", "predicted_lower", "predicted_upper", "time_to_contact",
+    "time_to_contact_lower", "bend", "bend_rate", "contact_bend", "contact_bend_error",
+    "contact_bend_rate", "stiffness", "damping", "force", "part", "face", "work", "surface", "mode",
+    "source", "force_is_valid",
+]  # fmt: skip
+"""Names of `CONTACT_FIELDS`: by them type checkers find `contacts["signed_distanse"]`."""
+
+
 class Contact(np.void):  # type: ignore[misc]  # NumPy's own `record` is made so
     """A record of `CONTACT`, which shows what matters most of it."""
+
+    if TYPE_CHECKING:
+
+        def __getitem__(self, key: ContactField) -> Any: ...  # type: ignore[override]
 
     def __repr__(self) -> str:
         flags = [str(flag.name) for flag in ContactFlag if self["flags"] & flag]
@@ -167,6 +183,16 @@ CONTACT = np.dtype((Contact, dtype_of(CONTACT_FIELDS)))
 class Contacts(np.ndarray):
     """An array of `CONTACT`, which shows itself without its dtype; a field of it is a plain array."""
 
+    if TYPE_CHECKING:
+
+        def __iter__(self) -> Iterator[Contact]: ...
+
+    @overload  # type: ignore[override]
+    def __getitem__(self, key: ContactField) -> np.ndarray: ...
+    @overload
+    def __getitem__(self, key: int | np.integer) -> Contact: ...
+    @overload
+    def __getitem__(self, key: slice | list[int] | list[bool] | np.ndarray) -> "Contacts": ...
     def __getitem__(self, key: Any) -> Any:
         return self.view(np.ndarray)[key] if isinstance(key, str) else super().__getitem__(key)
 

@@ -16,7 +16,8 @@ from proximity.message.envelope import PREFIX_FIELDS, Defect, Kind, parts_of
 from proximity.message.fields import Field, dtype_of, reserved
 
 MOST_LABELS = 64
-"""Names in one message: a datagram of 5184 bytes at most."""
+"""Names in one message: a datagram of 5384 bytes at most."""
+REFUSAL_BYTES = 192
 
 DESCRIPTION_FIELDS = (
     *PREFIX_FIELDS,
@@ -28,9 +29,16 @@ DESCRIPTION_FIELDS = (
     ),
     Field("finger_count", "<u4", "", "of a frame: that many records, behind those of parts, are of fingers"),
     Field("epoch", "<u8", "", "of the frames whose parts these are"),
+    Field("refused", "<u8", "", "changes, additions, deformations and moves that the service has refused"),
+    Field(
+        "refusal",
+        f"S{REFUSAL_BYTES}",
+        "",
+        "the last of them: its kind and the reason, UTF-8, cut where longer",
+    ),
 )
 DESCRIPTION_HEADER = dtype_of(DESCRIPTION_FIELDS)
-"""The header of a description, 64 bytes."""
+"""The header of a description, 264 bytes."""
 
 LABEL_FIELDS = (
     Field("name", f"S{NAME_BYTES}", "", "of the part or finger, UTF-8, cut where longer"),
@@ -44,10 +52,10 @@ LABEL = dtype_of(LABEL_FIELDS)
 DESCRIPTION = Kind("description", 0x44434544, DESCRIPTION_HEADER, LABEL, sent="send_ns")  # "DECD"
 
 
-def encoded_name(name: str) -> bytes:
-    """Return a name as messages hold it: cut between two characters where it is too long."""
+def encoded_name(name: str, most: int = NAME_BYTES) -> bytes:
+    """Return a text as messages hold it: cut between two characters where it is too long."""
     data = name.encode("utf-8", "replace")
-    return data if len(data) <= NAME_BYTES else data[:NAME_BYTES].decode("utf-8", "ignore").encode()
+    return data if len(data) <= most else data[:most].decode("utf-8", "ignore").encode()
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +71,8 @@ class Description:
     hidden_parts: tuple[str, ...]  # of these, those that no question finds
     finger_names: tuple[str, ...]
     finger_radii: tuple[float, ...]  # m; nan: not known
+    refused: int  # changes, additions, deformations and moves that the service has refused
+    refusal: str  # the last of them: its kind and the reason
 
 
 class DescriptionMessages:
@@ -92,10 +102,10 @@ class DescriptionMessages:
             self._key, self._labels = of, {}
         self._labels.update(enumerate(map(_label, records.tolist()), first))
         if len(self._labels) == total:
-            self._complete()
+            self._complete(int(header["refused"]), header["refusal"].item().decode("utf-8", "replace"))
         return None
 
-    def _complete(self) -> None:
+    def _complete(self, refused: int, refusal: str) -> None:
         session, epoch, part_count, finger_count = self._key
         labels = [self._labels[number] for number in range(part_count + finger_count)]
         parts, fingers = labels[:part_count], labels[part_count:]
@@ -106,6 +116,8 @@ class DescriptionMessages:
             hidden_parts=tuple(name for name, is_hidden, _ in parts if is_hidden),
             finger_names=tuple(name for name, _, _ in fingers),
             finger_radii=tuple(radius for _, _, radius in fingers),
+            refused=refused,
+            refusal=refusal,
         )
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from proximity.message import DESCRIPTION, Message
-from proximity.message.description import MOST_LABELS, encoded_name
+from proximity.message.description import MOST_LABELS, REFUSAL_BYTES, encoded_name
 from proximity.system.time_units import NS_PER_S
 
 APART_NS = NS_PER_S // 10
@@ -28,6 +28,12 @@ class Describer:
         self._next: int | None = None  # number of the record to go on with; None: all is said
         self._due_ns = -(2**63)
         self._is_asked = False
+        self._refused, self._refusal = 0, b""
+
+    def refuse(self, kind: str, reason: str, count: int = 1) -> None:
+        """Have described that messages of a kind, or moves, were refused, and why."""
+        self._refused += count
+        self._refusal = encoded_name(f"{kind}: {reason}", REFUSAL_BYTES)
 
     def ask(self) -> None:
         """Have the description published from the next tick on."""
@@ -52,6 +58,7 @@ class Describer:
         header, records = message.header, message.records
         header["send_ns"], header["epoch"], header["first"] = now_ns, epoch, first
         header["part_count"], header["finger_count"] = len(names), len(self._fingers)
+        header["refused"], header["refusal"] = self._refused, self._refusal
         named = names[first:end]
         count, finger = len(named), max(first - len(names), 0)
         fingers = slice(finger, finger + len(records) - count)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from proximity import native
 from proximity.checks import positive, whole
@@ -100,7 +101,7 @@ class Tracker:
         scene: Scene,
         *,
         fingers: int = 5,
-        radius: Any = 0.007,
+        radius: npt.ArrayLike = 0.007,
         period: float = 0.001,
         latency: float = 0.001,
         budget: int | None = None,
@@ -164,14 +165,14 @@ class Tracker:
 
     def tick(
         self,
-        positions: Any,
-        t_pose_ns: Any,
+        positions: npt.ArrayLike,
+        t_pose_ns: npt.ArrayLike,
         now_ns: int,
         *,
-        velocities: Any = None,
-        paths: Any = None,
-        path_bends: Any = None,
-        bends: Any = None,
+        velocities: npt.ArrayLike | None = None,
+        paths: npt.ArrayLike | None = None,
+        path_bends: npt.ArrayLike | None = None,
+        bends: npt.ArrayLike | None = None,
     ) -> Contacts:
         """Answer for all fingers.
 

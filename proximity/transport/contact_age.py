@@ -9,11 +9,11 @@ from proximity.core.library_in_c import receiver_in_c
 
 
 def widen(contacts: np.ndarray, now_ns: int, max_speed: float, max_acceleration: float) -> None:
-    """Make contacts hold at a later instant: as far as finger and parts may have come, less is known.
+    """Widen the bounds of contacts by as much as finger and parts may have moved until a later instant.
 
-    Bounds hold at *now_ns*, and so do the predictions, which are the bounds; the distance is the lower one.
-    Nothing is exact or predicted any more, no force is valid, and the place of contact is kept without a
-    promise. Times to contact go on counting from the pose. A finger that is not tracked stays so.
+    Bounds, and those of predictions, hold at *now_ns*; the distances stay those of the pose. Nothing is exact
+    or predicted any more, no force is valid, and the place of contact is kept without a promise. Times to
+    contact go on counting from the pose. A finger that is not tracked stays so.
 
     *contacts*: (N,) CONTACT, in C order. *now_ns*: the instant, on the clock of the poses, not before them.
 

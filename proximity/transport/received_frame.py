@@ -7,6 +7,7 @@ import numpy as np
 from proximity.core.library_in_c import receiver_in_c
 from proximity.core.receiver_state import LONGEST_VALID_NS
 from proximity.message import FRAME, Defect, State, parts_of
+from proximity.message.contact import Contacts
 from proximity.message.envelope import PREFIX_FIELDS
 from proximity.message.fields import struct_of
 from proximity.message.frame import FRAME_FIELDS
@@ -21,7 +22,7 @@ class ReceivedFrame:
     """A buffer for a frame of so many contacts, and what was decoded of it."""
 
     header: Any  # FRAME_HEADER, read-only
-    contacts: np.ndarray  # (count,) CONTACT, read-only
+    contacts: Contacts  # (count,) CONTACT, read-only
     state: State
     pose_ns: int
     publish_ns: int
@@ -34,7 +35,8 @@ class ReceivedFrame:
         self._data = np.zeros(FRAME.size(count), np.uint8)
         shown = self._data.view()
         shown.flags.writeable = False
-        header, self.contacts = parts_of(shown, FRAME)
+        header, contacts = parts_of(shown, FRAME)
+        self.contacts = contacts.view(Contacts)
         self.header = header[()]  # a view, as of all structured scalars
         self._content_flaw = receiver_in_c("content_flaw")
 

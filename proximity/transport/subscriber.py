@@ -13,6 +13,7 @@ from proximity.checks import as_number, not_negative
 from proximity.core.receiver_state import STALE_AFTER_NS
 from proximity.errors import ArgumentError
 from proximity.message import CONTACT, DESCRIPTION, FRAME, Defect, Kind, State
+from proximity.message.contact import TRACKED_BIT, Contact, Contacts
 from proximity.message.description import Description, DescriptionMessages
 from proximity.transport.contact_age import forget, widen
 from proximity.transport.link import Inlet
@@ -31,7 +32,8 @@ LONGEST_WAIT = 3600.0
 
 _VALID = (State.OK, State.DEGRADED)
 _USED = (*_VALID, State.LATE)
-_NO_CONTACTS = np.zeros(0, CONTACT)
+_NO_CONTACTS = np.zeros(0, CONTACT).view(Contacts)
+_BYTES = np.dtype((np.void, CONTACT.itemsize))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,8 +41,9 @@ class Reading:
     """State of a subscriber: the newest frame and its validity.
 
     Until ``valid_until``, and at most a second after its oldest pose, a frame is reported as published.
-    After that, or if the frame itself is LATE, only the bounds hold, and they widen with time. Later, or if
-    the frame itself says so, nothing is reported of the fingers: STALE, or STOPPING.
+    After that, or if the frame itself is LATE, only the bounds hold, and they widen with time; the distance
+    stays that of the pose. Later, or if the frame itself says so, nothing is reported of the fingers: STALE,
+    or STOPPING.
 
     ``state`` says how far the frame can be trusted, ``is_new`` whether it is new since the previous
     reading. ``contacts`` are records of `CONTACT`; ``header`` has the fields of the frame, None before the
@@ -54,7 +57,7 @@ class Reading:
     now_ns: int  # instant of the reading, on the publisher's clock
     age_ns: int  # since the oldest pose of a tracked finger; -1 where there is no frame
     header: Any  # FRAME_HEADER, overwritten by a later reading; None: no frame yet
-    contacts: np.ndarray  # (N,) CONTACT, read-only, overwritten by a later reading
+    contacts: Contacts  # (N,) CONTACT, read-only, overwritten by a later reading
 
     @property
     def is_valid(self) -> bool:
@@ -123,6 +126,8 @@ class Subscriber:
         self._is_new = False
         self._as_published = self._shown = _NO_CONTACTS  # the newest, made worse; the same, read-only
         self._is_forgotten = False
+        self._valid, self._valid_of = _NO_CONTACTS, (0, 0)  # the newest of each finger; session and epoch
+        self._now_ns: int | None = None  # of the last reading; None: the publisher's clock is not known
 
     @property
     def counts(self) -> Counts:
@@ -164,6 +169,27 @@ class Subscriber:
         """
         names, row = self.part_names, int(contact["part"])
         return names[row] if 0 <= row < len(names) else None
+
+    def last_valid(self, finger: int, max_age: float = 0.1) -> Contact | None:
+        """Return the newest valid contact of a finger, as published: for a display while frames are late.
+
+        Parameters
+        ----------
+        finger : int
+            Its number.
+        max_age : float, s
+            Largest age of its pose at the last reading.
+
+        Returns
+        -------
+        CONTACT or None
+            None if there is none, or since parts have other numbers. A later frame overwrites it.
+        """
+        if self._now_ns is None or not 0 <= finger < len(self._valid):
+            return None
+        contact: Contact = self._valid[finger]
+        is_used = contact["flags"] & TRACKED_BIT and self._now_ns - int(contact["pose_ns"]) <= 1e9 * max_age
+        return contact if is_used else None
 
     @property
     def finger_names(self) -> tuple[str, ...]:
@@ -249,13 +275,25 @@ class Subscriber:
         """Make the frame in the spare buffer the newest."""
         self._newest, self._spare = self._spare, self._newest
         self._is_new, self._is_forgotten = True, False
-        if self._foreign is not None and self._newest is not None:
+        assert self._newest is not None, "a frame was decoded"
+        self._keep_valid(self._newest)
+        if self._foreign is not None:
             self._foreign.arrived(self._newest.publish_ns, now, is_new_run=self._reader.is_new_run)
+
+    def _keep_valid(self, frame: ReceivedFrame) -> None:
+        """Copy the contacts that `last_valid` returns."""
+        of = int(frame.header["session"]), int(frame.header["epoch"])
+        if of != self._valid_of or len(self._valid) != frame.count:
+            self._valid, self._valid_of = np.zeros(frame.count, CONTACT).view(Contacts), of
+        if frame.state in _VALID:
+            is_tracked = (frame.contacts["flags"] & TRACKED_BIT) != 0
+            np.copyto(self._valid.view(_BYTES), frame.contacts.view(_BYTES), where=is_tracked)
 
     def _reading(self) -> Reading:
         now, foreign, held = self._clock(), self._foreign, self._newest
         if foreign is not None:
             now = foreign.theirs(now)
+        self._now_ns = now if foreign is None or foreign.is_certain else None
         if held is None:
             return Reading(State.STALE, False, now, -1, None, _NO_CONTACTS)
         is_new, self._is_new = self._is_new, False
@@ -264,7 +302,7 @@ class Subscriber:
             state, contacts = self._worsened(held, now)
         return Reading(state, is_new, now, max(now - held.pose_ns, 0), held.header, contacts)
 
-    def _worsened(self, held: ReceivedFrame, now: int) -> tuple[State, np.ndarray]:
+    def _worsened(self, held: ReceivedFrame, now: int) -> tuple[State, Contacts]:
         """State and contacts of a frame that is not known as it came."""
         is_believed = self._foreign is None or self._foreign.is_certain
         if not is_believed or now > held.expires_ns + self._stale_after_ns:
@@ -283,7 +321,7 @@ class Subscriber:
 
     def _copy(self, held: ReceivedFrame) -> None:
         if len(self._as_published) != held.count:
-            self._as_published = np.empty(held.count, CONTACT)
+            self._as_published = np.empty(held.count, CONTACT).view(Contacts)
             self._shown = self._as_published.view()
             self._shown.flags.writeable = False
         np.copyto(self._as_published.view(np.uint8), held.contacts.view(np.uint8))

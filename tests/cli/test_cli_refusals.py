@@ -109,6 +109,7 @@ drum mailbox:a --glove none.json | none.json: cannot be read (No such file or di
 client header --out none/x.h | x.h: cannot be written (No such file or directory)
 client cpp --out file | file: is not a folder and cannot be created (File exists)
 client rust --out new | No such command 'rust'
+client wasm --out new | Did you mean 'library wasm'?
 controller --out new --cable stiff | 'stiff': expected a stiffness in N/m
 controller --out file | file: is not a folder and cannot be created (File exists)
 controller --out new --rate 100 | 100 Hz: expected 150 to 20000

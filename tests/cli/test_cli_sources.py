@@ -6,7 +6,8 @@ import pytest
 
 import proximity
 from proximity import ProximityError
-from proximity.clients import EXAMPLES, c_package, client_files
+from proximity.cli.service.sources import CLIENTS
+from proximity.clients import CSHARP, EXAMPLES, c_package, client_files
 from proximity.decaff.controller.chip_sources import controller_sources
 from proximity.decaff.controller.settings import CableRule, ControllerSettings
 from proximity.decaff.glove.glove import DRUMS, Glove
@@ -21,7 +22,8 @@ def not_compiled():
 @pytest.mark.parametrize(
     ("words", "sources"),
     [
-        *((["client", language], client_files(language)) for language in ("csharp", "javascript", "cpp")),
+        *((["client", name], client_files(language)) for name, (language, _) in CLIENTS.items()),
+        (["library", "csharp"], client_files("csharp", "client")),
         (["controller", "--drum", "gear14", "--rate", 2000], controller_sources([Glove()], SETTINGS)),
         (["controller", "--cable", 1212],
          controller_sources([Glove()], ControllerSettings(cable=CableRule(1212.0)))),
@@ -53,7 +55,7 @@ def test_package_for_unity_has_the_library_that_was_compiled(run, tmp_path, monk
     (tmp_path / "proximity.dll").write_bytes(b"library")
     monkeypatch.setattr(c_package, "library_path", lambda: tmp_path / "proximity.dll")
 
-    result = run("client", "csharp", "--out", tmp_path / "package")
+    result = run("library", "csharp", "--out", tmp_path / "package")
 
     plugin = tmp_path / "package" / "Runtime" / "Plugins" / "proximity.dll"
     assert plugin.read_bytes() == b"library" and f"{plugin}: written" in result.out
@@ -75,3 +77,15 @@ def test_file_that_cannot_be_written_is_told(run, tmp_path):
     assert result.err == (
         f"proximity: {tmp_path}/proximity_client.hpp: cannot be written (it is no regular file)\n"
     )
+
+
+def test_client_and_library_in_csharp_are_two_that_one_folder_can_hold():
+    client, library = client_files("csharp"), client_files("csharp", "client")
+
+    assert {name: library[name] for name in library if name in client} == {
+        name: client[name] for name in client if name in library
+    }
+    assert {"Runtime/ProximityClient.cs", "Runtime/ProximityHand.cs"} <= client.keys() - library.keys()
+    assert client.keys() ^ library.keys() == {
+        f"Runtime/{name}" for names in CSHARP.values() for name in names
+    }

@@ -31,8 +31,10 @@ from proximity import (
     Solid,
 )
 from proximity.core import CORE, library_in_c
+from proximity.errors import FileVersionError
 from proximity.native import IS_AHEAD, mode
 from proximity.scene.queries import checked_query
+from proximity.scene.saved import archive, compiled_scene
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::proximity.UnitsWarning"),  # some points are far away on purpose
@@ -371,6 +373,30 @@ def test_damaged_file_is_refused_as_in_python(damage, tmp_path):
     path.write_bytes(damage(path.read_bytes()))
 
     assert refusal(LibraryScene, path).split("; ")[0] == refusal(proximity.load, path).split("; ")[0]
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ((archive, "FORMAT_VERSION", 1), f"it has format version 1, expected {archive.FORMAT_VERSION}"),
+        (
+            (compiled_scene, "LAYOUT", compiled_scene.LAYOUT | {"NODE_STRIDE": 80}),
+            f"it was saved by version 0.0.9, expected {proximity.__version__}: the layout of trees differs",
+        ),
+    ],
+)
+def test_file_of_another_version_is_an_error_of_its_own_that_names_both(changed, told, tmp_path, monkeypatch):
+    path = tmp_path / "cell.prox"
+    with monkeypatch.context() as other:
+        other.setattr(*changed)
+        other.setattr(proximity, "__version__", "0.0.9")
+        mutated_scenes.cell().save(path)
+
+    for open_with in (LibraryScene, proximity.load):
+        with pytest.raises(FileVersionError) as error:
+            open_with(path)
+        assert str(error.value).startswith(f"{path}: {told}")
+        assert str(error.value).endswith("; save the scene again with this version")
 
 
 @pytest.mark.slow

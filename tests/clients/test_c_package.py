@@ -1,4 +1,4 @@
-"""The folder that ``proximity client c`` writes, used from programs; and the program of the guide."""
+"""The folder that ``proximity library c`` writes, used from programs; and the program of the guide."""
 
 import os
 import re
@@ -16,7 +16,7 @@ from wire import frame
 
 import proximity
 from proximity import ProximityError
-from proximity.clients import c_package
+from proximity.clients import c_package, write_client
 from proximity.core import CORE, library_in_c
 from proximity.service.description import Describer
 
@@ -77,7 +77,8 @@ def test_examples_run_from_an_empty_folder(folder, standard):
 @has_library
 @pytest.mark.skipif(sys.platform != "linux", reason="mailboxes are of Linux")
 def test_example_of_a_mailbox_follows_a_service_that_starts_anew(folder):
-    program = linked(folder, folder / "engine" / "examples" / "mailbox_receiver.c", "-std=c99")
+    write_client("c", folder / "client")
+    program = linked(folder, folder / "client" / "mailbox_receiver.c", "-std=c99")
     name = f"receiver-{os.getpid()}"
     with subprocess.Popen([program, name, "60"], stdout=subprocess.PIPE, text=True) as receiver:
         lines = receiver.stdout
@@ -123,6 +124,9 @@ def test_header_for_cpp_closes_scenes_and_throws(folder):
         contacts["signed_distance"],
     )  # fmt: skip
 
+    with pytest.warns(proximity.UnitsWarning) as noted:
+        scene.signed_distance([0.03, 0.01, 40.0])
+
     lines = run(program, folder / "bracket.prox").splitlines()
 
     expected = [
@@ -132,6 +136,7 @@ def test_header_for_cpp_closes_scenes_and_throws(folder):
         *expected,
         "there is no part named 'nothing'",
         "the scene is NULL, expected one that is open",
+        str(noted[0].message),
         "3 none.prox: it cannot be opened (No such file or directory)",
     ]
 
@@ -146,7 +151,7 @@ int main(int, char **words)
     proximity::Scene none("none.prox"), scene(words[1]);
     std::array<proximity::Vector, 1> points{};
     std::array<double, 2> distances{7.0, 7.0};
-    std::array<std::int64_t, 1> instants{1};
+    std::array<std::int64_t, 1> instants{1000000000};
     std::printf("%d %s\\n", proximity::status().code, proximity::status().sentence);
     none.signed_distance(points, std::span<double>(distances).first(1));
     std::printf("%d %g\\n", proximity::status().code, distances[0]);
@@ -154,10 +159,11 @@ int main(int, char **words)
     scene.signed_distance(points, distances);
     std::printf("%s\\n", proximity::status().sentence);
     proximity::Tracker tracker(scene, 2), lost(none, 2);
-    std::printf("%zu\\n", tracker.tick(points, instants, 1).size() + lost.tick(points, instants, 1).size());
+    const std::size_t unfit = tracker.tick(points, instants, instants[0]).size();
+    std::printf("%zu\\n", unfit + lost.tick(points, instants, 1).size());
     std::array<proximity::Vector, 2> both{};
-    std::array<std::int64_t, 2> then{1, 1};
-    std::printf("%zu\\n", tracker.tick(both, then, 1).size());
+    std::array<std::int64_t, 2> then{1000000000, 1000000000};
+    std::printf("%zu\\n", tracker.tick(both, then, then[0]).size());
 }
 """)
     program = linked(folder, source, "-std=c++20", "-fno-exceptions", tool=compiler("c++", "g++", "clang++"))
@@ -198,6 +204,33 @@ def test_program_in_cpp_of_the_guide_prints_what_is_shown(folder):
 
 
 @has_library
+@pytest.mark.skipif(sys.platform != "linux", reason="numbered names of libraries are of Linux")
+def test_programs_need_the_numbered_library_or_none(folder):
+    """A library of another interface was loaded in place of the one that a program was linked with."""
+    lib, source = folder / "engine" / "lib", folder / "engine" / "examples" / "distances.c"
+    shared = linked(folder, source)
+    static = folder / "static"
+    run(
+        c_compiler(),
+        *WARNINGS,
+        source,
+        f"-I{folder}/engine/include",
+        lib / "libproximity.a",
+        "-lm",
+        "-o",
+        static,
+    )
+
+    needed = [run(compiler("readelf"), "-d", program) for program in (shared, static)]
+
+    header = (folder / "engine" / "include" / "proximity.h").read_text()
+    assert f"#define PROXIMITY_INTERFACE {library_in_c.interface()}\n" in header
+    assert f"[libproximity.so.{library_in_c.interface()}]" in needed[0] and "proximity" not in needed[1]
+    assert (lib / "libproximity.so").readlink().name == f"libproximity.so.{library_in_c.interface()}"
+    assert run(static, folder / "bracket.prox", *POINTS).splitlines() == expected_lines()
+
+
+@has_library
 @pytest.mark.skipif(not shutil.which("cmake"), reason="there is no CMake")
 def test_cmake_finds_the_library(folder):
     project = folder / "project"
@@ -208,15 +241,18 @@ def test_cmake_finds_the_library(folder):
         'if(proximity_FOUND)\n  message(FATAL_ERROR "version 99 was found")\nendif()\n'
         f"find_package(proximity {proximity.__version__} EXACT CONFIG REQUIRED PATHS {folder}/engine "
         "NO_DEFAULT_PATH)\n"
-        f"add_executable(program {folder}/engine/examples/moving.c)\n"
-        "target_link_libraries(program PRIVATE proximity::proximity)\n"
+        "foreach(kind proximity static)\n"
+        f"  add_executable(with_${{kind}} {folder}/engine/examples/moving.c)\n"
+        "  target_link_libraries(with_${kind} PRIVATE proximity::${kind})\n"
+        "endforeach()\n"
     )
     c_compiler()
 
     run("cmake", "-S", project, "-B", project / "build")
     run("cmake", "--build", project / "build")
 
-    assert len(run(project / "build" / "program", folder / "bracket.prox").splitlines()) == 5
+    for kind in ("proximity", "static"):
+        assert len(run(project / "build" / f"with_{kind}", folder / "bracket.prox").splitlines()) == 5
 
 
 @has_library
@@ -250,7 +286,7 @@ def test_example_that_is_there_is_left_alone(folder, tmp_path):
 
     assert (tmp_path / "examples" / "moving.c").read_text() == "mine"
     assert [path for path, is_written in written.items() if not is_written] == [
-        str(tmp_path / "examples" / name) for name in ("distances.c", "moving.c", "mailbox_receiver.c")
+        str(tmp_path / "examples" / name) for name in ("distances.c", "moving.c")
     ]
 
 

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from wire import frame
 
 import proximity
 from proximity import Pose, ProximityError
-from proximity.clients import c_package, client_files
+from proximity.clients import c_package, client_files, write_client
 from proximity.core import CORE
 from proximity.transport import open_publisher
 
@@ -34,15 +35,17 @@ has_library = pytest.mark.skipif(
     reason="the library is compiled with the kernels, and Mono is run on POSIX systems only",
 )
 CLIENTS = SUPPORT / "clients"
+CLIENTS_OF_LANGUAGES = Path(c_package.__file__).parent
 FLAGS = ("-unsafe", "-langversion:latest", "-optimize", "-nologo", "-warn:4", "-warnaserror", "-nowarn:0649")
 POSE = Pose(rotation=[[0, -1, 0], [1, 0, 0], [0, 0, 1]], translation=[0.1, 0.2, 0.3])
 
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory):
-    """What ``proximity client csharp`` writes."""
+    """What ``proximity client csharp`` and ``proximity library csharp`` write."""
     folder = tmp_path_factory.mktemp("csharp")
-    c_package.write_unity_package(folder)
+    write_client("csharp", folder)
+    c_package.write_csharp_library(folder)
     return folder
 
 
@@ -110,6 +113,8 @@ def test_answers_are_those_of_python(package, tmp_path):
         command, tmp_path / "scene.prox", tmp_path / "rows", tmp_path / "told", hidden, cwd=tmp_path
     ).splitlines()
 
+    with pytest.warns(proximity.UnitsWarning) as noted:
+        scene.closest([0.0, 0.0, 50.0])
     copy.move(copy.parts[0].name, POSE, velocity=rows[0, 0])
     copy.hide(hidden)
     expected = [*answers(scene, *rows), *answers(copy, *rows), *contacts(scene, rows[0])]
@@ -121,6 +126,7 @@ def test_answers_are_those_of_python(package, tmp_path):
         "4 it is no compiled scene; `proximity compile` makes one of files of parts",
         f"1 there is no part 7777, expected 0 to {count - 1}",
         *2 * [f"5 part '{scene.parts[0].name}': the matrix has the last row 0 0 0 0, expected 0 0 0 1"],
+        str(noted[0].message),
         "1 an array has the wrong length, expected a row for each that is asked",
         "1 max_distance is -1, expected a length of 0 m or more",
         "1 there is no scene, no place for the tracker, or no finger",
@@ -135,9 +141,14 @@ def test_functions_are_those_of_the_header():
         name: 0 if words == "void" else words.count(",") + 1
         for name, words in re.findall(r"PROXIMITY_API [^;(]*?(proximity_\w+)\(([^)]*)\);", header)
     }
-    source = client_files("csharp")["Runtime/Proximity.cs"]
+    source = client_files("csharp", "client")["Runtime/Proximity.cs"]
     called = re.findall(r'\[DllImport\("proximity"\)\] [^;(]*?(proximity_\w+)\(([^)]*)\);', source)
 
+    codes = re.findall(r"PROXIMITY_(\w+) = (\d+)", header.partition("PROXIMITY_OK = 0")[2].partition("}")[0])
+    for name, number in codes:
+        assert f"{name.title().replace('_', '')} = {number}" in source, name
+        assert f"{name}: {number}" in (CLIENTS_OF_LANGUAGES / "wasm" / "proximity.mjs").read_text(), name
+    assert len(codes) == 9
     assert len(called) == source.count("DllImport(") > 20
     for name, words in called:
         assert declared[name] == (words.count(",") + 1 if words else 0), name
@@ -178,7 +189,7 @@ def test_component_shows_the_distance_to_a_concave_part(package, tmp_path, mirro
         at, origin, mover = rng.uniform(-0.1, 0.1, (3, 7)).astype(np.float32)
         words = [f"{word:.9g}" for word in np.concatenate([at, unit(origin), unit(mover)])]
 
-        label, *told, last = answer(command, tmp_path, mirror, "ring", *words).splitlines()
+        note, label, *told, last = answer(command, tmp_path, mirror, "ring", *words).splitlines()
 
         world, turn = np.array(origin[:3], float), matrix_of(origin[3:])
         local = turn.T @ (mover[:3] - world)
@@ -189,6 +200,7 @@ def test_component_shows_the_distance_to_a_concave_part(package, tmp_path, mirro
         assert np.abs(nearest - (turn @ flip @ found.point + world)).max() < 1e-6
         assert np.abs(normal - turn @ flip @ found.gradient).max() < 1e-4
         assert last.split()[1] == "ring" and abs(float(last.split()[0]) - found.signed_distance) < 1e-6
+        assert note == 'bracket.prox has no part named "Cube (1)": it is not moved (expected one of ring)'
         assert label == f"{1e3 * float(last.split()[0]):.2f} mm to ring"
 
 
@@ -207,7 +219,7 @@ def test_part_turns_as_its_object_does(package, tmp_path, mirror, ahead):
 
     told = answer(unity_program(package), tmp_path, mirror, "needle", *words).splitlines()
 
-    assert np.abs(np.subtract([float(word) for word in told[1].split()], [0.1, 0, 0])).max() < 2e-3
+    assert np.abs(np.subtract([float(word) for word in told[2].split()], [0.1, 0, 0])).max() < 2e-3
 
 
 # --- the guide -------------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ import socket
 import subprocess
 import threading
 import time
+from itertools import product
 
 import numpy as np
 import pytest
@@ -56,10 +57,11 @@ class Beside:
         reading = self.subscriber.read()
         self.events.look(self.clock.now)
         told = reading.state, reading.is_new, reading.now_ns, reading.age_ns, reading.contacts.copy()
-        self.expected.append(told)
+        valid = [self.subscriber.last_valid(finger) for finger in range(len(reading.contacts))]
+        self.expected.append((*told, [each and each.copy() for each in valid]))
 
     def check(self, program, folder):
-        answers, counts, names = self.events.answers(program, folder)
+        answers, counts, (*names, refusal) = self.events.answers(program, folder)
         for number, (found, expected) in enumerate(zip(answers, self.expected, strict=True)):
             if not isinstance(expected, tuple):
                 assert found is expected, number
@@ -68,8 +70,13 @@ class Beside:
             # Within two ns: how far clocks drift is rounded.
             assert np.abs(np.subtract(found[2:4], expected[2:4])).max() <= 2, number
             same(found[4], expected[4])
+            assert found[5]["is_known"].tolist() == [each is not None for each in expected[5]]
+            for contact, known in zip(found[5]["contact"], expected[5], strict=True):
+                assert known is None or contact.tobytes() == known.tobytes()
         seen = self.subscriber.counts
         assert counts == (seen.received, seen.lost, seen.sessions)
+        newest = self.subscriber.description
+        assert refusal == (f"{newest.refused} {newest.refusal}" if newest else "0 ")
         assert names == ["", *self.subscriber.part_names[:4]] + [""] * (4 - len(self.subscriber.part_names))
 
 
@@ -116,9 +123,28 @@ def test_bounds_and_states_are_those_of_a_subscriber(driver, tmp_path):
         for later in (0, 4 * MS, 3 * MS, 20 * MS, 40 * MS, 70 * MS, 900 * MS)[: rng.integers(2, 8)]:
             beside.look(later)
 
-    states = {told[0] for told in beside.expected if isinstance(told, tuple)}
-    assert states == set(State)
+    looks = [told for told in beside.expected if isinstance(told, tuple)]
+    assert {told[0] for told in looks} == set(State)
+    assert {(told[0] is State.LATE, known is None) for told in looks for known in told[5]} == set(
+        product(*2 * [(True, False)])
+    )
     beside.check(driver, tmp_path)
+
+
+@pytest.mark.parametrize("state", [State.OK, State.LATE])
+def test_late_contact_keeps_the_distance_of_its_pose(driver, state, tmp_path):
+    """A display that showed it flashed a lower bound of -32 mm between two pictures of 50 mm."""
+    beside = Beside()
+    beside.offer(sealed(frame(beside.clock.now, valid_for=20 * MS, state=state)))
+    beside.look(40 * MS)
+    beside.check(driver, tmp_path)
+
+    (late,) = (told for told in beside.expected if isinstance(told, tuple))
+    contacts = late[4]
+    assert late[0] is State.LATE and (contacts["lower"] < 0.0).all() and (contacts["upper"] > 0.1).all()
+    for name in ("signed_distance", "predicted_distance"):
+        assert (contacts[name] == 0.05).all()
+    assert all((known is None) == (state is State.LATE) for known in late[5])
 
 
 @pytest.mark.parametrize("shares_clock", [True, False])
@@ -173,14 +199,15 @@ def test_clock_of_a_publisher_elsewhere_is_believed_as_by_a_subscriber(driver, t
     beside.check(driver, tmp_path)
 
 
-def description(names, first=0, epoch=0, part_count=2):
+def description(names, part_count=2, **numbers):
     message = Message(DESCRIPTION, len(names))
-    for name, value in (("first", first), ("epoch", epoch), ("part_count", part_count), ("finger_count", 1)):
+    for name, value in {"part_count": part_count, "finger_count": 1, **numbers}.items():
         message.header[name] = value
     message.records["name"] = [name.encode() for name in names]
     return message
 
 
+REFUSAL = "additions: there is no file 'lid ä.stl'".encode()
 LONG = "64 bytes, the most that a name has in messages, and not one more"
 
 
@@ -188,6 +215,7 @@ LONG = "64 bytes, the most that a name has in messages, and not one more"
     ("parts", "known"),
     [
         ([(["bracket", LONG, "thumb"], {})], ["bracket", LONG]),
+        ([(["bracket", "lid", "thumb"], {"refused": 2, "refusal": REFUSAL})], ["bracket", "lid"]),
         ([(["bracket"], {}), (["lid ä", "thumb"], {"first": 1})], ["bracket", "lid ä"]),
         ([(["bracket"], {})], []),
         ([(["lid ä", "thumb"], {"first": 1})], []),

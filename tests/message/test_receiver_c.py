@@ -17,14 +17,12 @@ from ports import free_port
 from publishing import publishing
 from wire import MS, frame, sealed
 
-from proximity.clients import EXAMPLE_RECEIVER
+from proximity.clients import write_client
 from proximity.message import FRAME, Message
-from proximity.message.c_header import header_text
 from proximity.transport import open_publisher, widen
 from proximity.transport.message_key import write_key
 
 PATIENCE = 30.0  # s
-SOURCE = EXAMPLE_RECEIVER
 FINGER = r"finger (\d): at least (\S+) mm"
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the receiver is for POSIX")
@@ -33,9 +31,9 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the receiver is
 @pytest.fixture(scope="module")
 def program(tmp_path_factory):
     folder = tmp_path_factory.mktemp("receiver")
-    (folder / "proximity_message.h").write_text(header_text(), encoding="ascii")
+    write_client("c", folder)
     target = folder / "receiver"
-    run(c_compiler(), "-std=c99", *WARNINGS, "-O2", f"-I{folder}", SOURCE, "-lm", "-o", target)
+    run(c_compiler(), "-std=c99", *WARNINGS, "-O2", folder / "receiver.c", "-lm", "-o", target)
     return target
 
 

@@ -414,7 +414,8 @@ def reshaped(data):
 
 NOT_SUCH = "it is no compiled scene; `proximity compile` makes one of files of parts"
 NO_TABLE = "its table of arrays does not fit it "
-TREES = "it was saved by another version, with another layout of trees"
+VERSIONS = f"version {proximity.__version__}, expected {proximity.__version__}"
+TREES = f"it was saved by {VERSIONS}: the layout of trees differs"
 CONTRADICTS, VERSION = "its contents are inconsistent ", archive.FORMAT_VERSION
 DAMAGED = [
     (lambda data: b"", "it is empty, expected a compiled scene"),

@@ -104,6 +104,20 @@ def test_description_that_contradicts_itself_is_dropped(first, part_count):
     assert reader.flawed == {Defect.CONTENT: 1}
 
 
+def test_refusals_come_with_the_description():
+    reader, describer = Reader(), Describer(["thumb"], [0.007])
+    read_by(reader, describer, 1, epoch=0)
+    assert (reader.subscriber.description.refused, reader.subscriber.description.refusal) == (0, "")
+
+    describer.refuse("additions", "there is no file 'lid.stl'")
+    describer.refuse("moves", "é" * 200, 3)
+    describer.ask()
+    read_by(reader, describer, 1, epoch=0)
+
+    assert reader.subscriber.description.refused == 4
+    assert reader.subscriber.description.refusal == "moves: " + "é" * 92
+
+
 def test_long_name_is_cut_between_two_characters():
     assert encoded_name("lid") == b"lid"
     assert encoded_name("é" * 40) == ("é" * 32).encode()

@@ -99,7 +99,9 @@ def test_parts_are_hidden_and_shown(inlet):
 def test_message_that_cannot_be_used_is_refused_with_its_reason_and_changes_nothing(
     inlet, caplog, message, reason
 ):
-    parts, changing = scene("a", "b"), source()
+    refused = []
+    parts = scene("a", "b")
+    changing = ChangesInput("queue:", SimpleQueue(), refuse=lambda *words: refused.append(words))
     epoch = parts.epoch
     inlet.put(message)
     inlet.put(message)
@@ -109,6 +111,7 @@ def test_message_that_cannot_be_used_is_refused_with_its_reason_and_changes_noth
     assert (hidden(parts), parts.epoch, changing.requests.empty()) == ([], epoch, True)
     (note,) = changing.notes
     assert note.startswith(f"queue:: 2 messages of {message.kind.name} were refused, first: {reason}")
+    assert [(kind, words.startswith(reason)) for kind, words in refused] == [(message.kind.name, True)] * 2
     (said,) = [record.message for record in caplog.records]
     assert said.startswith(f"queue:: a message of {message.kind.name} is refused ({reason}")
 

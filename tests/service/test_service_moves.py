@@ -109,6 +109,16 @@ def test_part_that_is_named_twice_goes_where_it_is_told_last(inlet):
     assert source.notes == []
 
 
+def test_moves_that_are_refused_are_reported_with_the_reason(inlet):
+    refused = []
+    parts, source = scene("a"), MovesInput("queue:", refuse=lambda *words: refused.append(words))
+    inlet.put(moves(a=(1, 0, 0), nobody=(1, 0, 0)))
+
+    source.take(parts, NOW)
+
+    assert refused == [("moves", "no part is named 'nobody'; the scene has 'a'", 1)]
+
+
 def test_message_that_names_one_part_300_times_is_refused_at_once(inlet, caplog):
     parts, source = scene("a", "b"), MovesInput("queue:")
     for _ in range(2):

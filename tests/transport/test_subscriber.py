@@ -69,11 +69,37 @@ def test_late_reading_tells_bounds_for_now_and_nothing_as_exact():
     assert reading.state is State.LATE and not reading.is_valid
     np.testing.assert_allclose(contacts["lower"], 0.08 - way, rtol=1e-12)
     np.testing.assert_allclose(contacts["upper"], 0.08 + way, rtol=1e-12)
-    for name in ("signed_distance", "predicted_distance", "predicted_lower"):
-        assert contacts[name].tolist() == contacts["lower"].tolist()
+    assert contacts["predicted_lower"].tolist() == contacts["lower"].tolist()
+    for name in ("signed_distance", "predicted_distance"):
+        assert (contacts[name] == 0.08).all()
     assert (contacts["predicted_ns"] == reading.now_ns).all()
     assert (contacts["age_ns"] == 25 * MS).all()
     assert (contacts["flags"] == ContactFlag.TRACKED | ContactFlag.SIGNED | ContactFlag.BOUNDED).all()
+
+
+def test_last_valid_contact_is_kept_for_a_tenth_of_a_second():
+    bench = with_frame(age=0, distance=0.08)
+    bench.read(after=40 * MS)
+    bench.send(frame(age=0, distance=0.02, state=State.LATE, count=5))
+    states = [bench.read(after=after).state for after in (MS, 59 * MS)]
+    last = bench.subscriber.last_valid(3)
+
+    assert states == [State.LATE] * 2
+    assert last["signed_distance"] == last["lower"] == 0.08 and last["finger"] == 3
+    assert bench.subscriber.last_valid(3, max_age=0.05) is None and bench.subscriber.last_valid(5) is None
+    bench.read(after=MS)
+    assert bench.subscriber.last_valid(3) is None
+
+
+def test_last_valid_contact_does_not_outlive_the_numbers_of_its_parts():
+    bench = with_frame(age=0)
+    bench.read()
+    later = frame(age=0, state=State.LATE)
+    later.header["epoch"] = 1
+    bench.send(later)
+    bench.read(after=MS)
+
+    assert bench.subscriber.last_valid(0) is None
 
 
 def test_stale_reading_tells_nothing_but_whose_contacts_these_were():
@@ -222,8 +248,10 @@ def test_without_new_frames_things_only_get_worse(waits, state, distance, veloci
             assert max(left, 0.0) <= max(before[2], 0.0) + 1e-12
             if reading.now_ns > NOW + 20 * MS:
                 assert not reading.is_valid
-                # Never silently the last value.
-                assert not told["signed_distance"] >= distance or wait == 0
+                # The distance is that of its pose; never silently the last value.
+                assert told["signed_distance"] == distance or np.isnan(told["signed_distance"])
+                assert not told["flags"] & ContactFlag.EXACT
+                assert not told["lower"] >= distance or wait == 0
         before = reading, told, left
 
 

@@ -159,6 +159,8 @@ def _linked(target: Target, objects: list[CompiledGroup], digest: str, place: Pa
             made.append(_placed(extension, place / target.extension))
         library = link_library(target, files, wrappers, library_digest(), Path(scratch))
         made.append(_placed(library, place / target.library))
+        if target.static_library:
+            made.append(_placed(library.with_name(target.static_library), place / target.static_library))
         if target.import_library:
             made.append(_placed(library.with_name(target.import_library), place / target.import_library))
         return made

@@ -14,6 +14,7 @@ from kernel_build.state import ROOT, core_digest, digest_in_c
 from kernel_build.targets import Target
 from kernel_build.windows import python_library
 from proximity.core import CORE
+from proximity.core.library_in_c import interface
 from proximity.decaff.controller.records import controller_header
 from proximity.message.c_header import header_text
 from proximity.native.declaration import C_CODE
@@ -44,12 +45,13 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
 def link_library(
     target: Target, objects: list[Path], wrappers: list[tuple[str, str, str]], digest: str, folder: Path
 ) -> Path:
-    """Return the library in C, of the same objects; beside it is its import library, where there is one."""
+    """Return the library in C, of the same objects; beside it, its static and its import library, if any."""
     library = folder / target.library
     files = [*library_objects(target, wrappers, digest, folder), *objects]
-    name = [f"-Wl,-soname,{target.library}"] if target.library.endswith(".so") else []
+    name = [f"-Wl,-soname,{target.library}.{interface()}"] if target.name.startswith("linux") else []
     if _is_android(target):
-        name += [
+        name = [
+            f"-Wl,-soname,{target.library}",
             "-nostdlib",
             "-Wl,-z,max-page-size=16384",
             "-Wl,--no-as-needed",
@@ -58,6 +60,8 @@ def link_library(
     if target.import_library:
         name = [f"-Wl,--out-implib,{folder / target.import_library}"]
     zig(target, folder, "-shared", "-s", *name, "-o", str(library), *map(str, files), *_mathematics(target))
+    if target.static_library:
+        run_zig(target, folder, "ar", "rcs", str(folder / target.static_library), *map(str, files))
     return library
 
 
@@ -135,9 +139,14 @@ def _functions_in_c() -> list[str]:
 
 def zig(target: Target, folder: Path, *options: str) -> None:
     """Run the compiler for a target; `SystemExit` with what it says where it fails."""
+    run_zig(target, folder, "cc", "-target", target.zig, *options)
+
+
+def run_zig(target: Target, folder: Path, *words: str) -> None:
+    """Run a tool of the package ``ziglang``, as `zig` does the compiler."""
     cache = str(folder / "zig")
     done = subprocess.run(
-        [sys.executable, "-m", "ziglang", "cc", "-target", target.zig, *options],
+        [sys.executable, "-m", "ziglang", *words],
         env=os.environ | {"ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache},
         capture_output=True,
         text=True,

@@ -61,11 +61,8 @@ def is_current(target: Target, folder: Path, *, every_set: bool) -> bool:
     sets = [f"for {each.name}" for each in target.sets if every_set]
     words = [[library_digest(), *([] if target.is_web else sets)]] * len(files)
     if target.extension:
-        words = [
-            [sources_digest(), digest_in_c(), *sets],
-            [library_digest(), *sets],
-            [],
-        ]  # no import library's
+        words = [[sources_digest(), digest_in_c(), *sets], [library_digest(), *sets]]
+        words += [[library_digest(), *sets]] if target.static_library else [[]]  # no import library's
     wanted = dict(zip(files, words, strict=False))
     contents = {path: path.read_bytes() if path.is_file() else b"" for path in wanted}
     return all(word.encode() + b"\0" in contents[path] for path in wanted for word in wanted[path])

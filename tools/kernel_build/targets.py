@@ -30,6 +30,7 @@ class Target:
     extension: str = "_kernels.abi3.so"  # name of the extension module's file; "": there is no Python
     library: str = "libproximity.so"  # name of the library in C
     import_library: str = ""  # by which linkers find that, where a system needs one
+    static_library: str = ""  # the same for programs that contain it
 
     @property
     def is_web(self) -> bool:
@@ -43,12 +44,18 @@ _X86 = (
 )
 _WASM = "+simd128,+bulk-memory,+nontrapping-fptoint,+sign-ext"
 _WEB = Instructions("plain", "generic", _WASM), Instructions("relaxed", "generic", f"{_WASM},+relaxed-simd")
+STATIC = "libproximity.a"
 _ARM, _APPLE = (Instructions("neon", "generic", "+neon"),), (Instructions("neon", "apple-m1"),)
 TARGETS = {
     target.name: target
     for target in (
         Target(
-            "linux-x86_64", "x86_64-unknown-linux-gnu", "x86_64-linux-gnu.2.17", "manylinux_2_17_x86_64", _X86
+            "linux-x86_64",
+            "x86_64-unknown-linux-gnu",
+            "x86_64-linux-gnu.2.17",
+            "manylinux_2_17_x86_64",
+            _X86,
+            static_library=STATIC,
         ),
         Target(
             "linux-aarch64",
@@ -56,6 +63,7 @@ TARGETS = {
             "aarch64-linux-gnu.2.17",
             "manylinux_2_17_aarch64",
             _ARM,
+            static_library=STATIC,
         ),
         Target(
             "macos-arm64",
@@ -64,6 +72,7 @@ TARGETS = {
             "macosx_11_0_arm64",
             _APPLE,
             library="libproximity.dylib",
+            static_library=STATIC,
         ),
         Target(
             "windows-x86_64",
@@ -108,7 +117,7 @@ def made_files(target: Target, folder: Path, *, every_set: bool) -> list[Path]:
     """Return the files that are built for a target: extension module and library, or modules for browsers."""
     if target.is_web:
         return [module_path(each, folder) for each in (target.sets if every_set else target.sets[-1:])]
-    names = target.extension, target.library, target.import_library
+    names = target.extension, target.library, target.static_library, target.import_library
     return [target_folder(target, folder) / name for name in names if name]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from proximity import (
     ArgumentError,
     Clearance,
+    FileVersionError,
     MeshFormatError,
     NotWatertightError,
     Part,
@@ -22,12 +23,13 @@ from proximity.clients.c_package import library_path
 from proximity.message import CONTACT
 from proximity.scene.queries.results import ClosestPoints, RayHits, SegmentHits
 
-BAD_ARGUMENT, BAD_FILE, BAD_POSE, NO_INSIDE = 1, 4, 5, 6
+BAD_ARGUMENT, BAD_FILE, BAD_POSE, NO_INSIDE, BAD_VERSION = 1, 4, 5, 6, 9
 ERRORS = {
     BAD_ARGUMENT: ArgumentError,
     BAD_FILE: MeshFormatError,
     BAD_POSE: PoseError,
     NO_INSIDE: NotWatertightError,
+    BAD_VERSION: FileVersionError,
 }
 WIDTHS = {"closest": 12, "cast": 11, "closest_to_segments": 12}
 ALIGNMENT = 8

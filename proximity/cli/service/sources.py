@@ -1,5 +1,6 @@
 """Commands for programs at the other end: their sources, the layout of messages, and keys."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +12,6 @@ from proximity.cli.options import (
     GLOVES,
     cable_stiffness,
     designed,
-    flag,
     option,
     within,
 )
@@ -24,10 +24,10 @@ FOLDER = Annotated[Path, option("DIR", "Folder to write the files to.", "--out")
 
 
 def c(out: FOLDER) -> None:
-    """Write the engine for C and C++: a shared library for your own process, header, CMake package, examples.
+    """Write the engine for C and C++: shared and static library, headers, CMake package, examples.
 
     Examples:
-      proximity client c --out engine
+      proximity library c --out engine
     """
     from proximity.clients.c_package import write_library
 
@@ -38,7 +38,7 @@ def wasm(out: FOLDER) -> None:
     """Write the engine for browsers and Node: WebAssembly, an ES module with types, an example.
 
     Examples:
-      proximity client wasm --out site/engine
+      proximity library wasm --out site/engine
     """
     from proximity.clients.wasm_package import BUILD, MODULES, write_package
 
@@ -53,38 +53,25 @@ def wasm(out: FOLDER) -> None:
 
 
 def csharp(out: FOLDER) -> None:
-    """Write a package for Unity and .NET: a client of the service, and the engine with its binding.
+    """Write the engine for Unity and .NET, as a package: its binding in C#, the library, a component.
 
     Examples:
-      proximity client csharp --out Packages/org.cad-proximity.unity
+      proximity library csharp --out Packages/org.cad-proximity.unity
     """
-    from proximity.clients.c_package import write_unity_package
+    from proximity.clients.c_package import write_csharp_library
 
-    _report(write_unity_package(out))
-
-
-def javascript(out: FOLDER) -> None:
-    """Write a client of the service as ES modules, for browsers and Node.
-
-    Examples:
-      proximity client javascript --out site/client
-    """
-    _write_client("javascript", out)
+    _report(write_csharp_library(out))
 
 
-def cpp(out: FOLDER) -> None:
-    """Write a client of the service for C++20, header only, for POSIX systems and Windows.
+def _client_of(name: str, language: str, text: str) -> Callable[[Path], None]:
+    def command(out: FOLDER) -> None:
+        from proximity.clients import write_client
 
-    Examples:
-      proximity client cpp --out client
-    """
-    _write_client("cpp", out)
+        _report(write_client(language, out))
 
-
-def _write_client(language: str, out: Path) -> None:
-    from proximity.clients import write_client
-
-    _report(write_client(language, out))
+    command.__name__ = name
+    command.__doc__ = f"{text}\n\nExamples:\n  proximity client {name} --out client"
+    return command
 
 
 def _report(written: dict[Any, bool]) -> None:
@@ -133,9 +120,6 @@ def controller(
 
 def header(
     out: Annotated[Path | None, option("FILE", "Write to this file instead of printing.")] = None,
-    receiver: Annotated[
-        bool, flag("--receiver", "Print the C example that receives frames over UDP instead.")
-    ] = False,
 ) -> None:
     """Print proximity_message.h, the layout of all messages for C99, C11 and C++.
 
@@ -145,13 +129,11 @@ def header(
 
     Examples:
       proximity client header --out proximity_message.h
-      proximity client header --receiver --out receiver.c    # the example of a receiver
     """
-    from proximity.clients import EXAMPLE_RECEIVER
     from proximity.message.c_header import header_text
     from proximity.system.whole_file import whole_file
 
-    text = EXAMPLE_RECEIVER.read_text(encoding="ascii") if receiver else header_text()
+    text = header_text()
     if out is None:
         typer.echo(text, nl=False)
         return
@@ -177,12 +159,26 @@ def key(out: Annotated[Path, option("FILE", "File to create; must not exist.")])
     typer.echo(f'{out}: made; name it at both ends: "udp://HOST:PORT?key={out}"')
 
 
+CLIENTS = {
+    "c": ("c", "Write receivers of frames in C99, over UDP and in shared memory, to start from."),
+    "cpp": ("cpp", "Write the client for C++20, header only, for POSIX systems and Windows."),
+    "csharp": ("csharp", "Write the client for Unity and .NET, as a package that the engine may share."),
+    "js": ("javascript", "Write the client as ES modules, for browsers and Node."),
+}
+"""Languages by the names of their commands."""
+
+library = group_of(
+    "library",
+    "Write the engine as a library for your own process: for scenes that `proximity compile` writes, without "
+    "Python and without a service. To read the frames of a service instead: proximity client.",
+    *(c, csharp, wasm),
+)
 client = group_of(
     "client",
-    "Write what your own program needs.\n\n"
-    "cpp, csharp and javascript read the frames of a service and send poses. They verify frames and report "
-    "their age (OK, LATE, STALE), as Python's subscriber does, and support the keys of udp://. c and wasm "
-    "are the engine itself, for scenes that `proximity compile` writes; csharp has it, too.",
-    *(c, cpp, csharp, javascript, wasm, header, key),
+    "Write the client of a service for your own program: it reads frames and sends poses, moves and changes. "
+    "Frames are verified, and their age is reported (OK, LATE, STALE), as by Python's subscriber; keys of "
+    "udp:// are supported. The engine itself, for your own process: proximity library.",
+    *(_client_of(name, *about) for name, about in CLIENTS.items()),
+    *(header, key),
     bare=("header",),
 )

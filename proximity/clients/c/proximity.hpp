@@ -120,6 +120,8 @@ public:
     ~Scene() { proximity_close(scene_); }
 
     const proximity_scene *get() const { return scene_; }
+    /// Pass on notes on input that was probably meant otherwise, see proximity.h; without arguments, none.
+    void set_log(proximity_log *log = nullptr, void *user = nullptr) { proximity_set_log(scene_, log, user); }
     std::int32_t part_count() const { return proximity_part_count(scene_); }
     std::int32_t find(const std::string &name) const { return proximity_find_part(scene_, name.c_str()); }
     /// The number of the part of that name; an Error where there is none.

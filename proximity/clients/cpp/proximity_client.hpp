@@ -145,7 +145,7 @@ public:
     reading at(std::int64_t now_ns)
     {
         reading now;
-        now.now_ns = proximity_theirs(&receiver_, now_ns);
+        now.now_ns = now_ns_ = proximity_theirs(&receiver_, now_ns);
         if (receiver_.received == 0)
             return now;
         now.state = proximity_trust(&receiver_, &held_, now.now_ns, ageing_.stale_after_ns);
@@ -167,6 +167,18 @@ public:
         return now;
     }
 
+    /// The newest valid contact of a finger, as it was published, whose pose is no older than that at the last
+    /// reading; null: there is none. For a display, while frames are late.
+    const proximity_contact *last_valid(std::uint32_t finger,
+                                        std::chrono::nanoseconds at_most = std::chrono::milliseconds(100)) const
+    {
+        const bool is_known = finger < valid_.size() && (receiver_.shares_clock || receiver_.clock.is_certain);
+        const proximity_contact *contact = is_known ? &valid_[finger] : nullptr;
+        const bool is_used = is_known && (contact->flags & PROXIMITY_FLAG_TRACKED) != 0
+                             && proximity_time_between(contact->pose_ns, now_ns_) <= at_most.count();
+        return is_used ? contact : nullptr;
+    }
+
     /// The name of a part of the newest frame, which numbers it as contact.part; empty until it is known, within
     /// a second of the first frame and of each change.
     std::string_view part_name(std::int32_t part) const
@@ -175,6 +187,11 @@ public:
         const auto row = static_cast<std::size_t>(part); // -1, no part, is beyond all
         return is_of_frame && row < part_names_.size() ? std::string_view(part_names_[row]) : std::string_view();
     }
+
+    /// How many changes, additions, deformations and moves the service has refused, and the last of them: its kind
+    /// and the reason. Known within a second.
+    std::uint64_t refused() const { return refused_; }
+    std::string_view refusal() const { return refusal_; }
 
     const counts &counted() const { return counts_; }
     counts &counted() { return counts_; }
@@ -187,9 +204,13 @@ private:
     counts counts_;
     proximity_receiver receiver_{};
     proximity_frame_header held_{};
+    std::int64_t now_ns_ = 0;                            // of the last reading, their clock
     std::vector<proximity_contact> contacts_, shown_;
+    std::vector<proximity_contact> valid_;               // the newest of each finger, while parts keep their numbers
     numbers names_of_{}, labels_of_{};
     std::vector<std::string> part_names_;
+    std::uint64_t refused_ = 0;
+    std::string refusal_;
     std::map<std::uint64_t, std::string> labels_; // of a description of which not all has come
 
     static bool is_description(std::span<const std::byte> message)
@@ -213,6 +234,8 @@ private:
         const std::uint64_t total = of[2] + of[3], first = header.first;
         if (total > PROXIMITY_MOST_NAMES || first + header.count > total)
             return flaw::content;
+        refused_ = header.refused;
+        refusal_.assign(header.refusal, std::find(header.refusal, std::end(header.refusal), '\0'));
         if (of != labels_of_ || first == 0)
             labels_.clear();
         labels_of_ = of;
@@ -237,10 +260,18 @@ private:
             proximity_take_frame(&receiver_, message.data(), message.size(), PROXIMITY_MAX_RECORDS, now_ns));
         if (reason != flaw::none)
             return reason;
+        const std::uint64_t session = held_.session, epoch = held_.epoch;
         std::memcpy(&held_, message.data(), sizeof held_);
         contacts_.resize(held_.count);
         if (held_.count > 0)
             std::memcpy(contacts_.data(), message.data() + sizeof held_, held_.count * sizeof(proximity_contact));
+        if (session != held_.session || epoch != held_.epoch)
+            valid_.clear();
+        valid_.resize(held_.count);
+        for (std::size_t i = 0; i < valid_.size(); i++)
+            if ((contacts_[i].flags & PROXIMITY_FLAG_TRACKED) != 0
+                && (held_.state == PROXIMITY_STATE_OK || held_.state == PROXIMITY_STATE_DEGRADED))
+                valid_[i] = contacts_[i];
         counts_.received = receiver_.received;
         counts_.lost = receiver_.lost;
         counts_.sessions = receiver_.sessions;
@@ -419,6 +450,17 @@ public:
 
     /// The name of a part of the newest frame; empty until it is known.
     std::string_view part_name(std::int32_t part) const { return frames_.part_name(part); }
+
+    /// How many messages about parts the service has refused, and the last of them.
+    std::uint64_t refused() const { return frames_.refused(); }
+    std::string_view refusal() const { return frames_.refusal(); }
+
+    /// The newest valid contact of a finger whose pose is no older than that at the last reading, or null.
+    const proximity_contact *last_valid(std::uint32_t finger,
+                                        std::chrono::nanoseconds at_most = std::chrono::milliseconds(100)) const
+    {
+        return frames_.last_valid(finger, at_most);
+    }
 
     const counts &counted() const { return frames_.counted(); }
 

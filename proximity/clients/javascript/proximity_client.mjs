@@ -1,6 +1,6 @@
 // proximity_client.mjs: messages of a proximity service, read, written and aged, in browsers and Node.
 //
-// Made by `proximity client javascript`; what is changed here is lost. Whole numbers of 64 bits, instants among
+// Made by `proximity client js`; what is changed here is lost. Whole numbers of 64 bits, instants among
 // them, are BigInt. A field of several numbers is an array, row by row. There is no network here: proximity_udp.mjs
 // has that for Node, and in a browser bytes come from a WebSocket.
 
@@ -163,7 +163,7 @@ const least = (a, b) => (Number.isNaN(a) ? b : Number.isNaN(b) ? a : Math.min(a,
 const most = (a, b) => (Number.isNaN(a) ? b : Number.isNaN(b) ? a : Math.max(a, b));
 const larger = (a, b) => (a > b ? a : b);
 
-/** Make a contact hold at a later instant: as far as finger and parts may have come, less is known. */
+/** Widen a contact's bounds by as much as finger and parts may have moved until then; its distance stays that of the pose. */
 export function widen(c, nowNs, maxSpeed = 3, maxAcceleration = 120) {
   const isTracked = (c.flags & ContactFlag.TRACKED) !== 0;
   const isGeometry = c.source === Source.GEOMETRY;
@@ -187,7 +187,7 @@ export function widen(c, nowNs, maxSpeed = 3, maxAcceleration = 120) {
   c.upper = c.predicted_upper = c.upper + drift;
   const free = elapsed + Math.max(c.lower, 0) / larger(limit + spread, 2 ** -1022);
   c.time_to_contact_lower = Math.min(c.time_to_contact_lower, free);
-  if (isTracked) c.signed_distance = c.predicted_distance = c.lower;
+  c.predicted_distance = c.signed_distance;
   c.predicted_ns = nowNs;
   c.contact_bend_error += Infinity;
   c.force_is_valid = 0;
@@ -259,6 +259,8 @@ const grown = (offset, seen, now) => offset + (now > seen ? now - seen : 0n) / L
 /** Judges frames and lets the newest age; without a network. Instants are of this machine's clock, ns, BigInt. */
 export class FrameReader {
   counts = { received: 0, lost: 0n, sessions: 0, refused: 0, unverified: 0, flawed: {} };
+  refused = 0n; // changes, additions, deformations and moves that the service has refused
+  refusal = ""; // the last of them: its kind and the reason
   #isShared;
   #isKeyed;
   #limits;
@@ -268,6 +270,8 @@ export class FrameReader {
   #ended = new Map(); // session: the last number of a run before
   #held = null;
   #isNew = false;
+  #nowNs = null; // of the last reading, their clock; null where that is not known
+  #valid = new Map(); // finger: its newest valid contact, while parts keep their numbers
   #names = null; // of a description: numbers of its service, and the names of parts
   #labels = { of: "", names: new Map() }; // of a description of which not all has come
 
@@ -292,6 +296,7 @@ export class FrameReader {
     const isBelieved = this.#isShared || this.#clock.isCertain;
     const now = this.#isShared ? nowNs : this.#clock.theirs(nowNs);
     const held = this.#held;
+    this.#nowNs = isBelieved ? now : null;
     if (held === null) return { state: "STALE", isValid: false, isNew: false, nowNs: now, ageNs: -1n, header: null, contacts: [] };
     const { header } = held;
     const ends = header.pose_ns + LIMITS.LONGEST_VALID_NS;
@@ -305,6 +310,13 @@ export class FrameReader {
     this.#isNew = false;
     const contacts = isValid ? held.records : held.records.map((record) => this.#worsened({ ...record }, state, header.state, now));
     return { state: STATE_NAMES[state], isValid, isNew, nowNs: now, ageNs: age > 0n ? age : 0n, header, contacts };
+  }
+
+  /** The newest valid contact of a finger, as it was published, whose pose is no older than that at the last reading;
+   * null: there is none. For a display, while frames are late. */
+  lastValid(finger, atMostNs = 100_000_000n) {
+    const contact = this.#valid.get(finger);
+    return contact !== undefined && this.#nowNs !== null && this.#nowNs - contact.pose_ns <= atMostNs ? contact : null;
   }
 
   /** The name of a part of the newest frame, which numbers it as contact.part; "" until it is known, within a
@@ -323,6 +335,7 @@ export class FrameReader {
     const { session, epoch, part_count: partCount, finger_count: fingerCount, first } = header;
     const total = partCount + fingerCount;
     if (total > LIMITS.MOST_NAMES || first + records.length > total) return "content";
+    ({ refused: this.refused, refusal: this.refusal } = header);
     const of = [session, epoch, partCount, fingerCount].join();
     if (of !== this.#labels.of || first === 0) this.#labels = { of, names: new Map() };
     const { names } = this.#labels;
@@ -347,6 +360,11 @@ export class FrameReader {
     const wrong = contentFlaw(frame, this.#isShared ? now : sent);
     if (wrong) return wrong;
     this.#accept(session, sequence, sent, now);
+    const before = this.#held?.header;
+    if (before?.session !== session || before.epoch !== frame.header.epoch) this.#valid.clear();
+    for (const contact of [State.OK, State.DEGRADED].includes(frame.header.state) ? frame.records : []) {
+      if ((contact.flags & ContactFlag.TRACKED) !== 0) this.#valid.set(contact.finger, contact);
+    }
     this.#held = frame;
     this.#isNew = true;
     return "";

@@ -1,6 +1,6 @@
 // proximity_udp.mjs: frames from a proximity service, and poses and moves to it, over UDP, for Node.
 //
-// Made by `proximity client javascript`; what is changed here is lost. A browser has no datagrams: there, give
+// Made by `proximity client js`; what is changed here is lost. A browser has no datagrams: there, give
 // what a WebSocket brings to the FrameReader of proximity_client.mjs.
 
 import dgram from "node:dgram";

@@ -1,7 +1,7 @@
 // proximity.mjs: exact distances, rays and segments against the parts of a compiled scene, computed here: in
 // browsers, workers and Node, without a service.
 //
-// Made by `proximity client wasm`; what is changed here is lost. A scene is the bytes of a file "....prox", which
+// Made by `proximity library wasm`; what is changed here is lost. A scene is the bytes of a file "....prox", which
 // `proximity compile` writes. Lengths are metres, in the scene's frame. Points are a Float64Array, or any array of
 // numbers, three a point; matrices have 16 numbers, row by row, "scene from part". Answers are those of the Python
 // package, bit for bit where the processor fuses multiply-add and the browser has relaxed vector instructions, as
@@ -34,6 +34,11 @@ export const NO_PART = -1, NO_FACE = -1;
 export const Relation = { APART: 0, TOUCHING: 1, CROSSING: 2, FIRST_INSIDE: 3, SECOND_INSIDE: 4 };
 export const Feature = { NONE: -1, FACE: 0, EDGE: 1, VERTEX: 2 };
 
+/** Numbers of errors, as in proximity.h; BAD_VERSION: a scene of another version, which is to be compiled again. */
+export const ErrorCode = Object.freeze({
+  BAD_ARGUMENT: 1, NO_MEMORY: 2, NO_FILE: 3, BAD_FILE: 4, BAD_POSE: 5, NO_INSIDE: 6, NO_PROCESSOR: 7, BROKEN: 8, BAD_VERSION: 9,
+});
+
 /** What cannot be done: what, where, and what was expected. */
 export class ProximityError extends Error {
   constructor(code, sentence) {
@@ -65,7 +70,7 @@ export async function load(source) {
 
 async function engineBytes(url) {
   const advice = hasRelaxed() ? "" : "; it is for browsers without relaxed vector instructions (Node has them since "
-    + "version 21, before with --experimental-wasm-relaxed-simd), and `proximity client wasm` says how it is compiled";
+    + "version 21, before with --experimental-wasm-relaxed-simd), and `proximity library wasm` says how it is compiled";
   if (url.protocol !== "file:" || typeof process === "undefined") return fetched(url, "WebAssembly", advice);
   return (await import("node:fs/promises")).readFile(url).catch(({ code }) => {
     const reason = code === "ENOENT" ? "there is no such file" : `it cannot be read (${code})`;

@@ -334,9 +334,14 @@ int proximity_read_archive(const InstructionSet *set, uint8_t *bytes, size_t siz
     }
     size_t length = strlen(proximity_layout);
     if ((size_t)(layout.end - layout.at) != length || memcmp(layout.at, proximity_layout, length) != 0) {
-        return proximity_refuse(error, PROXIMITY_BAD_FILE,
-                                "it was saved by another version, with another layout of trees; save the scene "
-                                "again with this version");
+        Text version, quoted;
+        if (!find(document, "version", &quoted) || !read_string(&quoted, &version)) {
+            version = (Text){"unknown", NULL};
+            version.end = version.at + strlen(version.at);
+        }
+        return proximity_refuse(error, PROXIMITY_BAD_VERSION,
+                                "it was saved by version %.*s, expected " PACKAGE_VERSION ": the layout of trees differs; "
+                                "save the scene again with this version", (int)(version.end - version.at), version.at);
     }
     int code = read_arrays(set, arrays, bytes + data_at, (int64_t)size - data_at, archive, error);
     if (code == PROXIMITY_OK) {

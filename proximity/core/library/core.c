@@ -82,7 +82,8 @@ int proximity_refuse_kind(proximity_error *error, int64_t kind, const int64_t *n
         return proximity_refuse(error, PROXIMITY_BAD_FILE, "%s", told);
     }
     if (where == NULL) {
-        return proximity_refuse(error, PROXIMITY_BAD_FILE, "%s; save the scene again with this version", told);
+        int code = kind == OTHER_VERSION ? PROXIMITY_BAD_VERSION : PROXIMITY_BAD_FILE;
+        return proximity_refuse(error, code, "%s; save the scene again with this version", told);
     }
     return proximity_refuse(error, PROXIMITY_BAD_FILE,
                             "its contents are inconsistent (%s%s); save the scene again with this version", where,

@@ -140,7 +140,7 @@ static void carry(double *matrix, const Pose *pose, double seconds)
 }
 
 /* Write the row of a part at an instant; returns whether it moves on from there. */
-static int add_row(const proximity_scene *scene, int64_t part, int64_t at, int64_t instant_ns)
+static int add_row(proximity_scene *scene, int64_t part, int64_t at, int64_t instant_ns)
 {
     struct Posts *posts = scene->posts;
     const Pose *pose = &posts->slots[part].poses[posts->slots[part].read];
@@ -148,6 +148,7 @@ static int add_row(const proximity_scene *scene, int64_t part, int64_t at, int64
     int64_t first_ns = pose->pose_ns - CARRIED_NS, last_ns = pose->pose_ns + CARRIED_NS;
     int64_t at_ns = instant_ns < first_ns ? first_ns : instant_ns > last_ns ? last_ns : instant_ns;
     int goes_on = is_moving(pose) && instant_ns < last_ns;
+    proximity_note_post(scene, part, pose->pose_ns, instant_ns);
     posts->rows[at] = part;
     memcpy(matrix, pose->matrix, sizeof pose->matrix);
     for (int axis = 0; axis < 3; axis++) {

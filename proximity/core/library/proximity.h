@@ -50,11 +50,12 @@ enum {
     PROXIMITY_BAD_ARGUMENT = 1, /* an invalid argument */
     PROXIMITY_NO_MEMORY = 2,
     PROXIMITY_NO_FILE = 3,      /* a file cannot be opened or read */
-    PROXIMITY_BAD_FILE = 4,     /* no compiled scene, a damaged one, or one of another version */
+    PROXIMITY_BAD_FILE = 4,     /* no compiled scene, or a damaged one */
     PROXIMITY_BAD_POSE = 5,     /* no rigid transform, or one that leads too far away */
     PROXIMITY_NO_INSIDE = 6,    /* no part has an inside */
     PROXIMITY_NO_PROCESSOR = 7, /* this processor lacks instructions: AVX2 and FMA, or NEON */
-    PROXIMITY_BROKEN = 8        /* an earlier change of this scene failed half way: close it */
+    PROXIMITY_BROKEN = 8,       /* an earlier change of this scene failed half way: close it */
+    PROXIMITY_BAD_VERSION = 9   /* a compiled scene of another version: compile it again */
 };
 
 typedef struct proximity_error {
@@ -77,6 +78,12 @@ PROXIMITY_API int proximity_open_bytes(const void *bytes, size_t size, proximity
 
 /* Close a scene: it is freed with its last tracker, or now. NULL is closed already. */
 PROXIMITY_API void proximity_close(proximity_scene *scene);
+
+/* Set where notes on this scene and its trackers go, NULL: nowhere. A note is a sentence on input that was probably meant
+   otherwise: points or positions in millimetres, instants of two clocks. Each kind is noted once, in the thread of the
+   call that found it, which must not change the scene in `log`. *Changes.* */
+typedef void proximity_log(void *user, const char *sentence);
+PROXIMITY_API void proximity_set_log(proximity_scene *scene, proximity_log *log, void *user);
 
 /* Choose the instructions that a scene is asked with, by name ("v3", "v4", "neon"): the best that the
    processor has, unless this is called. Answers do not depend on it. *Changes.* */

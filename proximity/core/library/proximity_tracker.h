@@ -51,7 +51,7 @@ PROXIMITY_API int proximity_set_radius(proximity_tracker *tracker, size_t finger
    paths have another number of corners.
 
    `positions` has 3 numbers a finger, m, in the scene's frame; a finger whose row is not finite is not tracked.
-   `pose_ns` has the instant of each, and `now_ns` is that of the tick, on one clock, in nanoseconds, within 2^62.
+   `pose_ns` has the instant of each, and `now_ns` is that of the tick, on one clock, in nanoseconds, within 2^62; seconds are refused.
    `velocities` (m/s) and `paths` may be NULL: velocities are estimated then, and also where they are not finite.
    `contacts` has a record a finger. No value that a sensor may deliver is an error. */
 PROXIMITY_API int proximity_tick(proximity_tracker *tracker, const double *positions, const int64_t *pose_ns,

@@ -198,6 +198,9 @@ static int ask(const proximity_scene *scene, const Question *question, const dou
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,
                                 "direction %lld is zero, expected a vector with a length", (long long)zero_row);
     }
+    if (question->row_arrays == 1 && question->item_bytes == 8) {
+        proximity_note_points(scene, answers, count, question->width);
+    }
     return PROXIMITY_OK;
 }
 

@@ -16,6 +16,9 @@ struct proximity_scene {
     size_t mapped_size;
     void *copies; /* what is changed of the caller's bytes */
     int is_broken;
+    proximity_log *log;
+    void *log_user;
+    int64_t noted;  /* kinds of notes (atomic) */
     int references; /* that of who opened it, and one of each tracker */
     /* What follows from where parts are, see kernels.scene.parts.dynamic_tree. */
     int64_t dynamic[6]; /* address and length of rows, order and keys */
@@ -25,6 +28,13 @@ struct proximity_scene {
     int tree;
     struct Posts *posts; /* poses posted by another thread (posted.c); NULL before the first */
 };
+
+/* Kinds of notes of a scene; a tracker has those of the answer of a tick. */
+enum { NOTED_POINTS = 1, NOTED_POSTS = 2 };
+void proximity_note_points(const proximity_scene *scene, const double *answers, size_t count, int64_t width);
+void proximity_note_post(proximity_scene *scene, int64_t part, int64_t pose_ns, int64_t instant_ns);
+void proximity_note_tick(const proximity_scene *scene, int64_t *noted, int64_t answer, const proximity_contact *contacts,
+                         size_t count);
 
 /* A scene over the arrays of a model, which are its own from now on; NULL: there is no memory. */
 proximity_scene *proximity_scene_over(const int64_t *model);

@@ -23,6 +23,8 @@ struct proximity_tracker {
     float *frontiers, *workspace;
     int64_t corners;          /* of paths, for which there is space */
     int64_t changes, epoch;   /* of the scene at the last tick; -1 before it */
+    int64_t last_now_ns;      /* of the last tick */
+    int64_t noted;            /* bits of answers of ticks */
 };
 
 static int no_memory(proximity_error *error)
@@ -167,6 +169,7 @@ void proximity_reset_tracker(proximity_tracker *tracker)
         tracker->tracks[k].reported_part = PROXIMITY_NO_PART;
     }
     tracker->settings.first_finger = tracker->settings.adaptive_tolerance = 0.0;
+    tracker->last_now_ns = -MOST_NS;
     int64_t words[] = {WORD(tracker->tracks), (int64_t)tracker->count, WORD(tracker->balls), (int64_t)tracker->count,
                        BALLS_SIZE};
     proximity_call(tracker->scene->set, FORGET_SURFACES, words); /* which needs no memory */
@@ -253,6 +256,22 @@ static const char *unfit_tick(const proximity_tracker *tracker, const int64_t *p
     return NULL;
 }
 
+/* The instant, of the poses or of the tick, that no clock shows in nanoseconds; NULL where all can be. As in Python. */
+static const int64_t *instant_in_seconds(const proximity_tracker *tracker, const int64_t *pose_ns, const int64_t *now_ns)
+{
+    int64_t off_ns = proximity_time_between(*pose_ns, *now_ns), newest_ns = INT64_MIN;
+    int64_t since_ns = proximity_time_between(tracker->last_now_ns, *now_ns);
+    int is_apart = off_ns > OTHER_CLOCK_NS || off_ns < -OTHER_CLOCK_NS;
+    int is_too_soon = since_ns > 0 && since_ns < SHORTEST_NS && *now_ns > 0 && *now_ns < LARGEST_SECONDS;
+    if ((*now_ns > 0 && *now_ns < (is_apart ? EARLY_NS : SHORTEST_NS)) || is_too_soon) {
+        return now_ns;
+    }
+    for (size_t k = 0; k < tracker->count; k++) {
+        newest_ns = pose_ns[k] > newest_ns ? pose_ns[k] : newest_ns;
+    }
+    return is_apart && *pose_ns > 0 && newest_ns < EARLY_NS ? pose_ns : NULL;
+}
+
 int proximity_tick(proximity_tracker *tracker, const double *positions, const int64_t *pose_ns, int64_t now_ns,
                    const double *velocities, const proximity_paths *paths, proximity_contact *contacts,
                    proximity_error *error)
@@ -266,6 +285,12 @@ int proximity_tick(proximity_tracker *tracker, const double *positions, const in
                                          : unfit_tick(tracker, pose_ns, now_ns, paths);
     if (unfit != NULL) {
         return proximity_refuse(error, scene->is_broken ? PROXIMITY_BROKEN : PROXIMITY_BAD_ARGUMENT, "%s", unfit);
+    }
+    const int64_t *seconds = instant_in_seconds(tracker, pose_ns, &now_ns);
+    if (seconds != NULL) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,
+                                "%s is %lld, expected nanoseconds of a monotonic clock: it looks like seconds",
+                                seconds == pose_ns ? "pose_ns" : "now_ns", (long long)*seconds);
     }
     int64_t instant_ns = proximity_newest_instant(positions, pose_ns, (int64_t)tracker->count, now_ns);
     int code = proximity_take((proximity_scene *)(uintptr_t)scene, instant_ns, error);
@@ -284,5 +309,7 @@ int proximity_tick(proximity_tracker *tracker, const double *positions, const in
     }
     tracker->changes = scene->changes;
     tracker->epoch = scene->epoch;
+    tracker->last_now_ns = now_ns;
+    proximity_note_tick(scene, &tracker->noted, words[9], contacts, tracker->count);
     return PROXIMITY_OK;
 }

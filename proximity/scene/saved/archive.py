@@ -23,7 +23,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from proximity.errors import MeshFormatError, SceneError
+import proximity
+from proximity.errors import FileVersionError, MeshFormatError, SceneError
 from proximity.kernels.entries import checksum_of
 from proximity.kernels.layout import EXTENSION, MAGIC
 from proximity.kernels.scene.store import stored_bytes
@@ -97,7 +98,7 @@ def _head(metadata: dict[str, Any], arrays: dict[str, np.ndarray], layout: dict[
         with np.errstate(over="ignore"):  # sums go round, which plain Python would tell of
             table.append({**entry, "checksum": checksum_of(in_order.view(np.uint8))})
         offset += _whole_pages(array.nbytes)
-    document = {"layout": layout, "arrays": table, "metadata": metadata}
+    document = {"version": proximity.__version__, "layout": layout, "arrays": table, "metadata": metadata}
     text = json.dumps(document, separators=(",", ":"), default=np.generic.item).encode("ascii")
     head_bytes = _whole_pages(HEADER.size + len(text))
     text = text.ljust(head_bytes - HEADER.size)
@@ -136,10 +137,10 @@ def read_archive(path: Any, layout: dict[str, int]) -> Contents:
         document = json.loads(whole[HEADER.size : head_bytes].tobytes())
         if head_bytes != _whole_pages(head_bytes) or type(document["layout"]) is not dict:
             raise ValueError("arrays lie across pages, or their layout is not named")
-        _check_layout(document["layout"], layout)
+        _check_layout(document, layout)
         return Contents(document["metadata"], _checked_arrays(whole[head_bytes:], document["arrays"]))
     except MeshFormatError as reason:
-        raise MeshFormatError(f"{shown}: {reason}") from None
+        raise type(reason)(f"{shown}: {reason}") from None
     except OSError as reason:
         raise MeshFormatError(f"{shown}: it cannot be opened ({_reported(reason)})") from reason
     except _NOT_UNDERSTOOD as reason:  # its checksums are right, but not what it says
@@ -159,15 +160,18 @@ def _refuse(kind: int, fault: np.ndarray, name: str = "") -> None:
     if kind == stored_bytes.OTHER_ORDER:
         raise MeshFormatError(f"{SENTENCES[kind]}; save the scene again on this machine")
     if kind != SOUND:
-        raise MeshFormatError(f"{SENTENCES[kind].format(*fault.tolist(), name=repr(name))}; {AGAIN}")
+        error = FileVersionError if kind == stored_bytes.OTHER_VERSION else MeshFormatError
+        raise error(f"{SENTENCES[kind].format(*fault.tolist(), name=repr(name))}; {AGAIN}")
 
 
-def _check_layout(written: dict[str, int], expected: dict[str, int]) -> None:
+def _check_layout(document: dict[str, Any], expected: dict[str, int]) -> None:
+    written = document["layout"]
     for name in sorted({*written, *expected}):
         if written.get(name) != expected.get(name):
-            raise MeshFormatError(
-                "it was saved by another version, with another layout of trees "
-                f"({name} is {written.get(name)}, expected {expected.get(name)}); {AGAIN}"
+            raise FileVersionError(
+                f"it was saved by version {document.get('version', 'unknown')}, expected "
+                f"{proximity.__version__}: the layout of trees differs ({name} is {written.get(name)}, "
+                f"expected {expected.get(name)}); {AGAIN}"
             )
 
 

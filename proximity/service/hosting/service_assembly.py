@@ -81,10 +81,16 @@ def make_service(settings: SceneFile) -> ServiceSetup:
         ]
         moves, deforming = None, Lock()
         if settings.input.moves is not None:
-            moves = MovesInput(settings.input.moves, skipped=lambda: 0 if clock is None else clock.skipped_ns)
+            moves = MovesInput(
+                settings.input.moves,
+                skipped=lambda: 0 if clock is None else clock.skipped_ns,
+                refuse=describer.refuse,
+            )
         changes = None
         if settings.input.changes is not None:
-            changes = ChangesInput(settings.input.changes, SimpleQueue(), describer.ask, deforming)
+            changes = ChangesInput(
+                settings.input.changes, SimpleQueue(), describer.ask, deforming, describer.refuse
+            )
         contact_source: ContactSource
         if scene is None:
             contact_source = SensedContacts(count, latency=service.latency)

@@ -54,8 +54,8 @@ class ChangesInput:
     of the first of each kind, and the scene stays as it is.
 
     *requests*: where to put what takes long; the thread that carries it out writes ``refusal``, ``is_over``.
-    *describe*: is called when a message asks for the description. *deforming*: is entered while a shape
-    changes.
+    *describe*: is called when a message asks for the description, *refuse* with kind and reason of one that
+    is refused. *deforming*: is entered while a shape changes.
     """
 
     requests: SimpleQueue[Request | None]
@@ -66,10 +66,11 @@ class ChangesInput:
         requests: SimpleQueue[Request | None],
         describe: Callable[[], None] = lambda: None,
         deforming: AbstractContextManager[Any] | None = None,
+        refuse: Callable[[str, str], None] = lambda kind, reason: None,
     ) -> None:
         # A change holds whatever the sender's clock shows.
         self._inbox = Inbox(address, [CHANGES, ADDITIONS, DEFORMATIONS], is_timed=False)
-        self.requests, self._describe = requests, describe
+        self.requests, self._describe, self._report_refusal = requests, describe, refuse
         self._deforming = nullcontext() if deforming is None else deforming
         self._pending: tuple[Kind, Request] | None = None
         self._refused: dict[str, tuple[int, str]] = {}  # by kind: how many messages, why the first
@@ -148,6 +149,7 @@ class ChangesInput:
         if not count:
             LOGGER.warning("%s: a message of %s is refused (%s)", self._inbox.address, kind.name, reason)
         self._refused[kind.name] = count + 1, first
+        self._report_refusal(kind.name, reason)
 
 
 def carry_out(scene: Scene, actions: tuple[tuple[str, PartAction], ...]) -> None:

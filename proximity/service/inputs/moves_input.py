@@ -44,9 +44,10 @@ class MovesInput:
         stale_after: float = 0.100,
         clock: Callable[[], int] = time.monotonic_ns,
         skipped: Callable[[], int] = lambda: 0,
+        refuse: Callable[[str, str, int], None] = lambda kind, reason, count: None,
     ) -> None:
         self._inbox = Inbox(address, [MOVES], clock)
-        self._clock, self._skipped = clock, skipped
+        self._clock, self._skipped, self._refuse = clock, skipped, refuse
         self._stale_after_ns = round(NS_PER_S * stale_after)
         self.future = self.backwards = self.too_old = 0
         self._scene: Scene | None = None
@@ -121,7 +122,7 @@ class MovesInput:
     ) -> dict[str, ReportedMotion]:
         """Move parts as a message reports, and keep its moves; those that were used."""
         if names_repeat(records):
-            self._inbox.leave_out(REPEATED, 1, f"{len(records)} moves, expected one for each part")
+            self._leave_out(REPEATED, 1, f"{len(records)} moves, expected one for each part")
             return {}
         names = [self._name(raw) for raw in records["name"].tolist()]
         pose_ns = records["pose_ns"] + offset_ns
@@ -195,7 +196,7 @@ class MovesInput:
             )
             for what, off_ns, advice in reasons:
                 if off_ns:
-                    self._inbox.leave_out(what, len(off_ns), advice(off_ns[0]))
+                    self._leave_out(what, len(off_ns), advice(off_ns[0]))
         return usable
 
     def _moved_each(
@@ -209,9 +210,13 @@ class MovesInput:
                 )
             except (ArgumentError, SceneError) as unfit:
                 if unfit_are:
-                    self._inbox.leave_out(unfit_are, 1, str(unfit))
+                    self._leave_out(unfit_are, 1, str(unfit))
             else:
                 yield name, reported
+
+    def _leave_out(self, what: str, count: int, why: str) -> None:
+        self._inbox.leave_out(what, count, why)
+        self._refuse(MOVES.name, why, count)
 
     def _name(self, raw: bytes) -> str:
         name = self._names.get(raw)

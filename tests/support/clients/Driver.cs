@@ -37,12 +37,21 @@ public static unsafe class Driver
                         *(ProximityContact*)first = contact;
                     output.Write(bytes);
                 }
+                for (int finger = 0; finger < reader.Contacts.Length; finger++)
+                {
+                    ProximityContact valid;
+                    output.Write(reader.LastValid(finger, out valid));
+                    fixed (byte* first = bytes)
+                        *(ProximityContact*)first = valid;
+                    output.Write(bytes);
+                }
             }
             output.Write(reader.Counts.Received);
             output.Write(reader.Counts.Lost);
             output.Write(reader.Counts.Sessions);
             for (int part = -1; part < 4; part++)
                 output.Write(System.Text.Encoding.UTF8.GetBytes(reader.PartName(part) + "\n"));
+            output.Write(System.Text.Encoding.UTF8.GetBytes(reader.Refused + " " + reader.Refusal + "\n"));
         }
     }
 

@@ -44,6 +44,7 @@ namespace UnityEngine
     public class MonoBehaviour { public readonly Transform transform = new Transform(); }
     public static class Application { public static string streamingAssetsPath; }
     public struct Rect { public Rect(float x, float y, float width, float height) { } }
+    public static class Debug { public static void LogWarning(string text) { Console.WriteLine(text); } }
     public static class GUI { public static void Label(Rect place, string text) { Console.WriteLine(text); } }
     public static class Gizmos { public static void DrawLine(Vector3 from, Vector3 to) { } }
 
@@ -74,11 +75,12 @@ namespace UnityEngine
             {
                 mirror = (Proximity.ProximityMirror)Enum.Parse(typeof(Proximity.ProximityMirror), words[1]),
                 origin = Take(numbers, 7),
-                movers = new[] { Take(numbers, 14) },
+                movers = new[] { Take(numbers, 14), Take(numbers, 14) },
             };
-            component.movers[0].name = words[2];
+            component.movers[0].name = "Cube (1)";
+            component.movers[1].name = words[2];
             component.transform.position = Take(numbers, 0).position;
-            foreach (string message in new[] { "OnEnable", "Update", "OnGUI", "OnDrawGizmos", "OnDisable", "Update" })
+            foreach (string message in new[] { "OnEnable", "Update", "Update", "OnGUI", "OnDrawGizmos", "OnDisable", "Update" })
                 Send(component, message);
             foreach (Vector3 v in new[] { component.nearest, component.normal })
                 Console.WriteLine(v.x.ToString("R") + " " + v.y.ToString("R") + " " + v.z.ToString("R"));

@@ -49,12 +49,18 @@ static void read_events(const char *from, const char *to)
         put(out, static_cast<std::uint32_t>(known.contacts.size()));
         for (const proximity_contact &contact : known.contacts)
             put(out, contact);
+        for (std::uint32_t finger = 0; finger < known.contacts.size(); finger++) {
+            const proximity_contact *valid = reader.last_valid(finger);
+            put(out, static_cast<std::uint8_t>(valid != nullptr));
+            put(out, valid != nullptr ? *valid : proximity_contact{});
+        }
     }
     put(out, reader.counted().received);
     put(out, reader.counted().lost);
     put(out, reader.counted().sessions);
     for (std::int32_t part = -1; part < 4; part++)
         out << reader.part_name(part) << "\n";
+    out << reader.refused() << " " << reader.refusal() << "\n";
 }
 
 static void print_tags(const char *key_path, const char *data_path, int count, char **sizes)

@@ -35,11 +35,17 @@ function readEvents(from, to) {
     put(8, "writeBigInt64LE", known.ageNs);
     put(4, "writeUInt32LE", known.contacts.length);
     parts.push(encode("frame", {}, known.contacts).subarray(96));
+    for (let finger = 0; finger < known.contacts.length; finger++) {
+      const valid = reader.lastValid(finger);
+      put(1, "writeUInt8", Number(valid !== null));
+      parts.push(valid === null ? Buffer.alloc(328) : encode("frame", {}, [valid]).subarray(96));
+    }
   }
   put(8, "writeBigUInt64LE", BigInt(reader.counts.received));
   put(8, "writeBigUInt64LE", reader.counts.lost);
   put(8, "writeBigUInt64LE", BigInt(reader.counts.sessions));
   for (let part = -1; part < 4; part++) parts.push(Buffer.from(`${reader.partName(part)}\n`));
+  parts.push(Buffer.from(`${reader.refused} ${reader.refusal}\n`));
   fs.writeFileSync(to, Buffer.concat(parts));
 }
 

@@ -61,6 +61,10 @@ try {
     contacts = tracker.tick(points, instants, 1000000500);
     if (before[0] != contacts[0].signed_distance || before[1] != contacts[1].signed_distance)
         std::printf("a tracker has forgotten its scene\n");
+    proximity::Scene noting(words[1]);
+    noting.set_log([](void *, const char *sentence) { std::printf("%s\n", sentence); });
+    points[0][2] = 40.0;
+    noting.signed_distance(std::span<const proximity::Vector>(points).first(1), std::span<double>(distances).first(1));
     proximity::Scene none("none.prox");
 } catch (const proximity::Error &error) {
     std::printf("%d %s\n", static_cast<int>(error.code), error.what());

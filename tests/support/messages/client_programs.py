@@ -105,6 +105,8 @@ class Events:
             at += 22
             contacts = np.frombuffer(data, CONTACT, count, at)
             at += contacts.nbytes
-            answers.append((State(state), bool(is_new), now_ns, age_ns, contacts))
+            valid = np.frombuffer(data, [("is_known", "?"), ("contact", CONTACT)], count, at)
+            at += valid.nbytes
+            answers.append((State(state), bool(is_new), now_ns, age_ns, contacts, valid))
         names = data[at + 24 :].decode().splitlines()
         return answers, struct.unpack_from("<QQQ", data, at), names

@@ -1,6 +1,6 @@
 // Proximity.cs: the engine in your own process, through the library in C. What a function does is said in proximity.h.
 //
-// Made by `proximity client csharp`; what is changed here is lost. Needs ProximityMessages.cs, "Allow unsafe code", spans
+// Made by `proximity library csharp`; what is changed here is lost. Needs ProximityMessages.cs, "Allow unsafe code", spans
 // (.NET Standard 2.1: Unity 2021.2 or newer), and the library for your system: libproximity.so, proximity.dll.
 // Lengths are metres, in the scene's right-handed frame; matrices are 16 numbers row by row, "scene from part".
 // Questions fill the caller's arrays and make no garbage. Any number of threads may ask one scene at the same time;
@@ -14,6 +14,8 @@ namespace Proximity
     /// <summary>What went wrong, in a sentence; the code is one of proximity.h.</summary>
     public sealed class ProximityError : Exception
     {
+        public const int BadArgument = 1, NoMemory = 2, NoFile = 3, BadFile = 4, BadPose = 5, NoInside = 6, NoProcessor = 7,
+            Broken = 8, BadVersion = 9; // a scene of another version: compile it again
         public readonly int Code;
         public ProximityError(int code, string sentence) : base(sentence) => Code = code;
     }
@@ -104,6 +106,17 @@ namespace Proximity
 
         /// <summary>Close it; where a tracker of it is left, when that is disposed of.</summary>
         public void Dispose() => Handle.Dispose();
+
+        /// <summary>Pass on notes: a sentence on input that was probably meant otherwise, such as points in millimetres or
+        /// instants of two clocks. Each kind is noted once, in the thread that found it. null: no notes.</summary>
+        public void SetLog(Action<string> log)
+        {
+            GCHandle before = Handle.Log;
+            Handle.Log = log == null ? default : GCHandle.Alloc(log);
+            Native.proximity_set_log(Handle, log == null ? IntPtr.Zero : Native.LogAddress, GCHandle.ToIntPtr(Handle.Log));
+            if (before.IsAllocated)
+                before.Free();
+        }
 
         public int PartCount => Native.proximity_part_count(Handle);
 
@@ -285,6 +298,7 @@ namespace Proximity
     {
         internal GCHandle Content; // bytes of the scene
         internal NativeHandle Scene; // of the tracker
+        internal GCHandle Log; // Action<string> that notes of the scene go to
         internal NativeHandle() : base(IntPtr.Zero, true) { }
         public override bool IsInvalid => handle == IntPtr.Zero;
 
@@ -304,6 +318,8 @@ namespace Proximity
             Scene?.DangerousRelease();
             if (Content.IsAllocated)
                 Content.Free();
+            if (Log.IsAllocated)
+                Log.Free();
             return true;
         }
     }
@@ -343,6 +359,20 @@ namespace Proximity
                 throw new ProximityError(1, "an array has the wrong length, expected a row for each that is asked");
         }
 
+        [AttributeUsage(AttributeTargets.Method)]
+        private sealed class MonoPInvokeCallbackAttribute : Attribute // which IL2CPP knows by its name
+        {
+            internal MonoPInvokeCallbackAttribute(Type type) { }
+        }
+
+        [UnmanagedFunctionPointer(CallingConvention.Cdecl)] private delegate void NativeLog(IntPtr user, byte* sentence);
+        private static readonly NativeLog PassOnKept = PassOn;
+        internal static readonly IntPtr LogAddress = Marshal.GetFunctionPointerForDelegate(PassOnKept);
+
+        [MonoPInvokeCallback(typeof(NativeLog))]
+        private static void PassOn(IntPtr user, byte* sentence) =>
+            ((Action<string>)GCHandle.FromIntPtr(user).Target)(Text(sentence));
+
         internal static byte[] Utf8(string text) => Encoding.UTF8.GetBytes(text + "\0");
 
         internal static string Text(byte* text)
@@ -359,6 +389,8 @@ namespace Proximity
         [DllImport("proximity")] internal static extern int proximity_open_bytes(void* bytes, UIntPtr size,
             IntPtr* scene, out NativeError error);
         [DllImport("proximity")] internal static extern void proximity_close(IntPtr scene);
+        [DllImport("proximity")] internal static extern void proximity_set_log(NativeHandle scene, IntPtr log,
+            IntPtr user);
         [DllImport("proximity")] internal static extern int proximity_part_count(NativeHandle scene);
         [DllImport("proximity")] internal static extern byte* proximity_part_name(NativeHandle scene, int part);
         [DllImport("proximity")] internal static extern int proximity_find_part(NativeHandle scene, byte* name);

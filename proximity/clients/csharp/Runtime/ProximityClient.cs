@@ -270,7 +270,10 @@ namespace Proximity
     /// <summary>How contacts become worse.</summary>
     public static class ProximityAgeing
     {
-        /// <summary>Make a contact hold at a later instant: as far as finger and parts may have come.</summary>
+        /// <summary>
+        /// Widen a contact's bounds by as much as finger and parts may have moved until then; its distance stays that
+        /// of the pose.
+        /// </summary>
         public static void Widen(ref ProximityContact c, long nowNs, double maxSpeed, double maxAcceleration)
         {
             bool isTracked = (c.Flags & ProximityContactFlag.Tracked) != 0;
@@ -299,8 +302,7 @@ namespace Proximity
             double ever = Math.Max(limit + spread, 2.2250738585072014e-308);
             double free = elapsed + Math.Max(c.Lower, 0) / ever; // Math.Max and Min keep nan
             c.TimeToContactLower = Math.Min(c.TimeToContactLower, free);
-            if (isTracked)
-                c.SignedDistance = c.PredictedDistance = c.Lower;
+            c.PredictedDistance = c.SignedDistance;
             c.PredictedNs = nowNs;
             c.ContactBendError += double.PositiveInfinity;
             c.ForceIsValid = 0;
@@ -344,6 +346,10 @@ namespace Proximity
         public long AgeNs { get; private set; } // since the oldest pose; -1: no frame yet
         public ProximityFrameHeader Header; // as it was published; zeros: no frame yet
         public ProximityContact[] Contacts = new ProximityContact[0]; // aged: LATE has widening bounds, STALE nothing
+        /// <summary>Changes, additions, deformations and moves that the service has refused.</summary>
+        public ulong Refused { get; private set; }
+        /// <summary>The last of them: its kind and the reason.</summary>
+        public string Refusal { get; private set; }
         public bool IsValid { get { return State == ProximityState.Ok || State == ProximityState.Degraded; } }
 
         private readonly bool isShared, isKeyed;
@@ -353,6 +359,7 @@ namespace Proximity
         private readonly List<ulong> endedSessions = new List<ulong>((int)ProximityLayout.MostRuns + 1);
         private readonly List<ulong> endedNumbers = new List<ulong>((int)ProximityLayout.MostRuns + 1);
         private ProximityContact[] held = new ProximityContact[0], candidate = new ProximityContact[0];
+        private ProximityContact[] valid = new ProximityContact[0]; // the newest of each finger, while parts keep their numbers
         private ProximityFrameHeader arrived;
         private bool hasFrame, isFresh;
         private ulong lastSession, lastSequence, newestSession;
@@ -365,6 +372,7 @@ namespace Proximity
             double maxAcceleration = 120)
         {
             State = ProximityState.Stale;
+            Refusal = "";
             AgeNs = -1;
             isShared = sharesClock;
             this.isKeyed = isKeyed;
@@ -413,6 +421,17 @@ namespace Proximity
         }
 
         /// <summary>
+        /// Whether there is a valid contact of a finger whose pose is no older than that, in seconds, at the last reading;
+        /// the newest, as it was published. For a display, while frames are late.
+        /// </summary>
+        public bool LastValid(int finger, out ProximityContact contact, double atMost = 0.1)
+        {
+            bool isKnown = finger >= 0 && finger < valid.Length && (isShared || clock.IsCertain);
+            contact = isKnown ? valid[finger] : default(ProximityContact);
+            return (contact.Flags & ProximityContactFlag.Tracked) != 0 && NowNs - contact.PoseNs <= 1e9 * atMost;
+        }
+
+        /// <summary>
         /// The name of a part of the newest frame, which numbers it as Part of a contact; "" until it is known,
         /// within a tenth of a second of the first frame and of each change.
         /// </summary>
@@ -443,6 +462,9 @@ namespace Proximity
                 long total = (long)of.PartCount + of.FingerCount;
                 if (total > ProximityLayout.MostNames || (long)of.First + of.Count > total)
                     return ProximityFlaw.Content;
+                if (of.Refused != Refused)
+                    Refusal = TextAt(message, RefusalAt, RefusalBytes);
+                Refused = of.Refused;
                 if (IsOfSame(of, namesOf))
                     return ProximityFlaw.None;
                 if (!IsOfSame(of, labelsOf) || of.First == 0)
@@ -450,7 +472,7 @@ namespace Proximity
                 labelsOf = of;
                 var records = (ProximityLabel*)(bytes + sizeof(ProximityDescriptionHeader));
                 for (int i = 0; i < of.Count; i++)
-                    labels[(long)of.First + i] = NameAt(message, (int)((byte*)(records + i) - bytes));
+                    labels[(long)of.First + i] = TextAt(message, (int)((byte*)(records + i) - bytes), 64);
                 if (labels.Count == total)
                     TakeNames(of);
             }
@@ -463,10 +485,10 @@ namespace Proximity
                 && a.FingerCount == b.FingerCount;
         }
 
-        private static string NameAt(byte[] message, int first)
+        private static string TextAt(byte[] message, int first, int most)
         {
-            int end = Array.IndexOf(message, (byte)0, first, 64);
-            return Encoding.UTF8.GetString(message, first, end < 0 ? 64 : end - first);
+            int end = Array.IndexOf(message, (byte)0, first, most);
+            return Encoding.UTF8.GetString(message, first, end < 0 ? most : end - first);
         }
 
         private void TakeNames(ProximityDescriptionHeader of)
@@ -490,6 +512,8 @@ namespace Proximity
         }
 
         private static readonly int FrameCountAt = (int)Marshal.OffsetOf(typeof(ProximityFrameHeader), "Count");
+        private static readonly int RefusalAt = (int)Marshal.OffsetOf(typeof(ProximityDescriptionHeader), "Refusal");
+        private static readonly int RefusalBytes = sizeof(ProximityDescriptionHeader) - RefusalAt;
         private static readonly int DescriptionCountAt = (int)Marshal.OffsetOf(typeof(ProximityDescriptionHeader), "Count");
 
         /// <summary>What is wrong with bytes but for what they say; the number of records is at *countAt*.</summary>
@@ -608,11 +632,17 @@ namespace Proximity
             lastSent = arrived.PublishNs;
             lastNow = now;
             newestSession = Math.Max(newestSession, arrived.Session);
+            if (arrived.Session != Header.Session || arrived.Epoch != Header.Epoch || valid.Length != candidate.Length)
+                valid = new ProximityContact[candidate.Length];
             Header = arrived;
             ProximityContact[] spare = held;
             held = candidate;
             candidate = spare;
             hasFrame = isFresh = true;
+            for (int i = 0; i < held.Length; i++)
+                if ((held[i].Flags & ProximityContactFlag.Tracked) != 0
+                    && (Header.State == ProximityState.Ok || Header.State == ProximityState.Degraded))
+                    valid[i] = held[i];
         }
 
         /// <summary>Remember the run that another follows; the number that is expected of this one.</summary>

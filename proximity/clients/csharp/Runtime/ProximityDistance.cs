@@ -12,7 +12,7 @@ public sealed class ProximityDistance : MonoBehaviour
 {
     public string sceneFile = "bracket.prox";
     public Transform origin; // where the scene's origin is; without scale
-    public Transform[] movers = new Transform[0]; // each moves the part that has its name
+    public Transform[] movers = new Transform[0]; // each moves the part that has its name; others are named and skipped
     public ProximityMirror mirror = ProximityMirror.YAndZ;
 
     public float metres; // negative inside
@@ -20,6 +20,7 @@ public sealed class ProximityDistance : MonoBehaviour
     public string part = "";
 
     private ProximityScene scene;
+    private Transform[] moving; // movers of which there is a part
     private string[] names;
     private int[] moved;
     private double[] matrices;
@@ -30,7 +31,11 @@ public sealed class ProximityDistance : MonoBehaviour
         names = new string[scene.PartCount];
         for (int k = 0; k < names.Length; k++)
             names[k] = scene.NameOf(k);
-        moved = Array.ConvertAll(movers, mover => scene.Find(mover.name));
+        moving = Array.FindAll(movers, mover => scene.Find(mover.name) >= 0);
+        moved = Array.ConvertAll(moving, mover => scene.Find(mover.name));
+        foreach (Transform mover in Array.FindAll(movers, mover => !Array.Exists(moving, known => known == mover)))
+            Debug.LogWarning(sceneFile + " has no part named \"" + mover.name + "\": it is not moved (expected one of "
+                + string.Join(", ", names) + ")");
         matrices = new double[16 * moved.Length];
     }
 
@@ -39,8 +44,8 @@ public sealed class ProximityDistance : MonoBehaviour
         if (scene == null)
             return; // it could not be opened
         for (int k = 0; k < moved.Length; k++)
-            mirror.ToMatrix(origin.InverseTransformPoint(movers[k].position),
-                Quaternion.Inverse(origin.rotation) * movers[k].rotation, new Span<double>(matrices, 16 * k, 16));
+            mirror.ToMatrix(origin.InverseTransformPoint(moving[k].position),
+                Quaternion.Inverse(origin.rotation) * moving[k].rotation, new Span<double>(matrices, 16 * k, 16));
         if (moved.Length > 0)
             scene.Move(moved, matrices);
         ProximityClosestPoint found = scene.Closest(mirror.ToScene(origin.InverseTransformPoint(transform.position)));

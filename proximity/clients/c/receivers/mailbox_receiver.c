@@ -3,10 +3,11 @@
    A service that is started anew has another mailbox, which is opened here; of one that was killed the last frame
    ages, until it is STALE. Names of parts come between frames. */
 #define _GNU_SOURCE
-#include <proximity_mailbox.h>
-#include <proximity_message.h>
 #include <stdio.h>
 #include <stdlib.h>
+
+#include "proximity_mailbox.h"
+#include "proximity_message.h"
 
 enum { MOST_FINGERS = 64, MOST_PARTS = 1000, MOST_LABELS = 64 };
 #define MS INT64_C(1000000)      /* ns */

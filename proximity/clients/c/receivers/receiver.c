@@ -8,7 +8,7 @@
  *     distance holds, which falls as time passes. Then nothing does: retract.
  *   - It never waits for a frame: at each look it asks what is known now.
  *
- *   proximity client header --out proximity_message.h && cc -std=c99 -O2 receiver.c -lm -o receiver
+ *   cc -std=c99 -O2 receiver.c -lm -o receiver
  *   ./receiver 127.0.0.1 9100 127.0.0.1 frames.key    # listen at, port, sender, and the key if there is one
  */
 #define _POSIX_C_SOURCE 200809L
