@@ -97,7 +97,7 @@ def test_scan_without_a_point_never_passes(run, tmp_path, plate, text):
     for more in ((), ("--json",), ("--csv", tmp_path / "answers.csv")):
         result = run("query", plate, "--points", path, "--within", 0.1, *more)
         assert (
-            result.code == 2 and "holds no finite point, expected some to compare with --within" in result.err
+            result.code == 2 and "contains no finite point to compare with --within" in result.err
         )
 
 
