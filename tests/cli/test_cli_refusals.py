@@ -66,7 +66,7 @@ clearance cell.glb lid lid | 'lid' is asked how far it is from itself, expected 
 clearance cell.glb --below -1 | expected 0 to
 clearance cell.glb --ignore-touching | requires --below
 clearance cell.glb --allow pairs.csv | requires --clashes or --below
-clearance cell.glb --clashes --below 1 | excludes --clashes
+clearance cell.glb --clashes --below 1 | not allowed with --clashes
 clearance cell.glb --clashes --allow pairs.csv | line 3: no part is named 'lit'; did you mean 'lid'?
 clearance cell.glb --below 1 --allow absent.csv | absent.csv: cannot be read
 clearance cell.glb --below 1 --allow hand.csv | expected CSV with the columns first and second
@@ -77,7 +77,7 @@ serve bad.toml | bad.toml:6: parts[0].file is 'bax.stl', but
 serve cell.toml --limit 0 | 0 seconds: expected
 serve cell.toml --limit nan | nan seconds: expected
 serve cell.toml --ticks 0 | 0 ticks: expected 1 or more
-serve cell.toml --port 8787 | 8787: the port of the page requires --web
+serve cell.toml --port 8787 | requires --web
 serve cell.toml --rate 0 | service.rate_hz is 0, expected a number from 1 to 100000 (Hz)
 serve cell.toml --rate nan | service.rate_hz is nan, expected a number from 1 to 100000 (Hz)
 serve cell.toml --publish decaff | decaff: expected an address such as shm://
@@ -143,9 +143,9 @@ simulate --cable stiff | 'stiff': expected a stiffness in N/m, or the file of a 
 simulate --cable 5 | 5 N/m at the fingertip: expected 10 to 1e+06
 simulate --cable nan | nan N/m at the fingertip: expected 10 to 1e+06
 simulate --cable box.stl | box.stl
-simulate --part box | is for a press on a part: expected --scene FILE as well
-simulate --scene box.stl --wall real | a part of a scene requires decaff
-simulate --scene box.stl --damping 2 | of a part requires --stiffness
+simulate --part box | requires --scene FILE
+simulate --scene box.stl --wall real | must be decaff on a part of a scene
+simulate --scene box.stl --damping 2 | requires --stiffness on a part
 simulate --scene box.stl --part lid | lid
 simulate --scene none.stl | none.stl
 study report nowhere.toml | nowhere.toml: cannot be read (No such file or directory)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from proximity.cli.service.watch_view import Seen
 
 MIN_IN_TIME, FAIR_IN_TIME = 0.99, 0.9
-"""Shares of frames in time: below the first the demo warns, below the second it fails."""
+"""Shares of frames: smallest of "in time", and of "mostly in time"."""
 FARTHEST_TOUCH = 1e-3
 """m between the predicted and the actual touch: threshold of a fingertip, assumed."""
 FORESEEN_S = 0.010

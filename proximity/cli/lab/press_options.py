@@ -32,7 +32,7 @@ USED_BY = {  # options of some walls only
     "--stiffness": ("coupled",),
     "--damping": ("coupled",),
 }
-OF_A_SCENE = "is for a press on a part: expected --scene FILE as well"
+OF_A_SCENE = "requires --scene FILE"
 WALLS = ("real", "coupled", "decaff")
 STRETCHES = ("left", "torque", "sensor")
 
@@ -86,8 +86,8 @@ class WallOptions:
         """Reject options that a press on a part lacks."""
         alone = self.damping is not None and self.stiffness is None
         refuse(
-            (self.wall != "decaff", "--wall", "a part of a scene requires decaff"),
-            (alone, "--damping", "of a part requires --stiffness"),
+            (self.wall != "decaff", "--wall", "must be decaff on a part of a scene"),
+            (alone, "--damping", "requires --stiffness on a part"),
         )
         self._check_stretch()
 

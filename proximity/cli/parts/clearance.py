@@ -104,7 +104,7 @@ def clearance(
     refuse(
         (len(names) > 2, "PART", f"{len(names)} names are given, expected two at most"),
         (len(names) == 2 and list_all, "--all", "two parts are one pair"),
-        (clashes and below is not None, "--below", "excludes --clashes"),
+        (clashes and below is not None, "--below", "not allowed with --clashes"),
         (below is None and ignore_touching, "--ignore-touching", "requires --below"),
         (not is_gate and allow is not None, "--allow", "requires --clashes or --below"),
     )

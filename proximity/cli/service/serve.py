@@ -74,7 +74,7 @@ def serve(
     """
     refuse(
         (ticks is not None and ticks < 1, "--ticks", f"{ticks} ticks: expected 1 or more"),
-        (port is not None and not web, "--port", f"{port}: the port of the page requires --web"),
+        (port is not None and not web, "--port", "requires --web"),
     )
     from proximity.service.hosting import serve
 
