@@ -58,12 +58,12 @@ def clearance(
             f"{FILE_HELP} Then one part against the others, or two parts; 'bolt*' names several.",
         ),
     ],
-    clashes: Annotated[bool, flag("--clashes", "Only pairs that overlap; the exit code tells.")] = False,
+    clashes: Annotated[bool, flag("--clashes", "Only pairs that overlap; exit with code 1 if any.")] = False,
     below: Annotated[
         float | None,
         option(
             "DISTANCE",
-            "Only pairs nearer than this, or overlapping; the exit code tells.",
+            "Only pairs nearer than this, or overlapping; exit with code 1 if any.",
             callback=within(0.0),
         ),
     ] = None,
