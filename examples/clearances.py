@@ -1,14 +1,14 @@
-"""Clearances in an assembly: how far each part is from each other part, and which parts overlap.
+"""Clearances in an assembly: the distances between all pairs of parts, and the overlaps.
 
-Start it with a STEP, glTF or 3MF file of your own, or without one for the sample assembly:
+Start it with your STEP, glTF or 3MF file, or without one for the sample assembly:
 
     python examples/clearances.py
     python examples/clearances.py gearbox.step
 
 It prints one line for each pair of parts, the narrowest gap first: the shortest distance in millimetres,
-and the two points between which it is found. Parts that touch or overlap have the
-distance 0, or some 1e-6 mm where a STEP file is rounded to single precision. Below the table it names the
-pairs that overlap: the volume that both parts fill, and the size of the box around it.
+and its two end points. Parts that touch or overlap have the
+distance 0, or some 1e-6 mm where a STEP file is rounded to single precision. Below the table it lists the
+overlapping pairs, with the common volume and the size of the box around it.
 """
 
 import sys
@@ -40,12 +40,12 @@ def main():
 
 
 def print_overlaps(scene, pairs):
-    """Print which of the pairs of parts have a volume in common."""
+    """Print the pairs of parts that have a common volume."""
     count = 0
     for first, second in pairs:
         try:
             common = proximity.overlap(scene, first, second)
-        except proximity.MeshError as error:  # a part is open: it has no volume
+        except proximity.MeshError as error:  # an open part has no volume
             print(f"{first} and {second}: unknown, {error}")
             continue
         if common is not None:  # None: they only touch

@@ -1,14 +1,14 @@
 """Force gloves of any make: the bend at which each finger touches, as curl limits of an OpenXR runtime.
 
-Start it on Linux, beside a service that knows the paths of the fingers, by poses of a glove or with paths.
+Start it on Linux, together with a service that receives poses of a glove or with finger paths.
 The runtime must have XR_MNDX_force_feedback_curl and drive the glove:
 
     python -m pip install "cad-proximity[openxr]"
     python examples/curl_limits.py shm://proximity
 
-The extension takes a number a finger: 0 lets it curl freely, 1 keeps it extended, 0.4 stops it at bend 0.6.
-It is 0 where a frame is late or stale or no touch is known, and at the end: a runtime keeps what it got last.
-Fingers 0 to 4 are the left hand's, thumb first. It prints all ten when a finger is limited or let free.
+The extension takes a number per finger: 0 lets it curl freely, 1 keeps it extended, 0.4 stops it at bend 0.6.
+The value is 0 for a late or stale frame, without a known touch, and at the end, as runtimes keep the last
+one. Fingers 0 to 4 are the left hand's, thumb first. It prints all ten when a finger is limited or released.
 """
 
 import ctypes
@@ -27,7 +27,7 @@ SURE = proximity.ContactFlag.TRACKED | proximity.ContactFlag.CONTACT_FOUND
 
 
 def curl_limits(reading, before):
-    """Return the limits of ten fingers; one that touches does not get a looser one than *before*."""
+    """Return the limits of ten fingers; that of a touching finger is not released below *before*."""
     limits = np.zeros(10)
     if reading.is_valid:  # neither LATE nor STALE
         contacts, before = reading.contacts[:10], before[: len(reading.contacts)]
@@ -44,7 +44,7 @@ def apply(trackers, limits):
 
 
 def goes_on(instance, session):
-    """Begin or end the session as the runtime asks for; return whether it goes on."""
+    """Begin or end the session as the runtime requests; return whether it continues."""
     try:
         event = xr.poll_event(instance)
     except xr.EventUnavailable:
@@ -63,7 +63,7 @@ def main(address):
     limits = np.zeros(10)
     with proximity.open_subscriber(address) as frames, ExitStack() as opened:
         instance = xr.create_instance(xr.InstanceCreateInfo(enabled_extension_names=EXTENSIONS))
-        opened.callback(xr.destroy_instance, instance)  # with all that was made of it
+        opened.callback(xr.destroy_instance, instance)  # with all its objects
         session = xr.create_session(instance, xr.SessionCreateInfo(system_id=xr.get_system(instance)))
         hands = map(xr.HandTrackerCreateInfoEXT, (xr.HandEXT.LEFT, xr.HandEXT.RIGHT))
         trackers = [xr.create_hand_tracker_ext(session, hand) for hand in hands]

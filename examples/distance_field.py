@@ -1,15 +1,15 @@
 """A signed distance field: distances on a grid around a part, saved as .npz, and checked.
 
-Start it with a part of your own and the distance between grid points in millimetres, or without both for
+Start it with your part and the distance between grid points in millimetres, or without both for
 the sample bracket and 1 mm:
 
     python examples/distance_field.py
     python examples/distance_field.py part.step 0.5
 
 It writes field.npz into the folder in which it is started: `origin` (3,) and `spacing` in metres, and
-`distance` (X, Y, Z) as float32 in metres, negative inside the part. It prints the size of the grid and how
-long it took. Then it reads the file again and compares it with exact distances at 10000 random points. It
-prints how many are farther off than such a grid allows, which must be 0, and the median and largest error.
+`distance` (X, Y, Z) as float32 in metres, negative inside the part. It prints the size of the grid and the
+elapsed time. Then it reads the file again and compares it with exact distances at 10000 random points. It
+prints the number of errors above the bound of the grid, which must be 0, and the median and largest error.
 """
 
 import sys
@@ -44,8 +44,8 @@ def check(scene, path, count=10_000):
     upper = [axis[-1] for axis in axes]
     points = np.random.default_rng(7).uniform(origin, upper, (count, 3))
     errors = np.abs(RegularGridInterpolator(axes, distance)(points) - scene.signed_distance(points))
-    # A distance changes by no more than the point moves. So a value between grid points is off by no more
-    # than the root of 3/4 of the spacing, and by the rounding to float32.
+    # A distance changes by no more than the displacement of its point. The error between grid points is
+    # therefore at most the root of 3/4 of the spacing, plus the rounding to float32.
     return errors, np.sqrt(0.75) * spacing + 1e-7 * np.abs(distance).max()
 
 

@@ -1,13 +1,13 @@
-"""A study of latency: how far the force that a hand feels is from that of a real wall, over the latency.
+"""A study of latency: the error of the force on a hand, compared with a real wall, against latency.
 
 Start it:
 
     python examples/latency_study.py
 
-A simulated hand presses on three walls. The first is a spring and damper that a motor displays: for each
+A simulated hand presses on three walls. The first is a spring and damper displayed by a motor: for each
 latency the best on average over 0.1, 0.25, 0.5 and 1 m/s, as in `proximity figures error-latency`. The second
-is a contact drum that adds an old distance to where the finger is now ("naive"). The third is a contact drum
-that adds it to where the finger was when the distance was measured ("time-stamped", as in this project). The
+is a contact drum that adds an old distance to the present position of the finger ("naive"). The third adds
+it to the position at the instant of the measurement ("time-stamped", as in this project). The
 models are those of `proximity simulate`. Change LATENCIES or SPEED.
 
 It prints a table of force errors in percent: the rms of the difference from the force of a real wall over

@@ -24,7 +24,7 @@ SEEN = int(xr.SPACE_LOCATION_POSITION_VALID_BIT | xr.SPACE_LOCATION_POSITION_TRA
 
 
 def state_of(instance, session):
-    """Begin or end the session as the runtime asks for; return its new state, if there is one."""
+    """Begin or end the session as the runtime requests; return its new state, if any."""
     try:
         event = xr.poll_event(instance)
     except xr.EventUnavailable:
@@ -57,7 +57,7 @@ def main(address):
     message.records["velocity"] = message.records["bend"] = np.nan
     with proximity.open_publisher(address) as poses, ExitStack() as opened:
         instance = xr.create_instance(xr.InstanceCreateInfo(enabled_extension_names=EXTENSIONS))
-        opened.callback(xr.destroy_instance, instance)  # with all that was made of it
+        opened.callback(xr.destroy_instance, instance)  # with all its objects
         session = xr.create_session(instance, xr.SessionCreateInfo(system_id=xr.get_system(instance)))
         space = xr.create_reference_space(session, xr.ReferenceSpaceCreateInfo(xr.ReferenceSpaceType.LOCAL))
         hands = [xr.create_hand_tracker_ext(session, xr.HandTrackerCreateInfoEXT(of)) for of in xr.HandEXT]
@@ -67,7 +67,7 @@ def main(address):
             state, now_ns = state_of(instance, session), time.monotonic_ns()
             at = xr.convert_timespec_time_to_time_khr(instance, xr.timespec(*divmod(now_ns, 10**9)))
             tips = np.concatenate([fingertips(locate, hand, space, at) for hand in hands])
-            if not np.array_equal(tips, before, equal_nan=True):  # else it is the same pose again
+            if not np.array_equal(tips, before, equal_nan=True):  # else the same pose
                 message.header["send_ns"] = message.records["pose_ns"] = now_ns
                 message.records["position"] = tips
                 poses.publish(message)

@@ -1,14 +1,14 @@
-"""A point cloud against a part: how far each scanned point is from the CAD surface, as CSV and as a picture.
+"""A point cloud against a part: deviations of scanned points from the CAD surface, as CSV and as a picture.
 
 Start it with a part and the points of your scan (a CSV file of x, y, z in millimetres, one header line), or
-without both for the sample bracket and a scan that is made up here, with noise and a dent:
+without both for the sample bracket and a synthetic scan, with noise and a dent:
 
     python examples/point_cloud.py
     python examples/point_cloud.py part.step scan.csv
 
 It writes deviations.csv (x, y, z, the signed deviation and the nearest surface point, all in millimetres)
 and deviations.png into the folder in which it is started. It prints the mean and the largest deviation, and
-how many points are farther than 0.1 mm from the surface. Deviations are positive (blue) outside the part and
+the number of points farther than 0.1 mm from the surface. Deviations are positive (blue) outside the part and
 negative (red) inside. It needs: pip install matplotlib
 """
 

@@ -1,15 +1,15 @@
-"""A soft part: a rubber ball that answers a touch with a force, and that is pressed flat.
+"""A soft part: a rubber ball that resists a touch with a force, and is pressed flat.
 
 Start it:
 
     python examples/soft_part.py
 
-A part can be soft in two ways, and both are shown here. With a stiffness it keeps its shape, and the
+A part can be soft in two ways, both shown here. With a stiffness it keeps its shape, and the
 tracker reports the force of a finger that presses into it: stiffness times depth, plus damping times speed.
-With `scene.deform` it gets another shape, as a physics engine computes it, and all distances follow.
+`scene.deform` sets another shape, for example from a physics engine, and all distances follow.
 
 It prints the depth and the force while a finger presses into the ball at 20 mm/s. Then it prints the
-distance of a point above the ball while the ball is pressed flat, and how long a change of shape took.
+distance of a point above the ball while the ball is pressed flat, and the duration of a change of shape.
 """
 
 import time
@@ -36,13 +36,13 @@ def press(scene):
 
 
 def flatten(scene):
-    """Press the ball flat step by step, and print how far a point above it is."""
+    """Press the ball flat step by step, and print the distance of a point above it."""
     round_ball = scene.part("sphere").solid.mesh.vertices
     point = [0.0, 0.0, 0.030]
     took = []
     print("height, %   distance, mm")
     for share in (1.0, 0.9, 0.8, 0.7):
-        # The volume stays: what the ball loses in height it gains in width.
+        # The volume is constant: the width grows as the height decreases.
         shape = round_ball * [share**-0.5, share**-0.5, share]
         started = time.perf_counter()
         scene.deform("sphere", shape)

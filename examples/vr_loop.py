@@ -6,11 +6,11 @@ Start it:
 
 The lid of the sample box closes. The left hand holds the rim of the box, the right hand comes down from
 above. When a finger is about to touch the lid, the lid stops. Hands and lid move by the formulas of
-`hands_at` and `lid_at`: put your headset and your scene graph there. The loop has a time of its own, so it
-ends at once and prints the same distances on every run. Take your instants from `time.monotonic_ns()`.
+`hands_at` and `lid_at`: replace them by your headset and your scene graph. The loop runs in simulated time,
+so it ends quickly and prints the same distances on every run. In your program use `time.monotonic_ns()`.
 
 It prints a line every 0.1 s for each hand: the finger that is nearest to a part, the part, the distance,
-and the time until it touches, if that is within 0.25 s. At the end it prints how long a tick took.
+and the time until it touches, if that is within 0.25 s. At the end it prints the duration of a tick.
 """
 
 import time

@@ -4,14 +4,14 @@ Start it; `vr_service.toml`, the scene file, must be in the same folder:
 
     python examples/vr_service.py
 
-The service runs in a process of its own and publishes a frame every millisecond, however slow the VR
-program is. This program sends ten fingertips and the lid 90 times a second for two seconds and reads the
-newest frame. Other programs on this machine can read the same frames, as `proximity watch shm://box` does.
-Put your headset into `hands_at` and your scene graph into `lid_at`.
+The service runs in a separate process and publishes a frame every millisecond, independently of the VR
+program. This program sends ten fingertips and the lid 90 times a second for two seconds and reads the
+newest frame. Other programs on this machine can read the same frames, for example `proximity watch shm://box`.
+Replace `hands_at` by your headset and `lid_at` by your scene graph.
 
-It prints four lines a second, once the service has named its parts: the state of the frame, the age of its
-poses, and the finger that is nearest to a part. At the end it prints how many frames came and how many were
-lost.
+It prints four lines a second, once the names of the parts have arrived: the state of the frame, the age of
+its poses, and the finger that is nearest to a part. At the end it prints the numbers of received and lost
+frames.
 """
 
 import math
@@ -50,7 +50,7 @@ def main():
         proximity.open_subscriber(ADDRESS) as frames,
     ):
         for picture in range(2 * RATE):
-            # `pose_ns` is when hands and lid were there, `send_ns` when the message is sent.
+            # `pose_ns` is the instant of the poses, `send_ns` that of sending the message.
             hands.records["position"] = hands_at(picture / RATE)
             lid.records["translation"], lid.records["velocity"] = lid_at(picture / RATE)
             for message, publisher in ((hands, to_hands), (lid, to_lid)):

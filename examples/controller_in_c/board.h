@@ -1,8 +1,8 @@
 /*
- * What your board has instead: a clock, the motor driver's enable, and a watchdog. A computer stands in here.
+ * Replacement of your board by a computer: a clock, the motor driver's enable, and a watchdog.
  *
- * There is no motor: set_motor_mode() says when it would be braked, which a fault does, and so does the watchdog, where
- * no sample comes in time. Your chip's own brakes after 1 ms; and decaff_start_step() comes first: it compares encoder
+ * Without a motor, set_motor_mode() prints when it would be braked, by a fault or by the watchdog if no sample arrives
+ * in time. The watchdog of your chip brakes after 1 ms. Call decaff_start_step() first: it compares encoder
  * and potentiometer, tests the sign of the motor with a small torque, and finds the stop.
  */
 #include "decaff_controller.h"
@@ -20,8 +20,7 @@ static int64_t clock_ns(void)
     return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
 
-/* Your motor driver: both low sides on where it is braked, both open where it is free; braked also when the program
- * ends. */
+/* Your motor driver: both low sides on if braked, both open if free; braked also when the program ends. */
 static void set_motor_mode(enum decaff_drive_mode mode)
 {
     static enum decaff_drive_mode before = DECAFF_DRIVE_MODE_POSITION;
@@ -30,7 +29,7 @@ static void set_motor_mode(enum decaff_drive_mode mode)
     before = mode;
 }
 
-/* Your chip's watchdog: unless it is started anew in time, it brakes the motor. A PC that does other work needs a second. */
+/* Your chip's watchdog: brakes the motor unless it is restarted in time. A busy PC needs a second. */
 static void restart_watchdog(void)
 {
     struct itimerval limit = {.it_value.tv_sec = 1};

@@ -1,12 +1,12 @@
 """The hand of the controller in C: a service, and a finger that bends until it touches a box.
 
-Start it in this folder, and `./main` beside it, as main.c explains:
+Start it in this folder, together with `./main`, as main.c explains:
 
     python hand.py
 
-It serves scene.toml for three seconds and sends the finger 100 times a second: where its tip is, how far it
-is bent, and the path of the tip from the flat hand to the fist. With the path the service knows at which
-bend the finger touches. It prints how many ticks the service made.
+It serves scene.toml for three seconds and sends the finger 100 times a second: the position of its tip, its
+bend, and the path of the tip from the flat hand to the fist. From the path the service computes the bend at
+which the finger touches. It prints the number of ticks of the service.
 """
 
 import time
@@ -18,12 +18,12 @@ import proximity
 
 SCENE_FILE = Path(__file__).with_name("scene.toml")
 KNUCKLE, LENGTH = np.array([-0.045, 0.015, 0.070]), 0.080  # m
-FIST = 1.6  # rad, by which the finger is turned when its bend is 1
+FIST = 1.6  # rad, rotation of the finger at bend 1
 SECONDS = 3.0
 
 
 def tip_at(bend):
-    """Return where the fingertip is at each bend from 0 to 1, (..., 3) in metres."""
+    """Return the position of the fingertip at each bend from 0 to 1, (..., 3) in metres."""
     angle = FIST * np.asarray(bend)
     return KNUCKLE + LENGTH * np.stack([np.cos(angle), 0.0 * angle, -np.sin(angle)], axis=-1)
 

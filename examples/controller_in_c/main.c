@@ -1,5 +1,5 @@
 /*
- * The controller of a contact drum in C: it reads the frames of a service and says where the drum stands.
+ * The controller of a contact drum in C: it reads the frames of a service and sets the position of the drum.
  *
  * Start it in this folder. `proximity controller` writes the sources of the controller itself:
  *
@@ -8,9 +8,9 @@
  *   python hand.py & ./main 9100
  *
  * It prints a line when the state of the drum changes: the state, the distance of the finger from the box,
- * the bend of the finger, and the angle that the drum is sent to. It ends after the service, with the drum
+ * the bend of the finger, and the target angle of the drum. It ends after the service, with the drum
  * retracted. In your firmware a timer starts each sample, the bend comes from the potentiometer, and the angle
- * from the encoder. Here the service reports the bend, and the drum is where it was sent to.
+ * from the encoder. Here the service reports the bend, and the drum reaches its target immediately.
  *
  * Signs: angles grow away from the finger, from the flat hand to the fist; a positive torque turns to greater angles.
  */

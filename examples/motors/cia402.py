@@ -1,9 +1,9 @@
 """Driver of a CANopen drive by its profile CiA 402, over `canopen` and any bus of python-can.
 
 ``canopen://CHANNEL?driver=examples/motors/cia402.py&bus=socketcan&node=1&bitrate=1000000``; needs the package
-canopen. As it opens it reads the drive's scales, has it watch our heartbeat, and maps two messages each way;
-then each reading sends the targets and a SYNC, which the drive answers. Positions are increments of the
-encoder, torques and currents thousandths of the rated ones.
+canopen. Opening it reads the drive's scales, configures it to monitor our heartbeat, and maps two messages
+each way; each reading then sends the targets and a SYNC, which the drive answers. Positions are increments of
+the encoder, torques and currents thousandths of the rated ones.
 
 Source: CiA 402 (IEC 61800-7-201): state machine, objects 0x6040 to 0x60FF, modes cyclic synchronous position
 (8) and torque (10); CiA 301: mapping (0x1400 to 0x1A01), SYNC, consumer heartbeat (0x1016). The states are
@@ -21,13 +21,13 @@ from proximity.decaff.motors.motor_driver import MotorAddress, MotorCommand, Mot
 from proximity.errors import MotorError
 
 CONTROL, STATUS, MODE, MODE_SHOWN = 0x6040, 0x6041, 0x6060, 0x6061
-TARGET_POSITION, POSITION, TARGET_TORQUE, MOST_TORQUE = 0x607A, 0x6064, 0x6071, 0x6072
+TARGET_POSITION, POSITION, TARGET_TORQUE, MAX_TORQUE = 0x607A, 0x6064, 0x6071, 0x6072
 TORQUE, CURRENT = 0x6077, 0x6078
 RATED_CURRENT, RATED_TORQUE, ENCODER = 0x6075, 0x6076, 0x608F  # mA, mN m, increments a number of turns
 CONSUMER_HEARTBEAT, ON_LOST_CONNECTION = 0x1016, 0x6007
 SYNC, HEARTBEAT, OPERATIONAL = 0x080, 0x700, b"\x05"
 HOST = 127  # our own node's number
-HEARTBEAT_S, HEARTBEAT_MS = 0.02, 100  # how often ours is sent; after which silence the drive gives up
+HEARTBEAT_S, HEARTBEAT_MS = 0.02, 100  # period of ours; timeout of the drive
 MODES = {DriveMode.POSITION: 8, DriveMode.FORCE: 10}
 NO_VOLTAGE, SHUT_DOWN, SWITCH_ON, ENABLE = 0x00, 0x06, 0x07, 0x0F
 NEXT_CONTROL = {
@@ -36,17 +36,17 @@ NEXT_CONTROL = {
     "SWITCHED ON": ENABLE,
     "OPERATION ENABLED": ENABLE,
 }
-"""Control word that leads one state nearer to operation; in every other state there is no voltage."""
-# Messages: parameters, where they are mapped, where they are sent, what is in them (index, bits).
+"""Control word towards operation, by state; all other states are without voltage."""
+# Messages: parameters, mapping, identifier, contents (index, bits), transmission type.
 RECEIVED = (
     (0x1400, 0x1600, 0x200, ((CONTROL, 16), (MODE, 8), (TARGET_POSITION, 32)), 255),
-    (0x1401, 0x1601, 0x300, ((TARGET_TORQUE, 16), (MOST_TORQUE, 16)), 255),
+    (0x1401, 0x1601, 0x300, ((TARGET_TORQUE, 16), (MAX_TORQUE, 16)), 255),
 )
 SENT = (
     (0x1800, 0x1A00, 0x180, ((STATUS, 16), (MODE_SHOWN, 8), (POSITION, 32)), 1),  # 1: at each SYNC
     (0x1801, 0x1A01, 0x280, ((TORQUE, 16), (CURRENT, 16)), 1),
 )
-NOT_VALID = 1 << 31  # of a message's identifier: it is being changed
+NOT_VALID = 1 << 31  # of a message's identifier, during a change
 
 
 class Cia402:
@@ -79,7 +79,7 @@ class Cia402:
         self._drive.nmt.state = "OPERATIONAL"
 
     def read(self) -> MotorReading:
-        """Send what is wanted, and ask for the next answers by a SYNC."""
+        """Send the targets, and request the next answers by a SYNC."""
         state = str(self._drive.state)
         self._send_targets(state)
         if time.monotonic() - self._beat >= HEARTBEAT_S:
@@ -97,20 +97,20 @@ class Cia402:
         )
 
     def switch_on(self, command: MotorCommand) -> None:
-        """Have the readings lead the drive to operation; a fault is for a person to reset."""
+        """Start the transition to operation, which the readings continue; faults are reset by hand."""
         self._command, self._is_wanted = command, True
 
     def send(self, command: MotorCommand) -> None:
-        """Take the command, which the next reading sends."""
+        """Store the command, which the next reading sends."""
         self._command = command
 
     def switch_off(self) -> None:
-        """Take the voltage off."""
+        """Disable the voltage."""
         self._is_wanted = False
         self._send_targets("")
 
     def stop(self) -> None:
-        """Take the voltage off: a quick stop would brake, and then hold the drum where it is."""
+        """Disable the voltage; a quick stop would brake the drum and hold its position."""
         self.switch_off()
 
     def close(self) -> None:
@@ -153,7 +153,7 @@ class Cia402:
         self._drive.sdo.download(index, subindex, struct.pack(form, value))
 
     def _map(self, settings: int, mapping: int, base: int, objects: tuple[Any, ...], kind: int) -> None:
-        """Map objects into a message, as CiA 301 has it: it is not valid meanwhile."""
+        """Map objects into a message by CiA 301; the message is invalid during the change."""
         self._download(settings, "<I", NOT_VALID | base + self._node, 1)
         self._download(settings, "<B", kind, 2)
         self._download(mapping, "<B", 0)
@@ -164,9 +164,9 @@ class Cia402:
 
 
 def open_driver(address: MotorAddress, settings: MotorSettings) -> Cia402:
-    """Connect to the bus of an address, and set its drive up; it stays without voltage.
+    """Connect to the bus of an address, and configure its drive, which stays without voltage.
 
-    *settings*: taken from it; the drive itself knows its scales.
+    *settings*: of the motor; the scales are read from the drive.
     """
     import can
     import canopen

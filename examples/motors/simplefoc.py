@@ -1,11 +1,11 @@
-"""Driver of a SimpleFOC motor by lines of text, as its Commander reads them from a serial port.
+"""Driver of a SimpleFOC motor by text commands of its Commander, over a serial port.
 
 ``simplefoc:///dev/ttyACM0?driver=examples/motors/simplefoc.py&motor=M&baud=115200&kt=0.05``; needs the
 package pyserial. The firmware adds the motor by ``commander.motor(&motor, cmd)`` under the letter *motor*,
 and controls its current. Angles are radians of the shaft, currents amperes. Commander drops lines of 20
-characters and more, so each limit has a line of its own. The motor stays in angle mode: a torque is the
-limit of its current. Commander has no watchdog: the firmware must switch the motor off when no line comes,
-and nothing here can check that it does.
+characters and more, so each limit has a separate line. The motor stays in angle mode: a torque is the
+limit of its current. Commander has no watchdog: the firmware must switch the motor off without commands,
+which this driver cannot verify.
 
 Source: SimpleFOC documentation, "Full motor configuration using the Commander", and the library's
 Commander.cpp: machine-readable answers (``@3``) repeat the letters of the question before the value.
@@ -23,9 +23,9 @@ from proximity.errors import MotorError
 TURN = 2.0 * math.pi
 STATES = 7  # target, voltages q and d, currents q and d, velocity, angle
 CURRENT_PLACE, ANGLE_PLACE = 3, 6
-ASK_AGAIN = 0.01  # s after a question that nobody answered
+ASK_AGAIN = 0.01  # s without an answer
 TORQUE_LEAD = 0.5  # turns, by which the target of a torque is ahead of the shaft
-LONGEST_LINE = 256  # more without an end is no answer
+LONGEST_LINE = 256  # characters of an answer
 
 
 class SimpleFoc:
@@ -39,7 +39,7 @@ class SimpleFoc:
         self._cap = 0.0  # N m
 
     def read(self) -> MotorReading:
-        """Take in lines, and ask for all states and for whether the motor is on."""
+        """Read answers, and request all states and whether the motor is on."""
         self._text += self._received()
         *lines, self._text = self._text[-(1 << 16) :].split(b"\n")
         if len(self._text) > LONGEST_LINE:
@@ -59,10 +59,10 @@ class SimpleFoc:
         self._write(f"{self._letter}E1")
 
     def send(self, command: MotorCommand) -> None:
-        """Send limit and target, in the order in which no target has the limit of another.
+        """Send limit and target, in the order in which no target is used with a larger limit.
 
-        A torque is that limit, with a target to which the shaft does not come. Torque mode would take the
-        old target for a current, 3 rad for 3 A, or the motor had to be off meanwhile.
+        A torque is that limit, with a target ahead of the shaft. Torque mode would interpret the old target
+        as a current, 3 rad as 3 A, unless the motor is off during the change.
         """
         turns, cap = command.turns, command.torque_cap
         if command.mode is DriveMode.FORCE:
@@ -79,7 +79,7 @@ class SimpleFoc:
         self._write(f"{self._letter}E0", f"{self._letter}E")
 
     def stop(self) -> None:
-        """Disable the motor: Commander knows no other stop."""
+        """Disable the motor, the only stop of Commander."""
         self.switch_off()
 
     def close(self) -> None:
@@ -87,7 +87,7 @@ class SimpleFoc:
         self._port.close()
 
     def _take(self, line: str) -> None:
-        """Take in an answer; what is none, as a cut line, is left out."""
+        """Parse an answer; ignore other lines, such as truncated ones."""
         states, status, control = f"{self._letter}MG", f"{self._letter}E", f"{self._letter}T"
         if line.startswith(states):
             with suppress(ValueError):
@@ -106,7 +106,7 @@ class SimpleFoc:
 
     def _ask(self) -> None:
         self._asked = time.monotonic()
-        if not self._answers:  # a board that starts as its port is opened loses the first lines
+        if not self._answers:  # a board that restarts when its port opens loses the first lines
             self._write("@3", "#6", f"{self._letter}T")
         self._write(f"{self._letter}MG7", f"{self._letter}E")
 

@@ -1,8 +1,8 @@
 """The command line ``proximity``: ``query``, ``check``, ``compile``, ``serve``, …
 
-Here people's units meet the library's metres; apart from that conversion the command line computes nothing. A
-command's module is imported when the command is called or listed, and imports NumPy, Rich and the library
-only in the command: ``--help``, ``--version`` and mistakes in the arguments are answered at once.
+The command line converts between the units of the user and the library's metres, and computes nothing else.
+The module of a command is imported when the command is called or listed, and imports NumPy, Rich and the
+library only in the command, so that ``--help``, ``--version`` and errors in the arguments take no time.
 """
 
 import io
@@ -24,8 +24,8 @@ HELP = (
 PANELS = {
     "ask": {
         "query": ("parts.query", "distances from points, rays or segments to the parts"),
-        "check": ("parts.check", "what is in a file, part by part, and what is wrong with it"),
-        "clearance": ("parts.clearance", "how far parts are apart, and which overlap"),
+        "check": ("parts.check", "the contents of a file, part by part, and its defects"),
+        "clearance": ("parts.clearance", "distances between parts, and their overlaps"),
         "picture": ("parts.picture", "a PNG of the parts, of points and of a slice"),
         "view": ("parts.view", "the parts in the browser, with a probe and hands"),
         "compile": ("parts.check", "a file that opens in milliseconds, with the same answers"),
@@ -39,7 +39,7 @@ PANELS = {
         "client": ("service.sources", "what your own program reads a service with; keys"),
     },
     "glove": {
-        "drum": ("device.drum", "the drums that a finger meets, simulated or with motors"),
+        "drum": ("device.drum", "the drums of the fingers, simulated or with motors"),
         "calibrate": ("device.calibrate", "the glove of one finger, step by step"),
         "controller": ("service.sources", "the controller of a drum, as C for a microcontroller"),
     },
@@ -47,16 +47,16 @@ PANELS = {
         "bench": ("lab.bench", "whether every tick of a scene fits a haptic period"),
         "simulate": ("lab.simulate", "a press on a wall, compared with a real wall"),
         "figures": ("lab.figures", "figures of the paper on the glove, and our own"),
-        "claims": ("lab.figures", "each claim of that paper beside what is computed here"),
+        "claims": ("lab.figures", "each claim of that paper compared with our models"),
         "study": ("lab.study", "a job for every combination of factors, on all cores"),
         "experiment": ("lab.experiment", "walls compared in an experiment with people"),
     },
     "demo": {"demo": ("device.demo", "a service, its drums and a recorded hand, without setup")},
 }
-"""The commands as the help lists them: where each is, and what it gives."""
+"""Commands in the order of the help: module and summary."""
 COMMANDS = {name: where for panel in PANELS.values() for name, where in panel.items()}
 RUN_BARE = ("demo", "figures", "claims", "simulate")
-"""Those that do something without an argument; of the others that prints their help."""
+"""Commands that run without arguments; the others print their help."""
 MEANT = {
     **dict.fromkeys(("distance", "distances", "measure", "closest", "nearest", "ray", "sdf"), "query"),
     **dict.fromkeys(("gap", "gaps", "collision", "collide", "interference", "overlap"), "clearance"),
@@ -73,18 +73,18 @@ MEANT = {
     "header": "client header", "key": "client key",
     "sdk": "library", "engine": "library", "sweep": "study", "press": "simulate",
 }  # fmt: skip
-"""Words that people try, and the command that does it."""
+"""Other words for a command, suggested for an unknown one."""
 
 
 class Commands(Mapping[str, Any]):
-    """The commands by their names; each is made when it is first asked for."""
+    """The commands by name, each created at its first use."""
 
     _made: ClassVar[dict[str, Any]] = {}
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._made:
             app = getattr(import_module(f"proximity.cli.{COMMANDS[name][0]}"), name)
-            if not isinstance(app, typer.Typer):  # which is a group of its own
+            if not isinstance(app, typer.Typer):  # a Typer is a group already
                 app = add_command(typer.Typer(add_completion=False), app, name, is_bare=name in RUN_BARE)
             self._made[name] = typer.main.get_command(app)
         return self._made[name]
@@ -106,7 +106,7 @@ class Program(Group):
         self.commands: Any = Commands()
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write a line a command, in panels, so that all fit one screen."""
+        """Write one line per command, in panels that fit one screen."""
         formatter.write(f"{HELP}\n\n")
         for panel, commands in PANELS.items():
             for row, (name, (_, words)) in enumerate(commands.items()):
@@ -120,8 +120,8 @@ app = typer.Typer(
 )
 
 
-def _print_version(is_asked: bool) -> None:
-    if is_asked:
+def _print_version(is_given: bool) -> None:
+    if is_given:
         typer.echo(f"proximity {proximity.__version__}")
         raise typer.Exit()
 
@@ -137,7 +137,7 @@ def _options(
 
 def main() -> None:
     """Run the command line on ``sys.argv`` and exit with its code."""
-    # A thread on every core takes longer to start than a query, and no command multiplies large matrices.
+    # Starting a thread on every core takes longer than a query, and no command multiplies large matrices.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

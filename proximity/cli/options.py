@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 LARGEST = sys.float_info.max
 LONGEST_S = 1e9
 SLOW_S = 2.0
-"""After a longer time to read a file, the command that avoids it is named."""
+"""Reading time above which a faster command is suggested."""
 SOFTEST_CABLE, STIFFEST_CABLE = 10.0, 1e6  # N/m at the fingertip
 
 
 def _complete_units(incomplete: str) -> list[str]:
-    from proximity.formats import UNITS as known  # slow, and only for the one who presses Tab here
+    from proximity.formats import UNITS as known  # slow, and only needed for completion
 
     return [name for name in known if name.startswith(incomplete)]
 
 
 def _unit_name(text: str | None) -> str | None:
-    """The unit as the library spells it: MM, inch and metres are taken too."""
+    """Return the library's name of a unit, also for MM, inch or metres."""
     if text in ("mm", "m", None):
         return text
     from proximity.formats import unit_name  # slow
@@ -43,17 +43,17 @@ def _unit_name(text: str | None) -> str | None:
 
 
 def check_range(
-    value: float, option: str, least: float, most: float = LARGEST, unit: str = "", *, is_open: bool = False
+    value: float, option: str, lower: float, upper: float = LARGEST, unit: str = "", *, is_open: bool = False
 ) -> None:
-    """Refuse a number out of range, nan included; *is_open*: *least* as well."""
-    if not (least < value if is_open else least <= value) or not value <= most:
-        above = f"more than {least:g}" + (f", up to {most:g}" if most < LARGEST else "")
-        expected = above if is_open else f"{least:g} to {most:g}"
+    """Reject a number out of range, and nan; *is_open*: also *lower* itself."""
+    if not (lower < value if is_open else lower <= value) or not value <= upper:
+        above = f"more than {lower:g}" + (f", up to {upper:g}" if upper < LARGEST else "")
+        expected = above if is_open else f"{lower:g} to {upper:g}"
         raise typer.BadParameter(f"{f'{value:g} {unit}'.rstrip()}: expected {expected}", param_hint=option)
 
 
 def within(*ends: Any, **options: Any) -> Callable[[Any, typer.CallbackParam], Any]:
-    """Return the callback of an option whose number, where it is given, is checked by `check_range`."""
+    """Return the callback of an option that checks a given number by `check_range`."""
 
     def check(value: Any, param: typer.CallbackParam) -> Any:
         if value is not None:
@@ -64,7 +64,7 @@ def within(*ends: Any, **options: Any) -> Callable[[Any, typer.CallbackParam], A
 
 
 def milliseconds(text: str) -> float:
-    """Return a duration in ms, of a number of them or of one with a unit: 10, 10ms, 0.01s or 500us."""
+    """Return a duration in ms, given in ms or with a unit: 10, 10ms, 0.01s or 500us."""
     number = text.strip().replace("µ", "u")
     unit = next((each for each in ("ms", "us", "s") if number.endswith(each)), "")
     try:
@@ -76,7 +76,7 @@ def milliseconds(text: str) -> float:
 
 
 def refuse(*cases: tuple[object, str, str]) -> None:
-    """Refuse options by the first case that is true: whether it is, which option, and why."""
+    """Reject options by the first true case; a case is a condition, an option and a reason."""
     for is_true, name, why in cases:
         if is_true:
             raise typer.BadParameter(why, param_hint=name)
@@ -98,7 +98,7 @@ def argument(metavar: str, help: str, **more: Any) -> Any:
 
 
 def _check_gear(name: str | None, param: typer.CallbackParam) -> str | None:
-    """Refuse what is no gear of ours."""
+    """Reject an unknown gear."""
     if name is not None:
         from proximity.decaff.drum.drum_model import gear_named
         from proximity.errors import ArgumentError
@@ -115,7 +115,7 @@ FILE = Annotated[Path, argument("FILE", FILE_HELP)]
 FILES = Annotated[list[Path], argument("FILE", FILE_HELP)]
 SCENE_FILE = ".toml"
 MAY_CONVERT = (".step", ".stp", SCENE_FILE)
-"""Files that are STEP, or may name such."""
+"""STEP files, and files that may refer to them."""
 
 UNITS = Annotated[
     str,
@@ -130,7 +130,7 @@ POINTS_UNITS = Annotated[
     str | None,
     option(
         "UNIT",
-        "Unit of the points of --points, if not that of --units.",
+        "Unit of the points of --points. Default: that of --units.",
         autocompletion=_complete_units,
         callback=_unit_name,
     ),
@@ -197,11 +197,11 @@ GLOVES = Annotated[
 
 @contextmanager
 def _conversions(files: tuple[Path, ...]) -> Iterator[Callable[[], int]]:
-    """Share one process for all STEP files; yields a function that counts the results that it has kept."""
+    """Share one process for all STEP files; yield a function that counts the results stored in the cache."""
     if not any(file.suffix.lower() in MAY_CONVERT for file in files):
         yield lambda: 0
         return
-    from proximity.formats.step.conversion import CACHE, converter  # 12 modules that other files do not need
+    from proximity.formats.step.conversion import CACHE, converter  # 12 modules, unused for other files
 
     before = CACHE.kept_count
     with converter():
@@ -210,7 +210,7 @@ def _conversions(files: tuple[Path, ...]) -> Iterator[Callable[[], int]]:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """How a file of parts is read."""
+    """Options for reading a file of parts."""
 
     units: UNITS = "mm"
     scale: Annotated[
@@ -233,11 +233,11 @@ class Reading:
         float, option("GB", "Largest unpacked size of a 3MF file.", callback=within(0.0, is_open=True))
     ] = 2.0
     no_cache: Annotated[
-        bool, flag("--no-cache", "Convert a STEP file again, without the triangles kept by earlier commands.")
+        bool, flag("--no-cache", "Convert a STEP file again, without the triangles of earlier commands.")
     ] = False
 
     def load(self, *files: Path, doing: str = "reading") -> "proximity.Scene":
-        """Return the scene in files, with a spinner, compiling kernels first where that is needed."""
+        """Return the scene of the files; show a spinner, and compile kernels first if needed."""
         progress.prepare_kernels()
         started, scenes = time.monotonic(), []
         with _conversions(files) as kept_count:
@@ -247,9 +247,9 @@ class Reading:
         seconds = time.monotonic() - started
         if seconds > SLOW_S and doing == "reading" and sys.stderr.isatty():
             words = " ".join(map(str, files))
-            remedy = f"a file of `proximity compile {words}` opens at once"
+            remedy = f"a file of `proximity compile {words}` opens immediately"
             if kept_count():
-                remedy = "the triangles are kept, and the next command will not convert the file again"
+                remedy = "the triangles are stored, and the next command will not convert the file again"
             report(f"note: reading took {seconds:.1f} s; {remedy}")
         if len(scenes) == 1:
             return scenes[0]
@@ -266,7 +266,7 @@ class Reading:
         return proximity.load(str(file), units=self.units, progress=count, **self.options())
 
     def options(self) -> dict[str, Any]:
-        """Return the options of `load` beside the unit."""
+        """Return the options of `load` except the unit."""
         return {
             "scale": self.scale,
             "step_tolerance": self.step_tolerance / 1e3,
@@ -277,21 +277,21 @@ class Reading:
 
 WIDTH = Annotated[
     float | None,
-    option("MM", "Width of the figure; the size of the text stays.", callback=within(40.0, 1000.0, "mm")),
+    option("MM", "Width of the figure; the text size is fixed.", callback=within(40.0, 1000.0, "mm")),
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class Printing:
-    """How a figure is printed."""
+    """Options for printing a figure."""
 
     width: WIDTH = None
     caption: Annotated[
-        bool, flag("--caption/--no-caption", "Whether conditions stand below the figure.", show_default=False)
+        bool, flag("--caption/--no-caption", "Print the conditions below the figure.", show_default=False)
     ] = True
 
     def sheet(self) -> "Sheet":
-        """Return what the library takes."""
+        """Return the settings for the library."""
         from proximity.lab.figures.style import Sheet
 
         return Sheet(None if self.width is None else self.width / 1e3, self.caption)
@@ -300,8 +300,8 @@ class Printing:
 def cable_stiffness(text: str, max_age: float | None = None) -> float:
     """Return the stiffness of a cable at the fingertip, half bent, N/m.
 
-    *text*: a number, or the file of a glove's calibration. *max_age*: of a calibration; that of `check_age`
-    where not given.
+    *text*: a number, or the file of a glove's calibration. *max_age*: largest age of a calibration; None:
+    that of `check_age`.
     """
     try:
         stiffness = float(text)
@@ -319,16 +319,16 @@ def cable_stiffness(text: str, max_age: float | None = None) -> float:
 
 
 def designed(worn: "Glove | CalibratedGlove") -> "Glove":
-    """Return a glove's parts: as measured where it was calibrated, else as designed."""
+    """Return the parts of a glove, as measured if it was calibrated, else as designed."""
     from proximity.decaff.glove.glove import Glove
 
     return worn if isinstance(worn, Glove) else worn.glove
 
 
 def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command in which every field of a dataclass among its parameters is an option of its own.
+    """Return a command in which every field of its dataclass parameters is a separate option.
 
-    *command*: its annotations, and those of the dataclasses, are what Typer takes.
+    *command*: its annotations, and those of the dataclasses, are Typer's.
     """
     hints = get_type_hints(command, include_extras=True)
     groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
@@ -362,11 +362,9 @@ def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def sample(name: str) -> Path:
-    """Return where a sample file is: beside the package in a checkout, inside of it where it was
-    installed.
-    """
+    """Return the path of a sample file, next to the package in a checkout, else inside the package."""
     package = Path(proximity.__file__).parent
     for folder in (package / "samples", package.parent / "meshes"):
         if (folder / name).is_file():
             return folder / name
-    raise proximity.ServiceError(f"the sample {name} is neither in {package} nor in meshes beside it")
+    raise proximity.ServiceError(f"the sample {name} is neither in {package} nor in meshes next to it")

@@ -1,7 +1,7 @@
 """Output of commands: JSON documents for programs, numbers, words and labelled lines for people.
 
-What a command found is nested values, in people's units: JSON is these, and the text is made of them. nan and
-infinity become null in JSON, which has no word for them.
+The result of a command is nested values in the user's units, written as JSON or formatted as text. nan and
+infinity become null in JSON.
 """
 
 import io
@@ -21,25 +21,25 @@ if TYPE_CHECKING:
     import numpy as np
 
 DIGITS = 15
-"""Significant decimal digits that every float64 keeps; the two behind them are rounding of the conversion."""
-WIDTH, LABEL_WIDTH = 100, 15  # columns where no terminal says how many, and of labels
+"""Significant decimal digits that every float64 keeps; the next two are rounding errors of the conversion."""
+WIDTH, LABEL_WIDTH = 100, 15  # columns without a terminal, and of labels
 MM_PER_M = 1e3
 MISSING = "-"
 STDOUT = Path("-")
-FEW_DIGITS = 6  # significant, of numbers that a reader only looks over
+FEW_DIGITS = 6  # significant, for summaries
 NO_LENGTH = 1e-12
-"""Of any unit: what is smaller is rounding of lengths that people have."""
+"""Largest rounding error of a length, in any unit."""
 
 
 def write_document(result: Any, *, indent: int | None = 1) -> None:
-    """Write one JSON document to stdout at once: somebody may wait for it."""
+    """Write one JSON document to stdout, and flush it."""
     sys.stdout.write(json.dumps(plain(result), allow_nan=False, indent=indent) + "\n")
     sys.stdout.flush()
 
 
 @contextmanager
 def text_output(path: Path) -> Iterator[TextIO]:
-    """Give a stream for the text of a file, which is replaced at the end; ``-`` is standard output."""
+    """Open a text stream for a file, which is replaced at the end; ``-`` is standard output."""
     if path == STDOUT:
         yield sys.stdout
         return
@@ -50,7 +50,7 @@ def text_output(path: Path) -> Iterator[TextIO]:
 
 
 def plain(value: Any) -> Any:
-    """Return *value* with None for every float that JSON has no word for."""
+    """Return *value* with None for nan and infinity, which JSON lacks."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
@@ -61,10 +61,10 @@ def plain(value: Any) -> Any:
 
 
 def print_block(rows: Iterable[tuple[str, str]]) -> None:
-    """Print labels and values, one pair a line; what is longer than a line goes on below its value."""
-    most = shutil.get_terminal_size((WIDTH, 1)).columns - LABEL_WIDTH - 1
+    """Print labels and values, one pair per line; longer values are wrapped and aligned."""
+    width = shutil.get_terminal_size((WIDTH, 1)).columns - LABEL_WIDTH - 1
     for label, value in rows:
-        first, *more = _wrap(printable(value), most)
+        first, *more = _wrap(printable(value), width)
         lines = "\n".join([first, *(" " * (LABEL_WIDTH + 1) + part for part in more)])
         if sys.stdout.isatty():
             typer.echo(typer.style(f"{label:<{LABEL_WIDTH}} ", bold=True) + lines)
@@ -72,38 +72,35 @@ def print_block(rows: Iterable[tuple[str, str]]) -> None:
             sys.stdout.write(f"{label:<{LABEL_WIDTH}} {lines}\n")
 
 
-def _wrap(text: str, most: int) -> list[str]:
-    """Lines of a text; what fits into one is left as it is."""
-    if len(text) <= most:
+def _wrap(text: str, width: int) -> list[str]:
+    """Return the lines of a text; a single line is unchanged."""
+    if len(text) <= width:
         return [text]
-    return textwrap.wrap(text, max(most, 1), break_long_words=False, break_on_hyphens=False) or [""]
+    return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def number(value: float, digits: int = 9) -> str:
-    """Return *value* with so many significant digits, and zero without a sign.
-
-    *digits*: how many; zeros at the end are left out.
-    """
+    """Return *value* with *digits* significant digits, without trailing zeros; zero has no sign."""
     return f"{value + 0.0:.{digits}g}"
 
 
 def short(*values: float) -> str:
-    """Return numbers with four digits each."""
+    """Return numbers with four significant digits."""
     return "  ".join(number(value, 4) for value in values)
 
 
 def length(value: float, digits: int = 9) -> str:
-    """Return a length as `number`; one that is rounding is zero."""
+    """Return a length as `number`; a rounding error is zero."""
     return number(0.0 if abs(value) < NO_LENGTH else value, digits)
 
 
 def counted(count: int, noun: str, plural: str = "") -> str:
-    """Return a number with its noun; *plural*: where an s is not enough."""
+    """Return a number with its noun; *plural*: an irregular one."""
     return f"{count} {noun if count == 1 else plural or noun + 's'}"
 
 
 def printable(text: str) -> str:
-    """Return *text* with what could move a terminal's cursor replaced."""
+    """Return *text* with unprintable characters replaced, which could move a terminal's cursor."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
@@ -115,9 +112,9 @@ def report(sentence: str) -> None:
 def in_units(lengths: "np.ndarray", metres: float, *points: "np.ndarray") -> "np.ndarray":
     """Return *lengths* in the unit, rounded to 15 significant digits; zero has no sign, nan and inf stay.
 
-    *lengths*: (N, ...) m; also areas or volumes, with the power of *metres* that fits them. *points*: (N, 3)
-    m, between which the lengths are distances: digits count from the largest coordinate of a row. From -11 to
-    -10 the distance is 1, where the difference alone would give 0.999999999999999.
+    *lengths*: (N, ...) m; also areas or volumes, with the corresponding power of *metres*. *points*: (N, 3)
+    m, ends of the distances *lengths*: digits count from the largest coordinate of a row. From -11 to -10 the
+    distance is 1, while the difference alone would give 0.999999999999999.
     """
     import numpy as np
 

@@ -1,4 +1,4 @@
-"""Progress for a person who waits: a spinner or a bar on stderr, after a second, and only on a terminal."""
+"""Progress display: a spinner or a bar on stderr, after a second, and only on a terminal."""
 
 import os
 import sys
@@ -11,22 +11,22 @@ from typing import Any, TypeVar
 import proximity
 from proximity.cli.output import report
 
-ANNOUNCE_AFTER_S = 1.0  # a wait shorter than this shows nothing
+ANNOUNCE_AFTER_S = 1.0  # shorter waits are not shown
 
 
 T = TypeVar("T")
 
 
 def is_terminal() -> bool:
-    """Whether Rich would draw on stderr; what asks does not import Rich where nobody sees it."""
+    """Whether Rich would draw on stderr, without importing Rich."""
     return sys.stderr.isatty() or bool(os.environ.get("FORCE_COLOR"))
 
 
 @contextmanager
 def spinner(doing: str) -> Iterator[Callable[..., None]]:
-    """Show *doing* and the seconds that have passed, if the block runs long and stderr is a terminal.
+    """Show *doing* and the elapsed time, if the block takes long and stderr is a terminal.
 
-    Gives a function that shows a count: how many are done, and of how many (None: not known); or words.
+    Yield a function that shows words, or a count with its total (None: unknown).
     """
     if not is_terminal():
         yield lambda done, total=None: None
@@ -38,7 +38,7 @@ def spinner(doing: str) -> Iterator[Callable[..., None]]:
 
     columns = SpinnerColumn(), TextColumn("{task.description}"), TextColumn("{task.fields[count]}")
     status = Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True)
-    task = status.add_task(escape(doing), count="", total=None)  # a file may be named like Rich's marks
+    task = status.add_task(escape(doing), count="", total=None)  # a file name may contain Rich's markup
 
     def show(done: int | str, total: int | None = None) -> None:
         status.update(task, count=escape(str(done)) if total is None else f"{done} of {total}")
@@ -61,7 +61,7 @@ def counted(
     count_of: Callable[[Any], int] = len,
     total: int | None = None,
 ) -> Iterator[T]:
-    """Pass *chunks* on, and show how many items they held so far."""
+    """Yield *chunks*, and show the number of their items so far."""
     done = 0
     for chunk in chunks:
         yield chunk
@@ -71,10 +71,10 @@ def counted(
 
 @contextmanager
 def bar(doing: str) -> Iterator[Callable[[float, float | None, str], None]]:
-    """Show a bar on stderr, if the block runs long and that is a terminal.
+    """Show a bar on stderr, if the block takes long and stderr is a terminal.
 
-    Gives a function that is told how much is done, of how much (None: not known), and words behind the bar.
-    The bar is drawn then and only then: a thread that draws it meanwhile would be measured as well.
+    Yield a function of progress, total (None: unknown) and words after the bar. Only its calls draw the bar:
+    a drawing thread would disturb measurements.
     """
     if not is_terminal():
         yield lambda done, total, words: None
@@ -101,7 +101,7 @@ def bar(doing: str) -> Iterator[Callable[[float, float | None, str], None]]:
 
 
 def prepare_kernels() -> None:
-    """Compile the kernels, with a word on stderr, where they have not been compiled on this machine yet."""
+    """Compile the kernels, with a note on stderr, if they are not compiled on this machine yet."""
     if proximity.kernels_are_cached():
         return
     report("compiling the kernels for this processor; this happens once and takes a minute or two")

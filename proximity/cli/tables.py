@@ -1,4 +1,4 @@
-"""Tables on a terminal, and a display that is drawn anew, by Rich."""
+"""Tables on a terminal, and a live display, by Rich."""
 
 import sys
 import time
@@ -18,33 +18,33 @@ from proximity.cli.output import report
 UNBOUNDED = 10_000  # columns: wider than any table
 DRAWN_EVERY_S = 0.05
 LINE_EVERY_S = 1.0
-FIRST_AFTER_S = 0.1  # a first frame comes within that, where there is a service
+FIRST_AFTER_S = 0.1  # within which the first frame of a running service arrives
 
 
 class Console(rich.console.Console):
-    """Rich's console; where nobody reads any more it raises BrokenPipeError, as any other file does."""
+    """Rich's console; on a closed pipe it raises BrokenPipeError, as other files do."""
 
     def on_broken_pipe(self) -> None:
-        """Say that the reader has gone. Rich itself would end the program, with 1."""
+        """Raise BrokenPipeError; Rich would exit with 1."""
         raise BrokenPipeError
 
 
 def results_console() -> Console:
-    """Return the console of stdout; where that is no terminal, lines are not folded to a width."""
+    """Return the console of stdout; lines are folded on a terminal only."""
     console = Console()
     return console if console.is_terminal else Console(width=UNBOUNDED)
 
 
 def table(left: Iterable[str], right: Iterable[str] = (), rows: Iterable[Iterable[str]] = ()) -> Table:
-    """Return a table without lines between its cells; text in square brackets is no mark.
+    """Return a table without lines between its cells; text in square brackets is not markup.
 
-    *left*, *right*: titles of the columns of words, and of those of numbers behind them.
+    *left*, *right*: titles of the columns of words, and of the following columns of numbers.
     """
     return table_of([(title, False) for title in left] + [(title, True) for title in right], rows)
 
 
 def table_of(columns: Iterable[tuple[str, bool]], rows: Iterable[Iterable[str]] = ()) -> Table:
-    """Return a table as `table`, of titles with whether the column is aligned to the right."""
+    """Return a table as `table`; *columns*: titles, and whether they are aligned to the right."""
     made = Table(box=None, pad_edge=False, header_style="bold")
     for title, is_right in columns:
         Column("", title, is_right).add_to(made)
@@ -69,7 +69,7 @@ class Drawn:
 
 
 class Column(NamedTuple):
-    """A column of a table that may be too wide for a terminal."""
+    """Column of a table that may be too wide for a terminal."""
 
     name: str
     title: str | Drawn
@@ -143,9 +143,9 @@ def print_fitting(
     *,
     styles: Sequence[str] = (),
 ) -> None:
-    """Print columns; where the console is narrow, without some, and say so.
+    """Print columns; omit some on a narrow console, with a note.
 
-    *elsewhere*: where all is shown. *styles*: of rows, the last of them of the last row.
+    *elsewhere*: an output with all columns. *styles*: of the last rows.
     """
     table = FittingTable(columns, dispensable, styles)
     console.print(table)
@@ -155,7 +155,7 @@ def print_fitting(
 
 
 class Screen:
-    """A position on a terminal that is drawn anew, or lines of text where there is none."""
+    """Live display on a terminal, or lines of text without one."""
 
     def __init__(self, console: rich.console.Console, *, is_silent: bool = False) -> None:
         self._console, self._is_silent = console, is_silent
@@ -164,7 +164,7 @@ class Screen:
         self._due = time.monotonic() + FIRST_AFTER_S
 
     def show(self, words: Callable[[], str], picture: Callable[[ConsoleDimensions], RenderableType]) -> None:
-        """Show something if it is time for it."""
+        """Show a picture or words, if the display is due."""
         now = time.monotonic()
         if self._is_silent or now < self._due:
             return

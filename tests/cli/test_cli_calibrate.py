@@ -100,7 +100,7 @@ def test_numbers_are_typed_and_what_is_none_or_cannot_be_is_asked_again(run, tmp
     assert ended.code == 0
     assert "'flat' is not a number, expected one such as 31072 or 1.178" in ended.err
     assert (
-        "not kept: counts are 35100 closing and 35000 opening, expected at least as many opening. Meas"
+        "rejected: counts are 35100 closing and 35000 opening, expected at least as many opening. Meas"
         in ended.err
     )
     made = read_calibration(tmp_path / "glove.json")
@@ -126,7 +126,7 @@ def test_counts_come_from_the_glove_and_a_hand_that_moves_is_asked_again(run, tm
 
     assert ended.code == 1
     assert (
-        "not kept: the potentiometer wandered by 9155 counts meanwhile: hold the hand still. Measure it again"
+        "rejected: the potentiometer wandered by 9155 counts meanwhile: hold the hand still. Measure it again"
         in ended.err
     )
     assert "read: 21850 counts" in ended.out

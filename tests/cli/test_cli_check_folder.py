@@ -34,7 +34,7 @@ def test_a_folder_is_counted_by_kind_and_the_refused_are_named(transcript, catal
 
 def test_a_folder_without_parts_is_refused(run, catalogue):
     refused = run("empty")
-    assert refused.code == 2 and "empty holds no file of parts" in refused.words
+    assert refused.code == 2 and "empty contains no file of parts" in refused.words
 
 
 def test_all_loaded_is_code_0_and_json_has_every_report(run, catalogue):

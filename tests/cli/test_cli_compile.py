@@ -176,10 +176,10 @@ def test_slow_conversion_says_that_the_next_command_spares_it(run, monkeypatch, 
     monkeypatch.setattr("proximity.cli.options.SLOW_S", -1.0)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setenv("PROXIMITY_CACHE_DIR", str(tmp_path / "cache"))
-    kept = "the triangles are kept, and the next command will not convert the file again"
+    kept = "the triangles are stored, and the next command will not convert the file again"
     path = MESHES / "assembly.step"
 
-    assert "opens at once" in run("check", path, "--no-cache").err
+    assert "opens immediately" in run("check", path, "--no-cache").err
     assert not (tmp_path / "cache").exists()
     assert kept in run("check", path).err
-    assert "opens at once" in run("check", path).err
+    assert "opens immediately" in run("check", path).err

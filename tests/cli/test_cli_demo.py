@@ -19,7 +19,7 @@ from sealed_frames import frame
 
 import proximity
 from proximity.cli.device import demo, demo_view
-from proximity.cli.device.drum_loop import DrumsBeside
+from proximity.cli.device.drum_loop import DrumThread
 from proximity.cli.service import watch_view
 from proximity.decaff.simulated_drums import DrumBench
 from proximity.errors import PublishError, ServiceError
@@ -38,7 +38,7 @@ def test_drums_that_cannot_receive_say_so(monkeypatch):
         monkeypatch.setattr(type(subscriber), "read", fail)
         with (
             pytest.raises(PublishError, match="gone"),
-            DrumsBeside(DrumBench(250.0), subscriber, 250.0) as drums,
+            DrumThread(DrumBench(250.0), subscriber, 250.0) as drums,
         ):
             drums._thread.join(60.0)
 
@@ -126,9 +126,9 @@ def test_pipe_gets_the_summary_only(run):
         "✓ 0 touches as predicted 10 ms before, within 0.00 mm (limit 1 mm)",
         "✓ 0 touches held with 0.0 N at most (limit 20 N)",
         "Next:",
-        "  proximity query part.stl 30 10 5  how far a point is from your part",
+        "  proximity query part.stl 30 10 5  distance of a point from your part",
         "  proximity view part.stl           your part and a hand in the browser",
-        "  proximity serve --help            this service, for a controller of yours",
+        "  proximity serve --help            this service, for your own controller",
     ]
     assert result.service.is_stopped
 

@@ -40,7 +40,7 @@ def test_distances_without_a_sign_are_noted(run, tmp_path):
     assert result.code == 0
     assert " ".join(result.err.split()) == (
         "proximity: note: parts without an inside: 1 of 1; "
-        "distances from them have no sign, and `proximity check` says why"
+        "distances from them have no sign, and `proximity check` gives the reason"
     )
     assert run("tray.prox", "--size", "640x360", "-o", "tray.png").err == ""  # no distance is shown
 

@@ -54,7 +54,7 @@ def test_text_without_points_is_no_error_and_is_noted(text):
     said = []
     (chunk,) = parse_points(text.splitlines(), "points.csv", note=said.append)
     assert list(chunk.coordinates) == ([1.0, 2.0, 3.0] if "3" in text else []) and chunk.kept == {}
-    assert said == ([] if "3" in text else ["points.csv holds no points"])
+    assert said == ([] if "3" in text else ["points.csv contains no points"])
 
 
 def test_points_come_in_chunks_and_the_last_is_shorter():

@@ -295,7 +295,7 @@ def test_key_is_made_once(run, tmp_path):
     made, again = run("client", "key", "--out", path), run("client", "key", "--out", path)
 
     assert (made.code, made.err) == (0, "")
-    assert made.out == f'{path}: made; name it at both ends: "udp://HOST:PORT?key={path}"\n'
+    assert made.out == f'{path}: written; use it at both ends: "udp://HOST:PORT?key={path}"\n'
     assert key_of(parse(f"udp://127.0.0.1:9100?key={path}")) is not None
     assert (again.code, again.out) == (2, "")
     assert again.err.startswith(f"proximity: {path}: exists already, and a key is never overwritten")

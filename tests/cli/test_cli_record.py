@@ -124,7 +124,7 @@ def test_no_frame_is_exit_code_1(run, tmp_path, monkeypatch):
     result = run(ADDRESS, "--out", tmp_path / "run.frames", "--limit", 0.2)
 
     assert result.code == 1
-    assert result.err == f"proximity: no frame has come from {ADDRESS} yet\n"
+    assert result.err == f"proximity: no frame from {ADDRESS} yet\n"
     assert ": 0 frames in 0.2 s, 0 lost, 0 refused\n" in result.out
 
 

@@ -45,8 +45,8 @@ check none.stl | none.stl: there is no such file
 query box.stl --points junk.stl | junk.stl: its header claims
 query box.stl --points junk.obj | junk.obj: line 1
 query box.stl --points none.ply | none.ply: there is no such file
-query box.stl 1 2 3 --report page.html | needs --points and --within
-query box.stl --points points.csv --report page.html | needs --points and --within
+query box.stl 1 2 3 --report page.html | requires --points and --within
+query box.stl --points points.csv --report page.html | requires --points and --within
 query box.stl 1 2 3 --points-units m | is for --points
 compile part.stl --out part.prox | part.stl: it has 8 bytes
 compile box.stl box.stl | expected the file to write
@@ -66,7 +66,7 @@ clearance cell.glb lid lid | 'lid' is asked how far it is from itself, expected 
 clearance cell.glb --below -1 | expected 0 to
 clearance cell.glb --ignore-touching | requires --below
 clearance cell.glb --allow pairs.csv | requires --clashes or --below
-clearance cell.glb --clashes --below 1 | --clashes is given as well
+clearance cell.glb --clashes --below 1 | not allowed with --clashes
 clearance cell.glb --clashes --allow pairs.csv | line 3: no part is named 'lit'; did you mean 'lid'?
 clearance cell.glb --below 1 --allow absent.csv | absent.csv: cannot be read
 clearance cell.glb --below 1 --allow hand.csv | expected CSV with the columns first and second
@@ -77,7 +77,7 @@ serve bad.toml | bad.toml:6: parts[0].file is 'bax.stl', but
 serve cell.toml --limit 0 | 0 seconds: expected
 serve cell.toml --limit nan | nan seconds: expected
 serve cell.toml --ticks 0 | 0 ticks: expected 1 or more
-serve cell.toml --port 8787 | 8787: expected --web, of whose page it is the port
+serve cell.toml --port 8787 | requires --web
 serve cell.toml --rate 0 | service.rate_hz is 0, expected a number from 1 to 100000 (Hz)
 serve cell.toml --rate nan | service.rate_hz is nan, expected a number from 1 to 100000 (Hz)
 serve cell.toml --publish decaff | decaff: expected an address such as shm://
@@ -144,9 +144,9 @@ simulate --cable stiff | 'stiff': expected a stiffness in N/m, or the file of a 
 simulate --cable 5 | 5 N/m at the fingertip: expected 10 to 1e+06
 simulate --cable nan | nan N/m at the fingertip: expected 10 to 1e+06
 simulate --cable box.stl | box.stl
-simulate --part box | only a press on a part has that: expected --scene FILE as well
-simulate --scene box.stl --wall real | on a part of a scene there is only decaff
-simulate --scene box.stl --damping 2 | a part that has it has a --stiffness as well
+simulate --part box | requires --scene FILE
+simulate --scene box.stl --wall real | must be decaff on a part of a scene
+simulate --scene box.stl --damping 2 | requires --stiffness on a part
 simulate --scene box.stl --part lid | lid
 simulate --scene none.stl | none.stl
 study report nowhere.toml | nowhere.toml: cannot be read (No such file or directory)
@@ -155,7 +155,7 @@ experiment run design.toml p01 --address mailbox:a --arm | a motor moves only wi
 experiment simulate design.toml --data new --participant 'Anna Smith' | expected a pseudonym
 experiment plan design.toml --slot -1 | -1: the design has 4 participants, expected 0 to 3
 experiment plan design.toml --slot 4 | 4: the design has 4 participants, expected 0 to 3
-experiment report design.toml none | no visits are here, expected a folder that run or simulate wrote
+experiment report design.toml none | contains no sessions, expected a folder of run or simulate
 experiment plan missing.toml | missing.toml: cannot be read (No such file or directory)
 """
 

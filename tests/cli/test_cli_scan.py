@@ -96,9 +96,7 @@ def test_scan_without_a_point_never_passes(run, tmp_path, plate, text):
     path.write_text(text)
     for more in ((), ("--json",), ("--csv", tmp_path / "answers.csv")):
         result = run("query", plate, "--points", path, "--within", 0.1, *more)
-        assert (
-            result.code == 2 and "holds no finite point, expected some to compare with --within" in result.err
-        )
+        assert result.code == 2 and "contains no finite point to compare with --within" in result.err
 
 
 def test_worst_point_has_its_number_and_place_and_the_share_is_never_rounded_up(run, tmp_path, plate):

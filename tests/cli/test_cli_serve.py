@@ -67,7 +67,7 @@ def test_beginning_and_end_are_told_in_words(run, scene_path):
     assert result.err == (
         f"proximity: serving {scene_path}: 5 fingers at 1 part, 12 faces\n"
         "proximity: 500 Hz to mailbox:a, mailbox:b\n"
-        "proximity: ordinary priority, memory not locked, any core; --realtime asks for more\n"
+        "proximity: ordinary priority, memory not locked, any core; --realtime requests more\n"
     )
     lines = [(line[:16].strip(), line[16:]) for line in result.out.splitlines()]
     assert [label for label, _ in lines] == [
@@ -178,7 +178,7 @@ def test_realtime_is_asked_for_only_where_it_is_wanted_and_what_came_of_it_is_sa
     wanted = run(scene_path, "--ticks", 3, "--realtime")
 
     assert (
-        "proximity: ordinary priority, memory not locked, any core; --realtime asks for more\n" in quiet.err
+        "proximity: ordinary priority, memory not locked, any core; --realtime requests more\n" in quiet.err
     )
     assert asked and "ordinary" not in wanted.err
     assert "note            priority: not permitted (Operation not permitted)\n" in wanted.out

@@ -48,7 +48,7 @@ def test_sources_are_written_and_examples_are_left_alone(run, words, sources, tm
 
     kept = {name for name in files if (folder / name).read_text(encoding="utf-8") == "mine"}
     assert kept == EXAMPLES & set(files)
-    assert all(f"{folder / name}: kept, it is there already" in again for name in kept)
+    assert all(f"{folder / name}: kept, as it exists already" in again for name in kept)
 
 
 def test_package_for_unity_has_the_library_that_was_compiled(run, tmp_path, monkeypatch):

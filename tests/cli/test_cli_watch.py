@@ -117,7 +117,7 @@ def test_before_the_first_frame_the_silence_is_told():
 
     lines = drawn(never, seen=watch_view.Seen(ADDRESS, Counts(), 0.0, 2.0))
 
-    assert len(lines) == 2 and "no frame has come from queue:proximity yet, for 2.0 s" in lines[0]
+    assert len(lines) == 2 and "no frame from queue:proximity yet, for 2.0 s" in lines[0]
 
 
 @pytest.mark.parametrize("width", [70, 120])
@@ -136,7 +136,7 @@ def test_stale_is_a_red_line():
     forget(shown.contacts)
     red = re.search(r"\x1b\[1;37;41m([^\x1b]+)\x1b", drawn(shown, seen=SILENT, color=True)[0])[1]
     assert len(red) == 120
-    assert red.strip() == "STALE  no frame for 3.2 s: nothing is known of any finger"
+    assert red.strip() == "STALE  no frame for 3.2 s: all distances are unknown"
 
 
 @pytest.mark.parametrize("width", [14, 60])
@@ -270,7 +270,7 @@ def test_nothing_that_comes_is_exit_code_1(run):
     result = run(ADDRESS, "--limit", 0.3)
 
     assert result.code == 1
-    assert "STALE: 0 Hz, 0 lost, 0 refused; no frame has come from queue:proximity yet, for 0." in result.out
+    assert "STALE: 0 Hz, 0 lost, 0 refused; no frame from queue:proximity yet, for 0." in result.out
 
 
 def test_key_of_another_is_told(run, tmp_path):
@@ -296,6 +296,6 @@ def test_held_part_and_its_connections_are_named():
 
     assert "OK: held: pin, 1000 Hz" in line and line.endswith("; to lid: 10.00 mm; to base: 20.00 mm")
     table = "\n".join(drawn(shown, seen=seen))
-    assert "the held part is followed, and in time" in table and "finger" not in table
+    assert "the held part is tracked, and in time" in table and "finger" not in table
     stale = replace(shown, state=State.STALE)
-    assert "no new pose of the held part: nothing is known of it" in watch_view.line(stale, seen)
+    assert "no new pose of the held part: its distances are unknown" in watch_view.line(stale, seen)

@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     from proximity.decaff.calibration.simulated_glove import SimulatedGlove
     from proximity.decaff.glove.glove import Glove
 
-OLD_READINGS_H = 12.0  # after that the glove was probably taken off
+OLD_READINGS_H = 12.0  # after which the glove was probably taken off
 MM = 1e-3
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What is measured, and with what."""
+    """Options for the measured glove and its instruments."""
 
     simulate: Annotated[bool, flag("--simulate", "Measure a simulated glove, for practice.")] = False
     seed: Annotated[int, option("N", "Seed of the simulated glove.")] = 0
     counts: Annotated[
         str | None,
-        option("ADDRESS", "Address of glove_poses messages with the counts. Default: you type them."),
+        option("ADDRESS", "Address of glove_poses messages with the counts. Default: typed counts."),
     ] = None
     finger: Annotated[int, option("N", "Number of the finger in these messages, from 0.")] = 0
     phalanges: Annotated[
@@ -63,19 +63,19 @@ def calibrate(
 ) -> None:
     """Calibrate the glove of one finger, step by step, and write FILE.
 
-    You close the finger to seven poses, meet a block from both directions, pull the cable, turn the
+    You close the finger to seven poses, touch a block from both directions, pull the cable, turn the
     drum until it touches, and run a step test. If a motor drives the drum, the motor then swings it,
     which gives its mass, friction, latency and encoder step, and the stiffness of the cable. Each
-    number is printed with its uncertainty. Readings that differ too much are asked for again. Ctrl-C
-    stops and keeps all readings; the same command continues from there.
+    number is printed with its uncertainty. Readings that differ too much are repeated. Ctrl-C stops and
+    keeps all readings; the same command continues from there.
 
-    With --motor alone the motor of the drum is only read, and nothing is calibrated. With --arm as well
+    With --motor alone the motor of the drum is only read, without a calibration. With --arm as well
     it searches its mechanical stop and swings the drum. The URL is the same as for proximity drum. The
     drivers were tested with simulated motors only, never on hardware.
 
-    You type the counts of the potentiometer, or --counts takes them from messages. --simulate measures
-    a simulated glove, and prints its true numbers beside the measured ones. Readings and results are
-    written beside FILE as .readings.json.
+    Type the counts of the potentiometer, or read them from messages with --counts. --simulate measures
+    a simulated glove, and also prints its true numbers. Readings and results are written to FILE with
+    the suffix .readings.json.
 
     Examples:
       proximity calibrate glove.json --simulate
@@ -130,7 +130,7 @@ def calibrate(
 
 
 def _design(measured: Measured) -> "Glove":
-    """The glove as designed: that of the file, with the lengths that were given."""
+    """Return the designed glove: that of the file, with the given lengths."""
     from proximity.cli.options import designed
     from proximity.decaff.glove.calibrated_glove import read_any_glove
     from proximity.decaff.glove.glove import Glove, with_gear
@@ -153,7 +153,7 @@ def _port(address: str | None, design: "Glove") -> "AbstractContextManager[Motor
 def _opened(
     path: Path, measured: Measured, design: "Glove", port: "MotorPort | None", skip: list[str] | None
 ) -> tuple["Session", "TypedInstruments", "SimulatedGlove | None"]:
-    """Return the calibration under way, what a person reads, and the simulated glove where there is one."""
+    """Return the session, the typed instruments, and the simulated glove, if any."""
     from proximity.cli.device.typed_instruments import TypedInstruments
     from proximity.decaff.calibration.instruments import Instruments
     from proximity.decaff.calibration.readings import Readings
@@ -174,20 +174,20 @@ def _opened(
 
 
 def _written(session: "Session", path: Path, name: str) -> str:
-    """Write the calibration; return a sentence."""
+    """Write the calibration; return a report."""
     from proximity.cli.device.guide import UnfinishedError
     from proximity.decaff.calibration.results import as_document
     from proximity.decaff.glove.calibration import write_calibration
 
     if missing := session.missing():
-        raise UnfinishedError(f"{', '.join(missing)}: not measured, but a calibration needs it")
+        raise UnfinishedError(f"{', '.join(missing)}: not measured, but required for a calibration")
     write_calibration(path, session.calibration(name))
     session.readings.write(as_document(session.estimates()))
     return f"{path}: written"
 
 
 def _begin(session: "Session", again: str | None) -> None:
-    """Forget what is to be measured again, and say from where it goes on."""
+    """Delete the readings of *again*, and report the remaining ones."""
     from datetime import UTC, datetime, timedelta
 
     readings = session.readings

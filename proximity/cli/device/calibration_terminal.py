@@ -1,4 +1,4 @@
-"""Calibration in the terminal: what to do, what was read, the results."""
+"""Calibration in the terminal: instructions, readings and results."""
 
 import math
 from collections.abc import Sequence
@@ -13,18 +13,18 @@ HINT = "Type r to repeat the last reading, s to skip the task. Ctrl-C stops and 
 
 
 class Terminal:
-    """Prints, and takes lines of input."""
+    """Prompts and input of a calibration."""
 
     def __init__(self) -> None:
-        self._bend: float | None = None  # that was shown last
+        self._bend: float | None = None  # shown last
         self._prompt: Prompt | None = None
 
     def begin(self, prompt: Prompt) -> None:
-        """Print heading and pose, unless they stand above already."""
+        """Print heading and pose, unless they were printed before."""
         if self._prompt is None:
             typer.echo(HINT)
         self._prompt = prompt
-        if not prompt.goes_on:
+        if not prompt.is_automatic:
             typer.echo("")
             typer.secho(f"[{prompt.done + 1} of {prompt.total}] {prompt.title}", bold=True)
             if prompt.advice:
@@ -34,27 +34,27 @@ class Terminal:
         self._bend = prompt.bend
 
     def ready(self, part: int) -> None:
-        """Print what is to be done; where the prompt waits, until Enter."""
+        """Print an instruction; if the prompt waits, return on Enter."""
         assert self._prompt is not None, "a prompt begins first"
         typer.echo(f"  {self._prompt.parts[part]}")
         if self._prompt.waits:
             _answer("  Press Enter when you are ready ")
 
     def numbers(self, questions: Sequence[str]) -> list[float]:
-        """Return numbers that are typed; what is none is asked again."""
+        """Return typed numbers; repeat the question for other input."""
         return [_asked_number(f"  {question}: ") for question in questions]
 
     def read(self, sentence: str) -> None:
-        """Print what was read."""
+        """Print a reading."""
         typer.echo(f"  read: {sentence}")
 
     def refuse(self, sentence: str) -> None:
-        """Print it among the errors."""
+        """Print an error."""
         typer.echo(f"  {sentence}", err=True)
 
 
 def print_results(rows: Sequence[tuple[str, ...]]) -> None:
-    """Print rows of results."""
+    """Print a table of results."""
     shown = table(rows[0][:1], rows[0][1:-1])
     shown.add_column("")
     for row in rows[1:]:

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 TURN_S = 0.02
 DRUM_RATE_HZ = 250.0
-WATCHDOG_NS = 200_000_000  # a drum would be switched off after 10 ms; here nobody is hurt by a busy machine
-SWITCH_S = 1e-3  # that the drums wait at most while the picture is drawn in the same process
+WATCHDOG_NS = 200_000_000  # 10 ms for a real drum; simulated ones tolerate a busy machine
+SWITCH_S = 1e-3  # longest delay of the drums while the display is drawn in the same process
 SCENE = "demo.toml"
-FIRST_LINE = "A recorded hand comes to a bracket. Starting its service and the drums of a glove ..."
+FIRST_LINE = "A recorded hand approaches a bracket. Starting its service and the drums of a glove ..."
 
 
 def demo(
@@ -32,12 +32,12 @@ def demo(
         float, option("S", "Stop after this many seconds; Ctrl-C stops earlier.", callback=SECONDS)
     ] = 20.0,
 ) -> None:
-    """Demonstrate the whole chain with a recorded hand at the sample bracket. Nothing has to be
-    configured.
+    """Demonstrate the whole chain with a recorded hand at the sample bracket, without any
+    configuration.
 
-    A service follows the hand 1000 times a second, in a process of its own. Controllers of simulated
-    drums listen to it, as `proximity drum` runs them. This terminal shows both until Ctrl-C or
-    --limit, and then a summary; through a pipe only that. No files are left behind.
+    A service tracks the hand 1000 times a second, in a separate process. Controllers of simulated
+    drums read its frames, as in `proximity drum`. This terminal shows both until Ctrl-C or --limit,
+    and then a summary; a pipe receives only the summary. Temporary files are removed.
 
     Examples:
       proximity demo
@@ -46,7 +46,7 @@ def demo(
     if progress.is_terminal():
         typer.echo(FIRST_LINE, err=True)
     from proximity.cli.device.demo_view import LastSecond, TouchWatch, closing_lines, picture
-    from proximity.cli.device.drum_loop import DrumsBeside
+    from proximity.cli.device.drum_loop import DrumThread
     from proximity.cli.service.watch_view import Follower
     from proximity.cli.tables import Console, Screen
     from proximity.decaff.controller.settings import Limits
@@ -64,7 +64,7 @@ def demo(
             listening = [opened.enter_context(open_subscriber(each)) for each in (to_drums, to_watch)]
             service = opened.enter_context(_start({to_drums, to_watch}, stop))
         touches, last, console = TouchWatch(), LastSecond(), Console()
-        drums = opened.enter_context(DrumsBeside(bench, listening[0], DRUM_RATE_HZ, touches.add))
+        drums = opened.enter_context(DrumThread(bench, listening[0], DRUM_RATE_HZ, touches.add))
         follower = Follower(listening[1])
         screen = opened.enter_context(Screen(console, is_silent=not console.is_terminal))
         ends = time.monotonic() + limit
@@ -84,19 +84,19 @@ def demo(
 
 
 def _start(publish: set[str], stop: Event) -> "RunningService":
-    """Start the service that the sample scene describes."""
+    """Start the service of the sample scene."""
     from proximity.service.hosting import start_service
 
     try:
         return start_service(sample(SCENE), publish=sorted(publish), say=report)
     except proximity.ServiceError:
-        if stop.is_set():  # Ctrl-C in a terminal reaches the service as well, before it has begun
+        if stop.is_set():  # Ctrl-C in a terminal also stops a starting service
             raise typer.Exit(EXIT_INTERRUPTED) from None
         raise
 
 
 def _addresses() -> tuple[str, str]:
-    """Where the service publishes to the drums, and where to the watch: datagrams have one reader each."""
+    """Return the addresses for the drums and for the display: datagrams have one reader each."""
     from proximity.web.running_page import own_addresses
 
     own = own_addresses()

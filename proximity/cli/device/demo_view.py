@@ -1,7 +1,7 @@
-"""What ``proximity demo`` shows: the hand and its drums as they move, and at the end what they did.
+"""Display of ``proximity demo``: the hand and its drums, and at the end a summary.
 
-The headline judges the last second, not one frame. A finger that is not tracked is lost in the recording: the
-demo has no other input.
+The headline rates the last second, not one frame. An untracked finger is lost in the recording, the only
+input of the demo.
 """
 
 import math
@@ -22,15 +22,15 @@ from proximity.system.time_units import MS_PER_S, S_PER_NS
 from proximity.transport import Reading
 
 if TYPE_CHECKING:
-    from proximity.cli.device.drum_loop import DrumsBeside
+    from proximity.cli.device.drum_loop import DrumThread
     from proximity.cli.service.watch_view import Seen
 
-LEAST_IN_TIME, FAIR_IN_TIME = 0.99, 0.9
-"""Shares of frames: with less than the first not all is well, with less than the second nothing is."""
+MIN_IN_TIME, FAIR_IN_TIME = 0.99, 0.9
+"""Shares of frames: smallest of "in time", and of "mostly in time"."""
 FARTHEST_TOUCH = 1e-3
-"""m between where a finger was predicted to touch and where it did: what a fingertip feels. Assumed."""
+"""m between the predicted and the actual touch: threshold of a fingertip, assumed."""
 FORESEEN_S = 0.010
-"""s before a touch by which it is predicted: what a drum needs for the last millimetres. Assumed."""
+"""s before a touch: lead of the prediction, for the last millimetres of a drum, assumed."""
 WINDOW_S, SILENT_S = 1.0, 0.3
 SCALE_MM, MIN_BAR = 60.0, 8  # of a bar; its cells
 COLUMNS = (
@@ -43,20 +43,20 @@ COLUMNS = (
     Column("drum", "drum", False, width=18),
 )
 NEXT = (
-    ("proximity query part.stl 30 10 5", "how far a point is from your part"),
+    ("proximity query part.stl 30 10 5", "distance of a point from your part"),
     ("proximity view part.stl", "your part and a hand in the browser"),
-    ("proximity serve --help", "this service, for a controller of yours"),
+    ("proximity serve --help", "this service, for your own controller"),
 )
 
 
 class LastSecond:
-    """How many frames of the last second came, of those that were due."""
+    """Numbers of received and due frames of the last second."""
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, int, int]] = deque()
 
     def add(self, now: float, reading: Reading, seen: "Seen") -> None:
-        """Count what has come until now, s, and what should have."""
+        """Count the received and due frames until *now*, s."""
         came = seen.counts.received
         missed = 0 if reading.header is None else int(reading.header["missed"])
         self._samples.append((now, came, came + seen.counts.lost + missed))
@@ -65,13 +65,13 @@ class LastSecond:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """Frames that came, and that were due."""
+        """Numbers of received and due frames."""
         (_, came, due), (_, came_now, due_now) = self._samples[0], self._samples[-1]
         return came_now - came, due_now - due
 
 
 class TouchWatch:
-    """How far from the prediction fingers touch; each reading of a controller is added by its thread."""
+    """Distances between predicted and actual touches; the controllers' thread adds each reading."""
 
     def __init__(self) -> None:
         self.touches, self.farthest = 0, 0.0  # m
@@ -79,7 +79,7 @@ class TouchWatch:
         self._was_free: set[int] = set()
 
     def add(self, reading: Reading) -> None:
-        """Take in what a reading predicts, and compare what it says of touches with what was predicted."""
+        """Store the predictions of a reading, and compare its touches with earlier ones."""
         if not reading.is_new or not reading.is_valid:
             return
         for contact in reading.contacts[is_tracked(reading.contacts)]:
@@ -98,7 +98,7 @@ class TouchWatch:
                 self._compare(self._predicted.pop(finger, deque()), contact)
 
     def _compare(self, predicted: "deque[tuple[int, int, float]]", contact: Any) -> None:
-        """Compare a touch with what was predicted of it shortly before."""
+        """Compare a touch with its prediction of `FORESEEN_S` before."""
         touched_ns = int(contact["pose_ns"])
         before = [each for each in predicted if S_PER_NS * (touched_ns - each[0]) >= FORESEEN_S]
         if not before:
@@ -109,8 +109,8 @@ class TouchWatch:
         self.farthest = max(self.farthest, abs(gap))
 
 
-def picture(reading: Reading, seen: "Seen", last: LastSecond, drums: "DrumsBeside") -> RenderableType:
-    """Return the picture for a terminal."""
+def picture(reading: Reading, seen: "Seen", last: LastSecond, drums: "DrumThread") -> RenderableType:
+    """Return the display for a terminal."""
     if not len(reading.contacts) or _is_outdated(reading, seen):
         return headline(seen, last)
     words, rows = drums.reported(), []
@@ -128,39 +128,39 @@ def picture(reading: Reading, seen: "Seen", last: LastSecond, drums: "DrumsBesid
 
 
 def _is_outdated(reading: Reading, seen: "Seen") -> bool:
-    """Whether frames are missing or late, so that nothing is known of the hand."""
+    """Whether frames are missing or late, so that the hand is unknown."""
     is_forgotten = reading.state is State.STALE and reading.header["state"] != State.STALE
     return bool(seen.silent_s > SILENT_S or is_forgotten)
 
 
 def headline(seen: "Seen", last: LastSecond) -> Text:
-    """Return a sentence on the last second."""
+    """Return the rating of the last second."""
     came, due = last.counts
     if seen.silent_s > SILENT_S or due <= 0:
         return Text(f" no frame for {seen.silent_s:.1f} s ", "bold white on red")
     share = came / due
-    word = "IN TIME" if share >= LEAST_IN_TIME else "MOSTLY IN TIME" if share >= FAIR_IN_TIME else "LATE"
+    word = "IN TIME" if share >= MIN_IN_TIME else "MOSTLY IN TIME" if share >= FAIR_IN_TIME else "LATE"
     style = {"IN TIME": "black on green", "LATE": "bold white on red"}.get(word, "black on yellow")
     return Text.assemble((f" {word} ", style), f"  {came} of {due} frames of the last second were in time")
 
 
 def _what_comes(reading: Reading, names: Sequence[str]) -> Text:
-    """Which finger touches next and when, which touch, and which the recording does not have."""
+    """Return the touching fingers, the next one with its time, and those lost in the recording."""
     contacts, tracked = reading.contacts, is_tracked(reading.contacts)
     if not tracked.any():
-        return Text("the hand is away: the recording begins anew", "dim")
+        return Text("the hand is away: the recording restarts", "dim")
     touches = tracked & (contacts["signed_distance"] <= 0.0)
     touching, lost = (
         [_name(row, names) for row in np.flatnonzero(rows).tolist()] for rows in (touches, ~tracked)
     )
     left_s = np.where(tracked & ~touches, contacts["time_to_contact"], np.inf)
     row = int(np.argmin(left_s))
-    said = [f"touching: {', '.join(touching)}"] if touching else []
+    parts = [f"touching: {', '.join(touching)}"] if touching else []
     if math.isfinite(left_s[row]):
-        said.append(f"next: {_name(row, names)} in {MS_PER_S * left_s[row]:.0f} ms")
+        parts.append(f"next: {_name(row, names)} in {MS_PER_S * left_s[row]:.0f} ms")
     if lost:
-        said.append(f"{', '.join(lost)} lost in the recording")
-    return Text("; ".join(said) or "no finger is about to touch the part")
+        parts.append(f"{', '.join(lost)} lost in the recording")
+    return Text("; ".join(parts) or "no finger is about to touch the part")
 
 
 def _name(row: int, names: Sequence[str]) -> str:
@@ -168,7 +168,7 @@ def _name(row: int, names: Sequence[str]) -> str:
 
 
 def _cells(contact: Any) -> dict[str, Any]:
-    """Bar, distance and time of a finger."""
+    """Return bar, distance and time of a finger."""
     if not is_tracked(contact):
         return {"bar": Drawn(lambda width: Text("lost in the recording"[:width], "dim"), MIN_BAR)}
     distance, left_s = MM_PER_M * float(contact["signed_distance"]), float(contact["time_to_contact"])
@@ -184,28 +184,28 @@ def _cells(contact: Any) -> dict[str, Any]:
     }
 
 
-def closing_lines(report: dict[str, Any], touches: TouchWatch, drums: "DrumsBeside") -> list[Text]:
-    """Return three sentences on what was done, each with its limit, and what to do next."""
-    due, fingers, most = report["ticks"] + report["missed"], drums.bench.fingers, Limits().peak_force
+def closing_lines(report: dict[str, Any], touches: TouchWatch, drums: "DrumThread") -> list[Text]:
+    """Return three results, each with its limit, and suggested commands."""
+    due, fingers, limit = report["ticks"] + report["missed"], drums.bench.fingers, Limits().peak_force
     share, held = report["ticks"] / max(due, 1), sum(each.touches for each in fingers)
     peak = max((each.peak_force for each in fingers), default=0.0)
     faults: Counter[str] = sum((each.reasons for each in fingers), Counter())
     reasons = [f"{count} x {reason}" for reason, count in faults.items()]
     lines = [
         _judged(
-            share >= LEAST_IN_TIME,
-            f"{math.floor(1e3 * share) / 10:.1f} % of {due} frames in time (limit {LEAST_IN_TIME:.0%})",
-            "another program takes the processor",
+            share >= MIN_IN_TIME,
+            f"{math.floor(1e3 * share) / 10:.1f} % of {due} frames in time (limit {MIN_IN_TIME:.0%})",
+            "another program uses the processor",
         ),
         _judged(
             touches.farthest <= FARTHEST_TOUCH,
             f"{counted(touches.touches, 'touch', 'touches')} as predicted {MS_PER_S * FORESEEN_S:.0f} ms "
             f"before, within {MM_PER_M * touches.farthest:.2f} mm (limit {MM_PER_M * FARTHEST_TOUCH:.0f} mm)",
-            "frames came late" if share < LEAST_IN_TIME else "the hand moved otherwise",
+            "frames were late" if share < MIN_IN_TIME else "the hand changed its motion",
         ),
         _judged(
-            peak <= most and not reasons,
-            f"{counted(held, 'touch', 'touches')} held with {peak:.1f} N at most (limit {most:.0f} N)",
+            peak <= limit and not reasons,
+            f"{counted(held, 'touch', 'touches')} held with {peak:.1f} N at most (limit {limit:.0f} N)",
             "; ".join(reasons) or "a drum pressed too hard",
         ),
     ]

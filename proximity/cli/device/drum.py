@@ -13,10 +13,10 @@ from proximity.cli.output import report
 from proximity.cli.program import EXIT_NOTHING, stop_after
 from proximity.system.stop_signals import stopped_by_signals
 
-MOST_RATE_HZ = 5000.0
-LEAST_RATE_HZ = 150.0  # slower, each sample would trip the watchdog of 10 ms
-TURN_S = 0.02  # within that a wish to stop is noticed
-SWITCH_S = 1e-3  # that the drums wait at most while a picture is drawn
+MAX_RATE_HZ = 5000.0
+MIN_RATE_HZ = 150.0  # slower, each sample would trip the watchdog of 10 ms
+TURN_S = 0.02  # longest delay of a stop
+SWITCH_S = 1e-3  # longest delay of the drums while the display is drawn
 
 
 RATE = Annotated[
@@ -25,7 +25,7 @@ RATE = Annotated[
         "HZ",
         "Rate of the controllers; the servos run at 3 kHz.",
         "--rate",
-        callback=within(LEAST_RATE_HZ, MOST_RATE_HZ, "Hz"),
+        callback=within(MIN_RATE_HZ, MAX_RATE_HZ, "Hz"),
     ),
 ]
 MAX_AGE = Annotated[
@@ -52,19 +52,18 @@ def drum(
 ) -> None:
     """Run the drums of the service that publishes at ADDRESS, until Ctrl-C or --limit.
 
-    Each finger has a controller, the same as for a real drum, and a simulated drum. Shown are the
-    state, the positions of drum and finger on the finger's path, the drum's angle, the force between
+    Each finger has a controller, the same as for a real drum, and a simulated drum. The table shows
+    the state, the positions of drum and finger on the finger's path, the drum's angle, the force between
     them and the torque of the motor. A sample that is 10 ms late is a fault, as on a real drum, and the
-    controller starts again. With --cable the drum makes up for the stretch of the cable while a finger
+    controller restarts. With --cable the drum compensates the stretch of the cable while a finger
     is on it. A finger whose frames have no bend is assumed to bend straight towards the nearest
     surface, and marked. A terminal shows a live table, any other output one line a second; --json
-    prints a summary at the end only. The exit code is 1 if no frame came.
+    prints a summary at the end only. The exit code is 1 if no frame arrived.
 
-    --motor URL drives a real drum instead: odrive-can://CHANNEL, or any with driver=FILE.
-    Without --arm the motor is only read and never moves, whatever ADDRESS publishes. With --arm it
-    searches its mechanical stop, which moves it, and then follows. Any uncertainty switches all motors
-    off; the reason is printed and the exit code is 2. These drivers were tested with simulated motors
-    only, never on hardware.
+    --motor URL drives a real drum instead: odrive-can://CHANNEL, or another with driver=FILE.
+    Without --arm the motor is only read and never moves. With --arm it searches its mechanical stop,
+    which moves it, and then follows. Any uncertainty switches all motors off; the reason is printed and
+    the exit code is 2. These drivers were tested with simulated motors only, never on hardware.
 
     Examples:
       proximity drum shm://proximity
@@ -77,7 +76,7 @@ def drum(
         (max_age is not None and not glove, "--max-age", "requires --glove"),
         (arm and not motor, "--arm", "requires --motor"),
     )
-    from proximity.cli.device.drum_loop import DrumLog, DrumsBeside, show_drums, summary
+    from proximity.cli.device.drum_loop import DrumLog, DrumThread, show_drums, summary
     from proximity.cli.device.motors import armable_motors, watch_motors
     from proximity.cli.tables import Console, Screen
     from proximity.decaff.controller.settings import CableRule
@@ -100,7 +99,7 @@ def drum(
             Screen(Console(), is_silent=as_json) as screen,
         ):
             bench = DrumBench(rate, gloves, motors=motors, cable=rule)
-            bench.warm_up()  # what takes long is done before a motor is on
+            bench.warm_up()  # takes long, so before a motor is on
             home_all(motors, stop.wait, report)
             started = time.monotonic()
             stop_after(limit, stop)
@@ -110,7 +109,7 @@ def drum(
                 newest[0] = reading
                 written.append(reading, bench)
 
-            with DrumsBeside(bench, subscriber, rate, look) as drums:
+            with DrumThread(bench, subscriber, rate, look) as drums:
                 while drums.is_running and not stop.wait(TURN_S):
                     show_drums(screen, newest[0], bench)
             counts = subscriber.counts

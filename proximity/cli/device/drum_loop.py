@@ -1,6 +1,6 @@
-"""The loop of ``proximity drum``, the rows that it shows, and the summary of its drums.
+"""The loop of ``proximity drum``, its display, and the summary of its drums.
 
-To draw a table takes longer than a drum's watchdog waits: so the drums have a thread of their own.
+The drums have a separate thread, because drawing a table takes longer than a drum's watchdog allows.
 """
 
 import csv
@@ -27,8 +27,8 @@ LOG_TITLES = (
     "now_ns", "finger", "state", "mode", "drum_rad", "force_N", "motor_torque_Nm",
     "target_rad", "target_force_N", "target_torque_Nm", "torque_cap_Nm", "motor_speed_cap_rad_s",
 )  # fmt: skip
-"""Where a drum is and what its motor does; then what its controller wants."""
-COLUMNS = {  # titles, and what stands below them
+"""State of drum and motor, then targets of the controller."""
+COLUMNS = {  # titles and formats
     "finger": "{finger}",
     "drum": "{state}",
     "drum mm": "{drum_mm:.1f}",
@@ -42,19 +42,19 @@ COLUMNS = {  # titles, and what stands below them
 LINE = "{finger}: {state}, drum at {drum_mm:.1f} mm ({angle:.1f}°), finger at {finger_mm:.1f} mm"
 LINE_OF_FORCE = LINE + ", {force_n:.2f} N by {torque_mnm:.1f} mNm"
 FOR_PEOPLE = ("angle", "force_n", "torque_mnm")
-"""Fields that JSON lacks: they are those of an instant."""
-OTHER_LINES = 5  # of a terminal, beside the fingers
+"""Fields of an instant, omitted from JSON."""
+OTHER_LINES = 5  # of a terminal, in addition to the fingers
 STYLES = {DrumState.RETRACTED: "green", DrumState.APPROACH: "yellow", DrumState.FAULT: "black on red"}
 TOUCHING_STYLE = "bold red"
 
 
-class DrumsBeside:
-    """Runs drums in a thread, with a subscriber of their own, while something else is shown.
+class DrumThread:
+    """Thread that runs drums with a separate subscriber.
 
-    Whatever ends the thread before its time turns the motors off, and is raised as the ``with`` block ends.
+    An exception in the thread turns the motors off, and is raised at the end of the ``with`` block.
 
-    *bench*: of all fingers; used by the thread only, but for being looked at. *look*: is given the reading
-    after each step, by the thread. Samples that are missed are left out, not made up for.
+    *bench*: of all fingers; other threads only read it. *look*: called by the thread with the reading after
+    each step. Missed samples are skipped, not caught up.
     """
 
     def __init__(
@@ -72,16 +72,16 @@ class DrumsBeside:
 
     @property
     def is_running(self) -> bool:
-        """Whether nothing has failed."""
+        """Whether the thread has not failed."""
         return self._failure is None
 
     @property
     def received(self) -> int:
-        """Frames that came."""
+        """Number of received frames."""
         return self._subscriber.counts.received
 
     def reported(self) -> list[Text]:
-        """Return what each drum does, in words."""
+        """Return the state of each drum, in words."""
         return [_short_words(finger) for finger in self.bench.fingers]
 
     def _run(self) -> None:
@@ -94,11 +94,11 @@ class DrumsBeside:
                 now = time.monotonic()
                 due += self._period * max(1.0, (now - due) // self._period + 1.0)
                 time.sleep(max(0.0, due - now))
-        except BaseException as failure:  # a thread that ends tells nobody else
+        except BaseException as failure:  # raised again in __exit__
             self.bench.switch_off(f"the controllers ended: {failure}")
             self._failure = failure
 
-    def __enter__(self) -> "DrumsBeside":
+    def __enter__(self) -> "DrumThread":
         self._thread.start()
         return self
 
@@ -110,7 +110,7 @@ class DrumsBeside:
 
 
 def show_drums(screen: Screen, reading: Reading, bench: DrumBench) -> None:
-    """Show the drums, and say on stderr what they cannot do."""
+    """Show the drums; report their warnings on stderr."""
     for warning in bench.warnings():
         report(warning)
     screen.show(
@@ -130,7 +130,7 @@ def line(reading: Reading, bench: DrumBench) -> str:
 
 
 def table(reading: Reading, bench: DrumBench, row_count: int) -> Table:
-    """Return what a terminal shows."""
+    """Return the display for a terminal."""
     shown = Table(title=f"{reading.state.name}, {len(bench.fingers)} fingers", title_justify="left", box=None)
     for name in COLUMNS:
         shown.add_column(name, justify="left" if name == "drum" else "right", no_wrap=True)
@@ -141,10 +141,10 @@ def table(reading: Reading, bench: DrumBench, row_count: int) -> Table:
 
 
 def summary(bench: DrumBench, address: str, counts: Counts, seconds: float) -> dict[str, Any]:
-    """Return what became of the drums, for JSON."""
+    """Return the summary of the drums, for JSON."""
     fingers = [
         {name: value for name, value in _fields(number, finger).items() if name not in FOR_PEOPLE}
-        | {"samples": dict(finger.samples)}  # grows while the drums run, so only here
+        | {"samples": dict(finger.samples)}  # grows while the drums run
         for number, finger in enumerate(bench.fingers)
     ]
     return {
@@ -158,7 +158,7 @@ def summary(bench: DrumBench, address: str, counts: Counts, seconds: float) -> d
 
 
 def _fields(number: int, finger: FingerBench) -> dict[str, Any]:
-    """What is reported of a finger: lengths in mm, angles in radians and, for people, in degrees."""
+    """Return the fields of a finger: lengths in mm, angles in radians and, for people, in degrees."""
     plant, frames = finger.plant, finger.controller.frames
     return {
         "finger": number,
@@ -180,7 +180,7 @@ def _fields(number: int, finger: FingerBench) -> dict[str, Any]:
 
 
 def _state_of(finger: FingerBench) -> DrumState:
-    """What a drum does; retracted before its first sample."""
+    """Return the state of a drum; retracted before its first sample."""
     return DrumState.RETRACTED if finger.action is None else finger.action.state
 
 
@@ -189,7 +189,7 @@ def _style_of(finger: FingerBench) -> str:
 
 
 def _short_words(finger: FingerBench) -> Text:
-    """What a drum does, in twenty letters."""
+    """Return the state of a drum, in up to twenty letters."""
     words, plant = [_state_of(finger).value], finger.plant
     if _state_of(finger) is DrumState.APPROACH:
         gap = max(0.0, plant.position - finger.path.position(finger.bend))
@@ -208,7 +208,7 @@ def _written(path: Path) -> Iterator[None]:
 
 
 class DrumLog:
-    """A CSV file of a line a finger and sample; one that is there is replaced. None: nothing is written."""
+    """CSV file with a line per finger and sample, replacing an existing file. None: no file."""
 
     def __init__(self, path: Path | None) -> None:
         self._path = path or Path()

@@ -1,4 +1,4 @@
-"""Guide through a calibration: the steps, in their order, shown by a `Face`."""
+"""Guide through a calibration: the steps in order, shown by a `Face`."""
 
 import math
 from collections.abc import Sequence
@@ -12,9 +12,9 @@ from proximity.decaff.calibration.tasks import FREE, HELD
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import ArgumentError, DecaffError
 
-MOST_FAILURES = 10  # readings of one task in a row that cannot be right
-MOST_DIGITS = 5  # of a number: a simulated encoder has a step that repeats to eight
-SHOWN = {  # factor and unit of what repeats are judged by
+MAX_FAILURES = 10  # successive invalid readings of a task
+MAX_DIGITS = 5  # of a number: the step of a simulated encoder repeats to eight
+SHOWN = {  # factor and unit of the compared quantity of repeats
     "counts": (1.0, "counts"),
     "backlash": (1e6, "µm of backlash"),
     "compliance": (1e6, "µm/N of stretch"),
@@ -26,30 +26,30 @@ SHOWN = {  # factor and unit of what repeats are judged by
 
 
 class UnfinishedError(Exception):
-    """The person stopped, or cannot answer any more; the text says why, if there is more to say."""
+    """Raised when the user stops, or input ends; the message is empty or states the reason."""
 
 
 class RepeatError(Exception):
-    """The person wants the last reading again."""
+    """Raised to repeat the last reading."""
 
 
 class SkipError(Exception):
-    """The person leaves the task out for now."""
+    """Raised to skip the task."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prompt:
-    """One reading that a person is asked for."""
+    """Prompt for one reading."""
 
     glove: Glove
     title: str
-    parts: tuple[str, ...]  # what is to be done before each number
+    parts: tuple[str, ...]  # instruction before each number
     advice: str  # "" unless readings differ
     bend: float | None  # of the finger
     done: int
     total: int
-    goes_on: bool  # by itself: the person has done what is to be done
-    waits: bool  # for the person before a reading; else the person is asked for numbers, or need do nothing
+    is_automatic: bool  # repeats without instructions
+    waits: bool  # for Enter before a reading; else numbers are typed, or read automatically
 
     def joint_angles(self) -> str:
         """Return the angles of the three joints at the bend, in words."""
@@ -59,44 +59,43 @@ class Prompt:
 
 
 class Face(Protocol):
-    """Way to ask a person.
+    """User interface of the guide.
 
-    Where something is waited for, it raises `UnfinishedError`, `RepeatError` and `SkipError`.
+    Methods that wait raise `UnfinishedError`, `RepeatError` and `SkipError`.
     """
 
     def begin(self, prompt: Prompt) -> None:
-        """Show what is asked next."""
+        """Show the next prompt."""
 
     def ready(self, part: int) -> None:
-        """Say what a part of it is; where the prompt waits, return when the person has done it."""
+        """Show the instruction *part*; if the prompt waits, return when it is done."""
 
     def numbers(self, questions: Sequence[str]) -> list[float]:
-        """Return a number that the person gives for each question."""
+        """Return a number for each question."""
 
     def read(self, sentence: str) -> None:
-        """Say what was read."""
+        """Show a reading."""
 
     def refuse(self, sentence: str) -> None:
-        """Say why something was not kept, or not done."""
+        """Show the reason for a rejected reading or action."""
 
 
 def guide(session: Session, face: Face, simulated: SimulatedGlove | None, *, waits: bool) -> None:
-    """Ask for one reading after the other, until all are there.
+    """Prompt for readings until all are complete.
 
-    *session*: which readings are there is kept in its file after each. *simulated*: the simulated person, who
-    does what is asked; None: a person does. *waits*: whether a person is waited for before readings; before a
-    motor moves, always.
+    *session*: saved after each reading. *simulated*: follows the instructions instead of a person; None: a
+    person. *waits*: wait for Enter before readings; always the case before a motor moves.
     """
     failures, last = 0, ""
     while (asked := session.next()) is not None:
-        goes_on = asked.task.is_automatic and asked.task.key == last
+        is_automatic = asked.task.is_automatic and asked.task.key == last
         is_moving = asked.task in (FREE, HELD) and simulated is None
-        prompt = _prompt(session, asked, goes_on=goes_on, waits=waits or is_moving)
+        prompt = _prompt(session, asked, is_automatic=is_automatic, waits=waits or is_moving)
 
         def ready(part: int, asked: Asked = asked, prompt: Prompt = prompt) -> None:
             if simulated is not None:
                 simulated.prepare(asked, part)
-            if not prompt.goes_on:
+            if not prompt.is_automatic:
                 face.ready(part)
 
         last = ""
@@ -108,20 +107,18 @@ def guide(session: Session, face: Face, simulated: SimulatedGlove | None, *, wai
                 face.refuse("There is no reading yet.")
         except SkipError:
             session.skip(asked.task)
-        except (ArgumentError, DecaffError) as unfit:
+        except (ArgumentError, DecaffError) as invalid:
             failures += 1
-            if failures >= MOST_FAILURES:
-                raise DecaffError(f"{asked.task.key}: {unfit}; {asked.task.advice}") from unfit
-            face.refuse(f"This reading was not kept: {unfit}. Measure it again.")
+            if failures >= MAX_FAILURES:
+                raise DecaffError(f"{asked.task.key}: {invalid}; {asked.task.advice}") from invalid
+            face.refuse(f"This reading was rejected: {invalid}. Measure it again.")
         else:
             failures, last = 0, asked.task.key
             face.read(_what_was_read(session, asked))
 
 
 def result_rows(estimates: Sequence[Estimate], truth: dict[str, float] | None) -> list[tuple[str, ...]]:
-    """Return a heading, and what the readings say beside the model, and beside the truth where it is
-    known.
-    """
+    """Return a heading and the results, with the model's values, and the true ones if known."""
     rows = [("", "measured", "± 95 %", "model", *(("true",) if truth else ()), "readings", "")]
     for one in estimates:
         digits = _digits(one.value * one.shown, one.half_width * one.shown)
@@ -135,7 +132,7 @@ def result_rows(estimates: Sequence[Estimate], truth: dict[str, float] | None) -
     return rows
 
 
-def _prompt(session: Session, asked: Asked, *, goes_on: bool, waits: bool) -> Prompt:
+def _prompt(session: Session, asked: Asked, *, is_automatic: bool, waits: bool) -> Prompt:
     task = asked.task
     again = ": the readings differ, measure again" if asked.is_again else ""
     return Prompt(
@@ -146,7 +143,7 @@ def _prompt(session: Session, asked: Asked, *, goes_on: bool, waits: bool) -> Pr
         asked.bend,
         sum(min(len(session.of(each)), each.repeats) for each in session.tasks),
         sum(each.repeats for each in session.tasks),
-        goes_on,
+        is_automatic,
         waits,
     )
 
@@ -161,8 +158,8 @@ def _what_was_read(session: Session, asked: Asked) -> str:
 
 
 def _digits(value: float, half_width: float) -> int:
-    """Decimal places that show two digits of an uncertainty, but no more than `MOST_DIGITS` of the number."""
+    """Return the decimal places for two digits of an uncertainty, with at most `MAX_DIGITS` of the number."""
     if not (math.isfinite(half_width) and half_width > 0.0):
         return 3
-    most = MOST_DIGITS - 1 - (math.floor(math.log10(abs(value))) if value else 0)
-    return min(6, max(0, min(1 - math.floor(math.log10(half_width)), most)))
+    places = MAX_DIGITS - 1 - (math.floor(math.log10(abs(value))) if value else 0)
+    return min(6, max(0, min(1 - math.floor(math.log10(half_width)), places)))

@@ -1,4 +1,4 @@
-"""Instruments that a person reads and whose numbers are asked for, or whose counts come in messages."""
+"""Instruments with typed readings, or with counts from messages."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -14,24 +14,24 @@ LISTENING_S, SILENCE_S, LOOK_S = 0.2, 5.0, 0.005
 
 
 class TypedInstruments:
-    """Hand and drum whose numbers a person gives; both ports at once.
+    """Ports of hand and drum with typed numbers.
 
-    *address*: where `GLOVE_POSES` messages bring the counts; None: they are asked for, too.
+    *address*: of `GLOVE_POSES` messages with the counts; None: typed counts.
     """
 
-    rate = 0.0  # Hz: nobody types a chirp
+    rate = 0.0  # Hz: a chirp cannot be typed
     numbers: Callable[[Sequence[str]], list[float]]
-    """Asks questions, and returns a number for each: set before anything is asked."""
+    """Function that returns a number for each question; set before the first reading."""
 
     def __init__(self, address: str | None, finger: int) -> None:
         self._finger = finger
         self._reception = None if address is None else Inbox(address, [GLOVE_POSES], is_timed=False)
 
     def counts(self) -> np.ndarray:
-        """Return counts that are asked for, or those that come for a moment from now on."""
+        """Return typed counts, or those received during `LISTENING_S` from now on."""
         if self._reception is None:
             return np.array(self.numbers(["counts of the potentiometer"]))
-        self._arrived()  # what came before the hand was still
+        self._arrived()  # discards those from before the hand was still
         found: list[float] = []
         started = time.monotonic()
         ends = started + LISTENING_S
@@ -46,22 +46,22 @@ class TypedInstruments:
         return np.array(found)
 
     def latency(self) -> tuple[float, float]:
-        """Return the latency that a person measured."""
+        """Return the typed latency and sample time, s."""
         latency, sampled = self.numbers(
             ["latency of the glove by your step test, in ms", "time between samples of the step test, in ms"]
         )
         return 1e-3 * latency, 1e-3 * sampled
 
     def angle(self) -> float:
-        """Return the drum's angle that a person reads."""
+        """Return the typed angle of the drum, rad."""
         return self.numbers(["angle of the drum's encoder, in radians"])[0]
 
     def swing(self, torques: np.ndarray) -> DrumRecord:
-        """Refuse: only a motor swings a drum."""
+        """Raise an error: only a motor swings a drum."""
         raise DecaffError("the swing of a drum cannot be typed, expected a motor")
 
     def _arrived(self) -> list[float]:
-        """Counts of this finger that came since the last look."""
+        """Return the counts of this finger received since the last call."""
         found: list[float] = []
         if self._reception is not None:
             for _, records, _ in self._reception.messages():

@@ -36,7 +36,7 @@ def bench(
         bool | None,
         flag(
             "--realtime/--no-realtime",
-            ("Ask the system for real-time priority and a core for the loop. Default: as in SCENE, else no."),
+            ("Request real-time priority and a core for the loop. Default: as in SCENE, else no."),
             show_default=False,
         ),
     ] = None,
@@ -53,9 +53,8 @@ def bench(
 
     There are two verdicts. The scene fits a period if 99.9 % of the ticks of every motion (best of
     three runs), and half of the loop's ticks, take no longer to compute. This machine kept its
-    deadlines if the loop missed at most 0.1 % of them, for whatever reason: interruptions and late
-    waking count here. With --gate the exit code is 1 if the scene does not fit PERIOD. A picture
-    requires matplotlib.
+    deadlines if the loop missed at most 0.1 % of them, including interruptions and late waking. With
+    --gate the exit code is 1 if the scene does not fit PERIOD. A picture requires matplotlib.
 
     Examples:
       proximity bench meshes/bracket.stl

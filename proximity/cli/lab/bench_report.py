@@ -29,7 +29,7 @@ def write(reported: dict[str, Any]) -> None:
             ("content", scene["sha256"][:HASH_DIGITS]),
             ("ticks", f"{walks}, seed {settings['seed']}"),
             *(
-                [("not measured", f"{missing}, which make ticks of this scene file dearer")]
+                [("not measured", f"{missing}, which make ticks of this scene file longer")]
                 if missing
                 else []
             ),

@@ -20,26 +20,26 @@ if TYPE_CHECKING:
 
 HELP = (
     "Compare walls in an experiment with people: DECAFF, coupled walls, real surfaces.\n\n"
-    "Participants are pseudonyms. Each visit is one CSV file, a row a trial. The same command continues a "
-    "visit that was stopped, even by a crash; only the current trial is lost."
+    "Participants are pseudonyms. Each session is one CSV file, a row per trial. The same command continues "
+    "a session that was stopped, even by a crash; only the current trial is lost."
 )
 SHIPPED = "decaff_against_coupled.toml"
 
 experiment = typer.Typer(name="experiment", cls=Group, help=HELP, no_args_is_help=True, add_completion=False)
 
 DESIGN = Annotated[Path, argument("DESIGN", "Design of the experiment (.toml).")]
-OUT = Annotated[Path, option("DIR", "Folder of the visits; created if missing.", "--data")]
+OUT = Annotated[Path, option("DIR", "Folder of the sessions; created if missing.", "--data")]
 
 
 def _command(example: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """A command that is called as its example, whose first word is the command's name."""
+    """Register a command by its example, whose first word is the command's name."""
     epilog = f"\nExample:\n  proximity experiment {example}\n"
     return experiment.command(example.partition(" ")[0], cls=Command, epilog=epilog, no_args_is_help=True)
 
 
 @_command("new --out comparison.toml")
 def new(path: Annotated[Path, option("FILE", "File to write.", "--out")]) -> None:
-    """Write the sample design: DECAFF against coupled walls, each at 1 and 10 ms."""
+    """Write the sample design: DECAFF and coupled walls, each at 1 and 10 ms."""
     from importlib.resources import files
 
     text = (files("proximity.lab.experiment") / SHIPPED).read_text(encoding="utf-8")
@@ -150,13 +150,13 @@ def simulate(
 @_command("report comparison.toml simulated --out comparison.pdf")
 def report(
     design: DESIGN,
-    data: Annotated[Path, argument("DATA", "Folder of the visits.")],
+    data: Annotated[Path, argument("DATA", "Folder of the sessions.")],
     out: Annotated[Path, option("FILE", "Figure to write (.png, .svg, .pdf).")] = Path("experiment.pdf"),
     table: Annotated[
-        Path | None, option("FILE", "CSV to write: a score a participant, task and condition.", "--csv")
+        Path | None, option("FILE", "CSV to write: a score per participant, task and condition.", "--csv")
     ] = None,
 ) -> None:
-    """Analyse the visits: a figure with psychometric functions, means and the planned comparisons."""
+    """Analyse the sessions: a figure with psychometric functions, means and the planned comparisons."""
     from proximity.lab.experiment.analysis import analyse
     from proximity.lab.experiment.design_file import read_design
     from proximity.lab.experiment.figure import write_figure
@@ -166,7 +166,7 @@ def report(
     check_format(out.suffix.removeprefix("."))
     read = read_design(design)
     if not (rows := read_visits(read, data)):
-        raise typer.BadParameter(f"{data}: no visits are here, expected a folder that run or simulate wrote")
+        raise typer.BadParameter(f"{data}: contains no sessions, expected a folder of run or simulate")
     with progress.spinner("fitting psychometric functions"):
         findings = analyse(read, rows)
         write_figure(findings, out)
@@ -187,7 +187,7 @@ def power(
         option("N", "Number of participants, instead of the design's. Can be given several times.", min=3),
     ] = None,
 ) -> None:
-    """Simulate how often the analysis finds the differences that the design expects."""
+    """Estimate by simulation how often the analysis finds the expected differences."""
     from proximity.lab.experiment.design_file import read_design
 
     read = read_design(design)

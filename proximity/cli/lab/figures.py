@@ -21,9 +21,9 @@ from proximity.cli.options import (
 )
 from proximity.cli.output import report
 
-WIDEST = 120  # columns, of a table of sentences
+WIDEST = 120  # columns of a table of sentences
 LINK = re.compile(r"\[(.*?)\]\(.*?\)")
-SENTENCE = re.compile(r"(?<=[.]) (?=[A-Z])")  # each on a line of its own
+SENTENCE = re.compile(r"(?<=[.]) (?=[A-Z])")  # each on a separate line
 
 
 @with_option_groups
@@ -45,10 +45,10 @@ def figures(
 ) -> None:
     """Draw the named figures, or all of them, each with its numbers as CSV in SI units.
 
-    5a to 5h are those of the paper; 5 has all eight on one page. stability shows for which springs and
-    dampers a sampled wall is stable. error-speed and error-latency compare coupled walls and drums with
-    the real wall. drum-motion shows when a drum is in position. With --glove the drums are on your
-    glove. Existing files are replaced. All figures take less than a minute. Requires matplotlib.
+    5a to 5h are those of the paper; 5 has all eight on one page. stability shows the stable springs and
+    dampers of a sampled wall. error-speed and error-latency compare coupled walls and drums with the
+    real wall. drum-motion shows when a drum is in position. With --glove the drums are on your glove.
+    Existing files are replaced. All figures take less than a minute. Requires matplotlib.
 
     Examples:
       proximity figures
@@ -83,9 +83,9 @@ def figures(
 
 
 def claims(as_json: Annotated[bool, flag("--json", "Write one JSON document.")] = False) -> None:
-    """Compare each claim of the paper with what the models of this project give.
+    """Compare each claim of the paper with the models of this project.
 
-    Every claim has a verdict and the numbers behind it, which are computed now; that takes some seconds.
+    Every claim has a verdict and its numbers, whose computation takes some seconds.
 
     Examples:
       proximity claims

@@ -9,7 +9,7 @@ from threading import Event
 
 import typer
 
-from proximity.cli.device.drum_loop import DrumsBeside
+from proximity.cli.device.drum_loop import DrumThread
 from proximity.cli.device.motors import armable_motors
 from proximity.cli.output import report
 from proximity.cli.tables import Console
@@ -37,7 +37,7 @@ class Drums:
 
 
 def run_session(design: Design, folder: Path, participant: str, drums: Drums) -> str:
-    """Do the rest of a session; return why it ended early, or nothing."""
+    """Run the remaining session; return the reason for an early end, or an empty string."""
     gloves = [read_any_glove(path, drums.max_age) for path in drums.gloves]
     try:
         with ExitStack() as stack:
@@ -48,7 +48,7 @@ def run_session(design: Design, folder: Path, participant: str, drums: Drums) ->
             display.warm_up()
             home_all(motors, Event().wait, report)
             stack.callback(display.stop, "the session is over")
-            stack.enter_context(DrumsBeside(display, subscriber, drums.rate))
+            stack.enter_context(DrumThread(display, subscriber, drums.rate))
             run_visit(design, folder, participant, display, Terminal())
     except RefusedError:
         return f"{participant} does not agree: no data were kept"
@@ -58,7 +58,7 @@ def run_session(design: Design, folder: Path, participant: str, drums: Drums) ->
 
 
 class Terminal:
-    """Asks a person at the terminal; Ctrl-C and the end of input stop the visit and retract the drum."""
+    """Prompts in the terminal; Ctrl-C and the end of input stop the session and retract the drum."""
 
     def consents(self, text: str) -> bool:
         """Show the consent text; return whether the participant agrees."""
@@ -82,11 +82,11 @@ class Terminal:
         input(f"  {placed}Enter, then press on surface {interval + 1} ")
 
     def answer(self, trial: Trial, felt: Sequence[Presentation]) -> int:
-        """Ask for the answer to a trial."""
+        """Return the answer to a trial."""
         return int(_chosen(f"  {trial.task.question or '1 or 2?'} ", ("1", "2")))
 
     def explain(self, why: str) -> None:
-        """Show why a trial ended early."""
+        """Show the reason for the early end of a trial."""
         typer.echo(f"  This trial ended early: {why}.")
 
 

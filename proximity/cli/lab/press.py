@@ -19,7 +19,7 @@ from proximity.lab.simulation.sweeps import Stretch
 from proximity.service.config import PartFiles, read_scene_file
 
 SHAKING = 0.1  # of the real force at rest: ripple of a wall that does not come to rest
-SHOWN_LONG = 1e7  # less is shown with all its digits
+SHOWN_LONG = 1e7  # smaller numbers are shown with all digits
 ROWS = (  # label, field, factor from SI units, digits
     ("force begins [ms after the touch]", "onset", 1e3, 2),
     ("peak force [N]", "peak", 1.0, 3),
@@ -100,7 +100,7 @@ def simulate_press_on_part(
 
 
 def _scene(surface: WallOptions, pressed: PartOptions, file: Path) -> proximity.Scene:
-    """The parts of a scene file or of any file that has parts; of these the one that is named."""
+    """Return the parts of a file or scene file, or only the named one."""
     if file.suffix.lower() == ".toml":
         scene = PartFiles().scene(read_scene_file(file))
     else:
@@ -128,5 +128,5 @@ def _print(lines: Any, titles: tuple[str, ...], rows: list[tuple[str, ...]]) -> 
 
 
 def _shown(value: float, digits: int) -> str:
-    """A number with digits after its point; one that a wall out of control makes, in short."""
+    """Return a number with decimal places; a number of an unstable wall in short form."""
     return f"{value:.{digits}f}" if abs(value) < SHOWN_LONG else f"{value:.3g}"

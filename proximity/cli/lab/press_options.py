@@ -21,7 +21,7 @@ from proximity.cli.options import (
 if TYPE_CHECKING:
     from proximity.lab.simulation.simulated_press import Setup
 
-USED_BY = {  # options that only some walls have
+USED_BY = {  # options of some walls only
     "--latency": ("coupled", "decaff"),
     "--rate": ("coupled", "decaff"),
     "--drum": ("decaff",),
@@ -32,14 +32,14 @@ USED_BY = {  # options that only some walls have
     "--stiffness": ("coupled",),
     "--damping": ("coupled",),
 }
-OF_A_SCENE = "only a press on a part has that: expected --scene FILE as well"
+OF_A_SCENE = "requires --scene FILE"
 WALLS = ("real", "coupled", "decaff")
 STRETCHES = ("left", "torque", "sensor")
 
 
 @dataclass(frozen=True, slots=True)
 class WallOptions:
-    """Options of the wall and of what drives the drum; None where the option was not given."""
+    """Options of the wall and of the drum; None if not given."""
 
     wall: Annotated[str, option("WALL", "Kind of wall: real, coupled or decaff.")] = "decaff"
     speed: Annotated[float, option("M/S", "Speed of the approach.")] = 0.1
@@ -65,13 +65,13 @@ class WallOptions:
         str | None,
         option(
             "HOW",
-            "How the drum makes up for the stretch of the --cable: left (not at all, the "
-            "default), torque (by the motor's) or sensor (by a force sensor).",
+            "Compensation of the stretch of the --cable: left (none, the default), torque (by the "
+            "motor's) or sensor (by a force sensor).",
         ),
     ] = None
 
     def check(self) -> None:
-        """Refuse options that a wall of this kind does not have."""
+        """Reject options that a wall of this kind lacks."""
         given = {"--" + name.replace("_", "-"): value for name, value in asdict(self).items()}
         refuse(
             (self.wall not in WALLS, "--wall", f"{self.wall!r}: expected one of {', '.join(WALLS)}"),
@@ -83,11 +83,11 @@ class WallOptions:
         self._check_stretch()
 
     def check_on_part(self) -> None:
-        """Refuse options that a press on a part does not have."""
+        """Reject options that a press on a part lacks."""
         alone = self.damping is not None and self.stiffness is None
         refuse(
-            (self.wall != "decaff", "--wall", "on a part of a scene there is only decaff"),
-            (alone, "--damping", "a part that has it has a --stiffness as well"),
+            (self.wall != "decaff", "--wall", "must be decaff on a part of a scene"),
+            (alone, "--damping", "requires --stiffness on a part"),
         )
         self._check_stretch()
 
@@ -124,7 +124,7 @@ class WallOptions:
         return simulated_press.Setup(wall=simulated_press.Wall(self.wall), speed=self.speed, **chosen)
 
     def _worn(self) -> dict[str, Any]:
-        """The glove of the file, with its cable, and its latency where that was measured."""
+        """Return the glove of the file, with its cable, and its measured latency if any."""
         if self.glove is None:
             return {}
         from proximity.decaff.glove.calibrated_glove import CalibratedGlove, read_any_glove
@@ -159,7 +159,7 @@ class PartOptions:
     units: UNITS = "mm"
 
     def check(self) -> None:
-        """Refuse options that need a scene where there is none."""
+        """Reject options that require a scene."""
         given = {"--part": self.part, "--at": self.at}
         if self.scene is None:
             refuse(*((value is not None, name, OF_A_SCENE) for name, value in given.items()))

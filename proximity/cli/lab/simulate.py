@@ -22,8 +22,8 @@ def simulate(
     The hand approaches at --speed, presses with 0.8 N and leaves. A coupled wall is a spring and a
     damper, rendered by a motor on the finger; without --stiffness and --damping the best pair of a grid
     is used. A decaff wall is a drum that moves to the reported position of the wall; --policy chooses
-    how a distance becomes a position; --cable puts a cable between finger and drum. --glove takes
-    motor, gear, lever, cable and measured latency from the file of your glove. --csv writes the
+    the conversion of a distance to a position; --cable inserts a cable between finger and drum. --glove
+    reads motor, gear, lever, cable and measured latency from the file of your glove. --csv writes the
     press, about every 0.1 ms.
 
     With --scene the wall is a CAD part, and the engine controls the drum: the tracker on the finger's

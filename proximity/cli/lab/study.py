@@ -20,7 +20,7 @@ EXIT_FAILED = 1
 SAY_EVERY_S = 30.0  # if stderr is not a terminal, which shows a bar
 
 STUDY = Annotated[Path, argument("STUDY", "Study file (.toml).")]
-RESULTS = Annotated[Path | None, option("DIR", "Folder of results; beside STUDY if not given.", "--results")]
+RESULTS = Annotated[Path | None, option("DIR", "Folder of results. Default: next to STUDY.", "--results")]
 
 
 def run(
@@ -31,10 +31,10 @@ def run(
 ) -> None:
     """Run a study: a job for every condition, on all cores.
 
-    Jobs are press (a simulated press on a wall), certificate (whether a scene holds its period), and
-    module:function, a Python function of your own. Results go to a folder named like STUDY: Parquet
-    files, and rows.csv. The same command continues a study that was stopped, and tries conditions
-    again that failed.
+    Jobs are press (a simulated press on a wall), certificate (whether a scene fits its period), and
+    module:function, your own Python function. Results are written to a folder named like STUDY: Parquet
+    files, and rows.csv. The same command continues a study that was stopped, and repeats failed
+    conditions.
 
     The exit code is 1 if conditions failed. Requires: pip install 'cad-proximity[study]'.
 
@@ -78,7 +78,7 @@ def report(
 ) -> None:
     """Draw the results of a study: a measure over a factor, a line for each level of another.
 
-    The table [plot] of STUDY says which; without it, the first factors that vary.
+    They are set in the table [plot] of STUDY. Default: the first factors that vary.
 
     Examples:
       proximity study report force-error.toml
@@ -111,7 +111,7 @@ def _read(path: Path) -> "Study":
 
 @contextlib.contextmanager
 def _progress(name: str) -> "Iterator[Callable[[Progress], None]]":
-    """A bar with rate and time left; if stderr is not a terminal, a line now and then."""
+    """Show a bar with rate and remaining time; if stderr is not a terminal, a line every `SAY_EVERY_S`."""
 
     due = time.monotonic() + SAY_EVERY_S
     with progress.bar(name) as show:

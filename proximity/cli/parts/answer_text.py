@@ -19,28 +19,28 @@ from proximity.cli.parts.answers import (
     counted_answers,
 )
 
-TERMINAL_ROWS = 100  # more than a person reads from a screen
+TERMINAL_ROWS = 100  # shown on a terminal
 SIDE_WORDS = {"surface": "on the surface", "unknown": "which side is unknown"}
 ON_FEATURES = {"face": "a face", "edge": "an edge", "vertex": "a corner"}
 ENDINGS = {"face": " of the file", "fraction": " of the segment"}
 SIGN_WORDS = {
     True: "inside and outside of this part are known",
-    False: "this part has no inside: the distance has no sign; `proximity check` says why",
+    False: "this part has no inside: the distance has no sign; see `proximity check`",
 }
 DISPENSABLE = ("part_name", "point", "point_on_segment", "point_on_solid", "side")
-"""Fields to leave out, in this order, until a table is as narrow as the terminal."""
+"""Fields omitted, in this order, until a table fits the terminal."""
 
 
 def write_text(question: Question, chunks: Iterator[Answers], *, is_whole: bool = False) -> None:
-    """Write labelled lines for a single answer; for several a table, on a terminal its start.
+    """Write labelled lines for a single answer, a table for several; on a terminal the first rows only.
 
-    *is_whole*: what a terminal does not show is answered all the same.
+    *is_whole*: compute also the answers that are not shown.
     """
     first = next(chunks)
     count, more = count_of(first), None
     if count == 1:
         print_block(_lines(question, {name: values[0] for name, values in first.items()}))
-        next(chunks, None)  # a line behind it may be none
+        next(chunks, None)  # reports an invalid line after it
         return
     if sys.stdout.isatty():
         more = next(chunks, None)
@@ -62,7 +62,7 @@ def write_text(question: Question, chunks: Iterator[Answers], *, is_whole: bool 
 
 
 def _shown(question: Question, answers: Answers, first_row: int) -> list[Column]:
-    """Columns of a table: name or number, the points, distance, side, closest points; the part at the end."""
+    """Return the columns of a table: name or number, points, distance, side, closest points, part."""
     columns = [
         column
         for column in columns_of(answers, question.units, question.decimals, question.width)
@@ -103,7 +103,7 @@ def _write_rows(columns: list[Column], *, has_titles: bool) -> None:
 
 
 def _lines(question: Question, answer: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Labels and values of one answer, with the names of its points where they have some."""
+    """Yield labels and values of one answer, with the names of its points, if any."""
     is_closest, is_found = question.mode == "closest", answer["face_id"] is not None
     for name, value in answer.items():
         field = FIELDS.get(name, GIVEN)
@@ -132,12 +132,12 @@ def _why_nothing(mode: str, answer: dict[str, Any]) -> str:
     elif math.isnan(distance):
         why = "too far away to be computed"
     else:
-        why = "nothing in that direction" if mode == "ray" else "nothing"
+        why = "no part in that direction" if mode == "ray" else "no part"
     return f"{number(distance)} ({why})"
 
 
 def _side(signed_distance: float, is_signed: bool) -> str | None:
-    """On which side of the surface a point is, in a word; None where there is no answer."""
+    """Return the side of the surface on which a point is; None without an answer."""
     if math.isnan(signed_distance):
         return None
     if signed_distance == 0.0:

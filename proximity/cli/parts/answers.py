@@ -1,8 +1,8 @@
 """Answers to queries, and as JSON and CSV for programs.
 
-All come from `FIELDS`. Points are read, answered and written in chunks. Lengths are in the user's unit with
-at most 15 significant digits; JSON and CSV hold numbers that read back as the same float64. CSV writes nan
-and inf as NumPy and pandas read them; what is missing is empty, and no text is a formula.
+`FIELDS` defines all fields. Points are read, answered and written in chunks. Lengths are in the user's unit
+with at most 15 significant digits; numbers in JSON and CSV read back as the same float64. CSV writes nan and
+inf as NumPy and pandas read them; missing values are empty, and text is never a formula.
 """
 
 import csv
@@ -19,7 +19,7 @@ import numpy as np
 import proximity
 from proximity.cli import progress
 from proximity.cli.output import (
-    DIGITS as MOST_DIGITS,
+    DIGITS as MAX_DIGITS,
 )
 from proximity.cli.output import (
     MISSING,
@@ -35,16 +35,16 @@ from proximity.errors import ArgumentError, ProximityError
 from proximity.scene.queries.results import NO_FACE, Feature
 
 NUMBER_WIDTH = 9  # of a column, as -123.4567
-SMALLEST_M = 1e-7  # shown in a table: 4 decimals of a millimetre
+SMALLEST_M = 1e-7  # in a table: 4 decimals of a millimetre
 DIRECTION_DECIMALS = 9
 DIGITS = 9  # significant, of numbers in lines
 FAR = 1000.0
-"""Sizes of the scene: points beyond are noted."""
+"""Scene sizes beyond which points are noted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field of an answer; it is in JSON and CSV, in a table if it has a title, in lines with a label."""
+    """Field of an answer, in JSON and CSV; in a table if it has a title, in lines if it has a label."""
 
     title: str = ""  # of its column in a table; the axis follows
     label: str = ""  # of its line
@@ -53,7 +53,7 @@ class Field:
     is_text: bool = False
 
     def shown(self, value: Any, digits: int = DIGITS) -> str:
-        """Return a value for people; components of directions that are rounding errors are zeros."""
+        """Return a value as text; rounding errors in components of directions are zero."""
         if self.is_text:
             return MISSING if value is None else printable(str(value))
         if self.is_length:
@@ -90,21 +90,21 @@ FIELDS = {
 }
 TITLED = ("name", "start_name", "end_name")
 GIVEN = _text()
-"""Field of a column of the points that only passes through."""
+"""Field of a column that is copied from the points."""
 TEXT_WIDTHS = {"name": 10, "start_name": 10, "side": len("outside"), "part_name": 24}
 FACES = ("part", "part_name", "face", "face_id")
-"""``face`` is the row of the file's faces, ``face_id`` that of the part's mesh."""
-ANSWERED = {  # by kind of query, behind the points asked from; named as in the library's results
+"""``face`` is the row in the faces of the file, ``face_id`` that in the mesh of the part."""
+ANSWERED = {  # by kind of query, after the query points; named as in the library's results
     "closest": ("signed_distance", "is_signed", "point", "gradient", *FACES, "feature", "barycentric"),
     "ray": ("distance", "point", "normal", *FACES, "barycentric"),
     "segment": ("distance", "fraction", "point_on_segment", "point_on_solid", *FACES),
 }
 Answers = dict[str, list[Any]]
-"""By names of fields: an entry an answer, which is a number, three numbers, a word, or None for nothing."""
+"""By field name, a value per answer: a number, three numbers, a word, or None."""
 
 
 class Question:
-    """A kind of query of a scene, asked in a unit; counts the points that are far away."""
+    """Query of a scene in a unit; counts points that are far away."""
 
     def __init__(
         self,
@@ -124,12 +124,12 @@ class Question:
         self._asked, self._far_count, self._farthest = 0, 0, 0.0
         self.decimals = max(1, min(7, round(math.log10(metres / SMALLEST_M))))
         whole = len(f"{max(*np.abs(self._lower), *np.abs(self._upper)):.0f}")  # digits before the point
-        self.digits = max(DIGITS, min(whole + 4, MOST_DIGITS))
-        self.width = max(NUMBER_WIDTH, min(whole, MOST_DIGITS) + 5)  # of a column of coordinates
+        self.digits = max(DIGITS, min(whole + 4, MAX_DIGITS))
+        self.width = max(NUMBER_WIDTH, min(whole, MAX_DIGITS) + 5)  # of a column of coordinates
         self._own = {each.name_in_csv for each in columns_of({key: [] for key in ANSWERED[self.mode]}, units)}
 
     def answers(self, chunks: Iterable[Points]) -> Iterator[Answers]:
-        """Answer chunk by chunk; at least one chunk, which may be empty."""
+        """Yield the answers chunk by chunk; at least one chunk, which may be empty."""
         is_pair = self.mode == "segment"
         for chunk in chunks:
             rows = np.array(chunk.coordinates, dtype=np.float64).reshape(-1, 3)
@@ -140,7 +140,7 @@ class Question:
             raise ArgumentError(f"points are taken in pairs (start, end), but there are {self._asked}")
 
     def _given(self, kept: dict[str, list[str]], count: int) -> Answers:
-        """Return the other columns of the points; where these are answers, without what is answered anew."""
+        """Return the other columns of the points; earlier answers without the fields computed again."""
         kept = {name: kept[name] for name in kept if name not in self._own} if self._own <= {*kept} else kept
         texts: Answers = {name: values[:count] for name, values in kept.items()}
         if self.mode == "segment":
@@ -152,7 +152,7 @@ class Question:
         }
 
     def _answered(self, rows: np.ndarray) -> Answers:
-        with np.errstate(over="ignore"):  # too far for a float64 is not finite, and answered so
+        with np.errstate(over="ignore"):  # beyond float64 the point is not finite
             points = rows * self._metres
         if self.mode == "closest":
             hits: Any = self.scene.closest(points, workers=self._workers)
@@ -182,7 +182,7 @@ class Question:
         return found
 
     def _faces(self, hits: Any) -> Answers:
-        """Name part and face of each hit; None where nothing was found."""
+        """Return part and face of each hit; None without a hit."""
         parts, scene = hits.part.tolist(), self.scene.parts
         faces = np.full(hits.face_id.shape, NO_FACE, dtype=np.int64)
         for index in {*parts} - {NO_FACE}:
@@ -194,7 +194,7 @@ class Question:
         return found
 
     def _count_far(self, points: np.ndarray) -> None:
-        """Count points much farther away than the scene is large; what is not finite is left out."""
+        """Count finite points that are much farther away than the scene size."""
         with np.errstate(over="ignore", invalid="ignore"):
             gaps = np.maximum(np.maximum(self._lower - points, points - self._upper), 0.0)
         is_far = (gaps.max(axis=1, initial=0.0) > FAR * self._size) & np.isfinite(points).all(axis=1)
@@ -204,7 +204,7 @@ class Question:
         self._farthest = max([self._farthest, *distances])
 
     def note_far_points(self) -> None:
-        """Say on stderr how many points were much farther away than the scene is large."""
+        """Report the number of points that are much farther away than the scene size."""
         if self._far_count:
             report(
                 f"note: {self._far_count} of {self._asked} points are more than {FAR:g} scene sizes of "
@@ -219,10 +219,10 @@ def write_json(
     chunks: Iterable[Answers],
     summary: Callable[[], dict[str, Any]] | None = None,
 ) -> None:
-    """Write one JSON document: what was asked, then ``answers``, one a line, and perhaps a ``summary``.
+    """Write one JSON document: the query, then ``answers``, one per line, and optionally a ``summary``.
 
-    Where *chunks* end in an error behind some answers, these are written, and its sentence as ``error``: the
-    document is complete. An error before any answer leaves nothing written.
+    If *chunks* raise an error after some answers, the document is completed by the message as ``error``.
+    After an error before any answer the output is empty.
     """
     head = {"file": file, "units": question.units, "mode": question.mode}
     opening, separator, write = json.dumps(head)[:-1] + ', "answers": [', "\n", sys.stdout.write
@@ -244,11 +244,11 @@ def write_json(
 
 
 def write_csv(question: Question, stream: TextIO, chunks: Iterable[Answers]) -> None:
-    """Write a header and a line an answer; three numbers take three columns, lengths name their unit."""
+    """Write a header and a line per answer; vectors take three columns, lengths name their unit."""
     from proximity.system.table_text import table_text  # for CSV only
 
     def text_cell(value: Any) -> Any:
-        """A cell of text; numbers of the points' own columns stay as they are written."""
+        """Return a cell of text; numbers in copied columns are unchanged."""
         try:
             float(value)
         except (TypeError, ValueError):
@@ -276,7 +276,7 @@ class Column(NamedTuple):
     decimals: int
 
     def cell(self, value: Any) -> str:
-        """Return a value within the width of the column, where that is possible."""
+        """Return a value as text, within the width of the column if possible."""
         if self.field.is_text:
             text = self.field.shown(value)
             return text if self.width > 0 or len(text) <= -self.width else f"{text[: -self.width - 1]}…"
@@ -287,7 +287,7 @@ class Column(NamedTuple):
 
 
 def counted_answers(chunks: Iterable[Answers]) -> Iterator[Answers]:
-    """Answers as they come, with their number on stderr where they do not run into that."""
+    """Yield answers, and show their number on stderr unless they are printed there."""
     if sys.stdout.isatty():
         yield from chunks
         return
@@ -306,7 +306,7 @@ def columns_of(
         field = FIELDS.get(name, GIVEN)
         ending = f"_{units}" if field.is_length else ""
         for axis, letter in enumerate(field.axes or [""]):
-            # Plain x, y, z of the points asked from: what is written can be read again as points.
+            # Plain x, y, z for the query points, so that the output can be read as points.
             words = "_".join(filter(None, ("" if name == "query" else name, letter)))
             each = [vector[axis] for vector in values] if letter else values
             title = field.title.format(letter, unit=units)

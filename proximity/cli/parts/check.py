@@ -1,4 +1,4 @@
-"""``proximity check`` and ``compile``: what is in a file, and a file that opens in milliseconds."""
+"""``proximity check`` and ``compile``: the contents of a file, and a file that opens in milliseconds."""
 
 from pathlib import Path
 from typing import Annotated
@@ -25,14 +25,14 @@ def check(
     """Report the contents of FILE, part by part; of several as one scene.
 
     For the whole file and for each part: length, width and height along x, y and z (of a part in its
-    own frame), faces, closed shells, whether it is watertight and oriented, its volume, how inside and
-    outside are decided and why, the verdict of manifold3d, and repairs. An unlikely size is reported
-    with the probable unit. A narrow terminal shows fewer columns; --json has all numbers.
+    own frame), faces, closed shells, whether it is watertight and oriented, its volume, the method of the
+    sign and its reason, the verdict of manifold3d, and repairs. An unlikely size is reported with the
+    probable unit. A narrow terminal shows fewer columns; --json has all numbers.
 
     The exit code is 0 if the file can be read. With --strict it is 1 if a part has no inside.
 
-    FILE may be a folder. Then every file below it is read in a process of its own, and a table counts
-    those loaded, noted and refused, by kind. The exit code is 1 if one was refused.
+    FILE may be a folder. Then every file below it is read in a separate process, and a table counts
+    those loaded, noted and rejected, by kind. The exit code is 1 if one was rejected.
 
     Examples:
       proximity check bracket.stl
@@ -43,7 +43,7 @@ def check(
       proximity check catalogue --limit 20
     """
     folders = [file for file in files if file.is_dir()]
-    alone = f"{', '.join(map(str, folders))} is a folder, which is checked alone"
+    alone = f"{', '.join(map(str, folders))} is a folder, which must be the only argument"
     refuse((folders and len(files) > 1, "FILE", alone))
     if folders:
         from proximity.cli.parts.folder_report import check_folder
@@ -72,15 +72,15 @@ def compile(
     reading: Reading,
     out: Annotated[
         Path | None,
-        option("FILE", "File to write (.prox); beside FILE if not given. Required for several files."),
+        option("FILE", "File to write (.prox). Default: next to FILE. Required for several files."),
     ] = None,
 ) -> None:
     """Write FILE as a compiled scene (.prox), which opens in milliseconds and gives the same answers.
 
-    The parts of several files become one scene, where they are in their files; equal names are numbered.
+    The parts of several files become one scene, in their positions; equal names are numbered.
 
-    A compiled scene can be given wherever a FILE is expected. Another version of proximity may refuse it;
-    compile FILE again then. An existing compiled scene is replaced only when the new one is complete.
+    A compiled scene can be used as any FILE. Another version of proximity may reject it; compile FILE
+    again then. An existing compiled scene is replaced only when the new one is complete.
 
     Examples:
       proximity compile gearbox.step

@@ -24,12 +24,12 @@ from proximity.cli.output import (
 from proximity.cli.tables import Column, print_fitting, results_console
 from proximity.mesh.vertex_weld import open_edges
 
-NAMES_SHOWN = 3  # parts named with a remark; the others are counted
+NAMES_SHOWN = 3  # parts named in a remark; the others are counted
 PARTS_SHOWN = 20
 A_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 ALL_OF_RANGE = re.compile(r"(\S+ to \S+) of \1 ")
 DISPENSABLE = ("volume", "manifold3d", "shells", "oriented", "watertight")
-"""Columns to leave out, in this order, until the table is as narrow as the terminal."""
+"""Columns omitted, in this order, until the table fits the terminal."""
 YES = {True: "yes", False: "no"}
 
 Values = dict[str, Any]
@@ -152,7 +152,7 @@ def _part_values(part: "proximity.Part", metres: float) -> Values:
         "boundary_edge_count": found.boundary_edge_count,
         "nonmanifold_edge_count": found.nonmanifold_edge_count,
         "misoriented_edge_count": found.misoriented_edge_count,
-        "open_edge_count": len(unclosed),  # where vertices that a weld would close up count as one
+        "open_edge_count": len(unclosed),  # with vertices within the weld tolerance merged
         "open_edge": in_units(unclosed[0], metres).tolist() if len(unclosed) else None,  # in the scene
         "is_watertight": found.is_watertight,
         "is_oriented": found.is_oriented,
@@ -205,7 +205,7 @@ def _remarks(parts: list[Values], units: str) -> Lines:
 
 
 def _grouped(parts: list[Values], label: str, sentence_of: Cell) -> Lines:
-    """Each sentence once, with the parts it is about; where only numbers differ, their range stands."""
+    """Yield each sentence once, with its parts; sentences that differ only in numbers have ranges."""
     groups: dict[str, list[tuple[str, str]]] = {}
     for part in parts:
         if sentence := sentence_of(part):
@@ -218,7 +218,7 @@ def _grouped(parts: list[Values], label: str, sentence_of: Cell) -> Lines:
 
 
 def _with_ranges(sentences: tuple[str, ...]) -> str:
-    """Return sentences that differ in numbers only as one: "Merged 4 to 28 equal vertices."."""
+    """Merge sentences that differ only in numbers: "Merged 4 to 28 equal vertices."."""
     columns = zip(*(A_NUMBER.findall(sentence) for sentence in sentences), strict=True)
     ranges = iter([sorted(set(column), key=float) for column in columns])
 

@@ -1,4 +1,4 @@
-"""``proximity clearance``: how far the parts of a file are apart, and which touch or overlap."""
+"""``proximity clearance``: distances between the parts of a file, contacts and overlaps."""
 
 import csv
 import io
@@ -43,9 +43,9 @@ EXIT_NEARER = 1
 DIGITS = 6
 """Significant, of numbers in the table."""
 FEW_DIGITS = 4
-"""Of depths, of which the bounds are a thousandth apart."""
+"""Significant, of depths, whose bounds are a thousandth apart."""
 DISPENSABLE = ("to", "from", "depth", "overlap")
-"""Columns to leave out, in this order, until the table is as narrow as the terminal."""
+"""Columns omitted, in this order, until the table fits the terminal."""
 Values = dict[str, Any]
 
 
@@ -58,12 +58,12 @@ def clearance(
             f"{FILE_HELP} Then one part against the others, or two parts; 'bolt*' names several.",
         ),
     ],
-    clashes: Annotated[bool, flag("--clashes", "Only pairs that overlap; the exit code tells.")] = False,
+    clashes: Annotated[bool, flag("--clashes", "Only pairs that overlap; exit with code 1 if any.")] = False,
     below: Annotated[
         float | None,
         option(
             "DISTANCE",
-            "Only pairs nearer than this, or overlapping; the exit code tells.",
+            "Only pairs nearer than this, or overlapping; exit with code 1 if any.",
             callback=within(0.0),
         ),
     ] = None,
@@ -78,18 +78,18 @@ def clearance(
     *,
     reading: Reading,
 ) -> None:
-    """Measure how far the parts of FILE are apart: clashes first, then the nearest pair.
+    """Measure the distances between the parts of FILE: clashes first, then the nearest pair.
 
     For every two parts: the shortest distance and its two ends; whether the parts touch, cross, or one is
-    inside the other; the volume that both of them fill; deepest, how far any point of one is inside the
-    other; and the way out, how far the first must move to be free of the second. One PART is measured
+    inside the other; their common volume; deepest, the largest depth of a point of one inside the other;
+    and the way out, the shortest displacement that frees the first from the second. One PART is measured
     against all others, two against each other; `proximity check` lists the names. Several files are one
-    scene, with parts where they are in their files.
+    scene, with parts in their positions.
 
-    A screw in its hole overlaps it by the approximation of round surfaces by triangles. Pairs whose deepest
+    A screw overlaps its hole by the approximation of round surfaces by triangles. Pairs whose deepest
     point is within --contact touch: they fit. With --clashes the exit code is 1 if a pair overlaps by more,
-    and 0 if none does. With --below it is 1 if a pair is nearer than that, or overlaps. Pairs that are meant
-    to clash are listed once with --csv, and named with --allow.
+    and 0 if none does. With --below it is 1 if a pair is nearer, or overlaps. List intended clashes
+    once with --csv, and pass the file to --allow.
 
     Examples:
       proximity clearance gearbox.step --clashes
@@ -104,7 +104,7 @@ def clearance(
     refuse(
         (len(names) > 2, "PART", f"{len(names)} names are given, expected two at most"),
         (len(names) == 2 and list_all, "--all", "two parts are one pair"),
-        (clashes and below is not None, "--below", "--clashes is given as well"),
+        (clashes and below is not None, "--below", "not allowed with --clashes"),
         (below is None and ignore_touching, "--ignore-touching", "requires --below"),
         (not is_gate and allow is not None, "--allow", "requires --clashes or --below"),
     )
@@ -138,7 +138,7 @@ def clearance(
     else:
         _print_table(values if list_all or clashes else values[: measured_pairs.MAX_SHOWN], reading.units)
         if len(scene.parts) == 1:
-            typer.echo("There is only one part, and no other to compare it with.")
+            typer.echo("There is only one part.")
             return
         if not clashes:
             names = [printable(name) for name in names]
@@ -149,7 +149,7 @@ def clearance(
 
 
 def _files_and_names(words: list[str]) -> tuple[list[Path], list[str]]:
-    """The files, which are the first word and those that are the name of one, and the names of parts."""
+    """Split arguments into files (the first, and all that exist) and names of parts."""
     from proximity.formats import EXTENSIONS
 
     known = (*EXTENSIONS, ".prox", SCENE_FILE)
@@ -159,7 +159,7 @@ def _files_and_names(words: list[str]) -> tuple[list[Path], list[str]]:
 
 
 def _values(pair: "MeasuredPair", metres: float) -> Values:
-    """What is said about a pair, in the user's unit."""
+    """Return the values of a pair, in the user's unit."""
     import numpy as np
 
     from proximity.cli.output import in_units
@@ -197,7 +197,7 @@ def _point(position: list[float]) -> str:
 
 
 def _lines(pair: Values, units: str) -> Iterator[tuple[str, str]]:
-    """Labels and values of one pair."""
+    """Yield labels and values of one pair."""
     yield "distance", f"{length(pair['distance'])} {units}, {pair['relation']}"
     for end, part in (("from", "first"), ("to", "second")):
         yield end, f"{_point(pair[end])} {units} ({pair[part]})"
@@ -220,14 +220,14 @@ def _print_table(pairs: list[Values], units: str) -> None:
     print_fitting(console, columns, DISPENSABLE, "a wider one, a pipe or --json", styles=styles)
 
 
-def _columns(pairs: list[Values], units: str, most: int) -> "list[Column]":
-    """The columns of a table; names longer than *most* letters take several lines."""
+def _columns(pairs: list[Values], units: str, width: int) -> "list[Column]":
+    """Return the columns of a table; names longer than *width* letters take several lines."""
     from proximity.cli.tables import Column
 
     cube, deep = f"{units}\N{SUPERSCRIPT THREE}", any(pair["deepest"] for pair in pairs)
     columns = [
-        Column("first", "first", False, [in_lines(printable(pair["first"]), most) for pair in pairs]),
-        Column("second", "second", False, [in_lines(printable(pair["second"]), most) for pair in pairs]),
+        Column("first", "first", False, [in_lines(printable(pair["first"]), width) for pair in pairs]),
+        Column("second", "second", False, [in_lines(printable(pair["second"]), width) for pair in pairs]),
         Column("distance", f"distance [{units}]", True, [length(pair["distance"], DIGITS) for pair in pairs]),
         Column("relation", "relation", False, [pair["relation"] for pair in pairs]),
         Column("deepest", f"deepest [{units}]", True, [_length(pair, "deepest") for pair in pairs]),
@@ -242,11 +242,11 @@ def _columns(pairs: list[Values], units: str, most: int) -> "list[Column]":
     return [column for column in columns if column.name not in left_out]
 
 
-def in_lines(name: str, most: int) -> str:
-    """Return a name in lines of up to *most* letters, which end behind an assembly, else a separator."""
+def in_lines(name: str, width: int) -> str:
+    """Return a name in lines of up to *width* letters, broken after an assembly, else after a separator."""
     lines = [""]
     for word in re.findall(r"[^/]+/?" if "/" in name else r"[^-_. ]*[-_. ]?", name):
-        if lines[-1] and len(lines[-1]) + len(word) > most:
+        if lines[-1] and len(lines[-1]) + len(word) > width:
             lines.append("")
         lines[-1] += word
     return "\n".join(lines)
@@ -255,7 +255,7 @@ def in_lines(name: str, most: int) -> str:
 def _summary(
     pairs: list[Values], below: float | None, units: str, names: list[str], part_count: int, *, is_whole: bool
 ) -> str:
-    """A sentence about which pairs are listed."""
+    """Return a sentence about the listed pairs."""
     from proximity.cli.parts.measured_pairs import MAX_SHOWN
 
     count = part_count - 1 if names else part_count * (part_count - 1) // 2
@@ -270,8 +270,8 @@ def _summary(
     meeting = sum(pair["relation"] != "apart" for pair in pairs)
     if hidden or len(pairs) < count:
         listed = f"These are the nearest {len(pairs) - hidden} of {counted(count, 'pair')}; "
-        least = "all of them" if meeting >= len(pairs) else f"{meeting} of them"
-        return f"{listed}{least} touch or overlap; --all lists all."
+        touching = "all of them" if meeting >= len(pairs) else f"{meeting} of them"
+        return f"{listed}{touching} touch or overlap; --all lists all."
     return f"{counted(len(pairs), 'pair')}; {meeting} of them touch or overlap."
 
 
@@ -285,7 +285,7 @@ def _print_verdict(sentence: str, *, is_clash: bool) -> None:
 
 
 def _write_csv(path: Path, pairs: list[Values], units: str) -> None:
-    """Write a line a pair; columns of lengths end in their unit."""
+    """Write a line per pair; columns of lengths end in their unit."""
     from proximity.system.whole_file import whole_file
 
     text = io.StringIO(newline="")

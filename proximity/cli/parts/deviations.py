@@ -1,4 +1,4 @@
-"""What many signed distances are together: of a scan, its deviations from the part."""
+"""Statistics of signed distances: the deviations of a scan from its part."""
 
 import math
 from array import array
@@ -13,19 +13,19 @@ from proximity.cli.parts.answers import Answers
 from proximity.errors import ArgumentError
 from proximity.formats.units import UNIT_NAMES, metres_per_unit, scan_unit
 
-SHARE = 95  # per cent of the points, of which the greatest deviation is given
-MOST_KEPT = 20_000_000
-"""Points: the share is of those that come first, so that memory stays bounded."""
+SHARE = 95  # per cent of the points, for the percentile of the deviations
+MAX_KEPT = 20_000_000
+"""Points: the percentile is that of the first ones, which bounds the memory."""
 DIGITS, PLACE_DIGITS = 5, 9
-MOST_WORST = 10
-MOST_SHOWN = 20_000  # points of a picture
+MAX_WORST = 10
+MAX_DRAWN = 20_000  # points of a picture
 _WORST = ("query", "signed_distance", "part_name")
 
 
 def check_unit(sides: list[float], scene: "proximity.Scene", units: str, *, is_gate: bool) -> None:
-    """Note that a scan is likely to be in another unit than *units*; of a gate, refuse it.
+    """Report a scan that is probably in another unit than *units*; *is_gate*: raise an error.
 
-    *sides*: of the box around the scan, in *units*; none of one without a point.
+    *sides*: of the box around the scan, in *units*; empty without a point.
     """
     metres, part = metres_per_unit(units), np.subtract(*scene.bounds[::-1]).tolist()
     unit = scan_unit([side * metres for side in sides], part, units) if sides else None
@@ -38,27 +38,27 @@ def check_unit(sides: list[float], scene: "proximity.Scene", units: str, *, is_g
 
 
 class Deviations:
-    """Collects signed distances as they are answered.
+    """Collects signed distances from the stream of answers.
 
-    *units*: of the answers, with so many *metres*. *within*: in that unit; points that are farther from the
-    surface are counted.
+    *units*: of the answers, *metres* long. *within*: in that unit; points farther from the surface are
+    counted.
     """
 
     def __init__(self, units: str, metres: float, within: float | None) -> None:
         self.units, self.metres, self.within = units, metres, within
         self.count = self.farther_count = 0
-        self.worst: list[dict[str, Any]] = []  # answers to the farthest points, with their rows
+        self.worst: list[dict[str, Any]] = []  # answers of the farthest points, with their rows
         self.shown, self._stride = np.empty((0, 3)), 1  # points, evenly thinned
-        self._least, self._most, self._sum, self._squares = np.inf, -np.inf, 0.0, 0.0
+        self._min, self._max, self._sum, self._squares = np.inf, -np.inf, 0.0, 0.0
         self._unknown_count, self._distances = 0, array("d")
 
     @property
     def distances(self) -> np.ndarray:
-        """The known signed distances, the first `MOST_KEPT`."""
+        """First `MAX_KEPT` known signed distances."""
         return np.frombuffer(self._distances) if self._distances else np.empty(0)
 
     def collected(self, chunks: Iterator[Answers]) -> Iterator[Answers]:
-        """Yield answers as they come, and collect them."""
+        """Yield the answers unchanged, and collect them."""
         for chunk in chunks:
             self._add(chunk)
             yield chunk
@@ -67,33 +67,33 @@ class Deviations:
         distances = np.array(chunk["signed_distance"], dtype=np.float64)
         sizes = np.where(np.isfinite(distances), np.abs(distances), -1.0)
         known = distances[sizes >= 0.0]
-        for row in np.argsort(-sizes, kind="stable")[: min(len(known), MOST_WORST)].tolist():
+        for row in np.argsort(-sizes, kind="stable")[: min(len(known), MAX_WORST)].tolist():
             self.worst.append({"row": self.count + row} | {name: chunk[name][row] for name in _WORST})
-        self.worst = sorted(self.worst, key=lambda each: -abs(each["signed_distance"]))[:MOST_WORST]
+        self.worst = sorted(self.worst, key=lambda each: -abs(each["signed_distance"]))[:MAX_WORST]
         rows = np.array(chunk["query"], dtype=np.float64).reshape(-1, 3)
         self.shown = np.concatenate([self.shown, rows[-self.count % self._stride :: self._stride]])
-        while len(self.shown) > MOST_SHOWN:
+        while len(self.shown) > MAX_DRAWN:
             self.shown, self._stride = self.shown[::2], 2 * self._stride
         self.count += len(distances)
         self._unknown_count += len(distances) - len(known)
         if self.within is not None:  # an unknown distance is not within
             self.farther_count += len(distances) - int(np.sum(np.abs(known) <= self.within))
         if len(known):
-            self._least = min(self._least, float(known.min()))
-            self._most = max(self._most, float(known.max()))
+            self._min = min(self._min, float(known.min()))
+            self._max = max(self._max, float(known.max()))
             self._sum += float(known.sum())
             self._squares += float(known @ known)
-            self._distances.frombytes(known[: max(MOST_KEPT - len(self._distances), 0)].tobytes())
+            self._distances.frombytes(known[: max(MAX_KEPT - len(self._distances), 0)].tobytes())
 
     def values(self) -> dict[str, Any]:
-        """Return all as plain values, nan where no distance is known."""
+        """Return the statistics as plain values, nan without a known distance."""
         known = self.count - self._unknown_count
         sizes = np.abs(self.distances) if known else np.array([np.nan])
         values: dict[str, Any] = {
             "count": self.count,
             "not_answered": self._unknown_count,
-            "min": self._least if known else np.nan,
-            "max": self._most if known else np.nan,
+            "min": self._min if known else np.nan,
+            "max": self._max if known else np.nan,
             "mean": self._sum / known if known else np.nan,
             "rms": (self._squares / known) ** 0.5 if known else np.nan,
             f"within_{SHARE}_percent": float(np.quantile(sizes, SHARE / 100, method="inverted_cdf")),
@@ -105,12 +105,12 @@ class Deviations:
         return values
 
     def share_within(self) -> str:
-        """Return the share of the points that are within the tolerance, in words; 100 % are all."""
+        """Return the share of the points within the tolerance, in words; 100 % means all."""
         tenths = math.floor(1e3 * (self.count - self.farther_count) / max(self.count, 1))
         return f"{tenths / 10:.1f} % within ±{number(self.within or 0.0, DIGITS)} {self.units}"
 
     def sentence(self) -> str:
-        """Return all in a line, and the worst point in another."""
+        """Return the statistics in a line, and the worst point in another."""
         found = {name: number(value, DIGITS) for name, value in self.values().items() if name != "worst"}
         unknown = f", {self._unknown_count} not answered" if self._unknown_count else ""
         share = found[f"within_{SHARE}_percent"]

@@ -1,4 +1,4 @@
-"""The report of ``proximity check`` on a folder: each file in a process of its own, within a time limit."""
+"""The report of ``proximity check`` on a folder: each file in a separate process, within a time limit."""
 
 import json
 import os
@@ -23,7 +23,7 @@ Values = dict[str, Any]
 
 SUFFIXES = {*EXTENSIONS, EXTENSION}
 _PARTICULARS = re.compile(r"""'[^']*'|"[^"]*"|\d[\d_.,]*(?:e[+-]?\d+)?""")
-"""In a sentence: names and numbers, by which sentences of one kind differ."""
+"""Names and numbers, in which sentences of one kind differ."""
 
 
 def check_files(folder: Path, words: Sequence[str], limit: float) -> Iterator[Values]:
@@ -34,7 +34,7 @@ def check_files(folder: Path, words: Sequence[str], limit: float) -> Iterator[Va
 
 
 def counts_by_kind(results: Iterable[Values]) -> dict[str, dict[str, int]]:
-    """Return how many files were loaded without a word, noted and refused, by kind of sentence."""
+    """Return the numbers of files loaded without a note, noted and rejected, by kind of sentence."""
     counts: dict[str, dict[str, int]] = {"loaded": {}, "noted": {}, "refused": {}}
     for result in results:
         for kind in {_kind(sentence) for sentence in result["notes"] or [result["reason"]]}:
@@ -45,7 +45,7 @@ def counts_by_kind(results: Iterable[Values]) -> dict[str, dict[str, int]]:
 
 
 def check_folder(folder: Path, reading: Reading, limit: float, *, as_json: bool, is_strict: bool) -> bool:
-    """Report on every file below a folder; whether one was refused, or of a strict check has no inside."""
+    """Report on every file below a folder; return whether one was rejected, or lacks an inside if strict."""
     words = ["--units", reading.units, "--step-tolerance", str(reading.step_tolerance)]
     words += ["--unpacked-limit", str(reading.unpacked_limit), "--scale", str(reading.scale)]
     words += ["--no-cache"] * reading.no_cache
@@ -55,7 +55,7 @@ def check_folder(folder: Path, reading: Reading, limit: float, *, as_json: bool,
             results.append(result)
             count(len(results), None)
     if not results:
-        raise typer.BadParameter(f"{folder} holds no file of parts", param_hint="FILE")
+        raise typer.BadParameter(f"{folder} contains no file of parts", param_hint="FILE")
     if as_json:
         write_document({"folder": str(folder), "counts": counts_by_kind(results), "files": results})
     else:
@@ -66,7 +66,7 @@ def check_folder(folder: Path, reading: Reading, limit: float, *, as_json: bool,
 
 
 def _print_folder(results: Sequence[Values]) -> None:
-    """Print a table of kinds with their counts, and a line for each file that was refused."""
+    """Print a table of kinds with their counts, and a line for each rejected file."""
     counts = counts_by_kind(results)
     columns = [("result", False), ("what", False), ("files", True)]
     rows = (
@@ -100,9 +100,9 @@ def _check(path: Path, words: Sequence[str], limit: float) -> Values:
         report = json.loads(out)
         status = "noted" if report["notes"] else "loaded"
         return {"status": status, "notes": report["notes"], "reason": "", "report": report}
-    lines = said.decode(errors="replace").strip().splitlines() or ["nothing was said"]
+    lines = said.decode(errors="replace").strip().splitlines() or ["no message"]
     sentence = lines[-1].removeprefix("proximity: ").removeprefix(f"{path}: ")
-    is_refusal = running.returncode == 2  # else it is a mistake of ours, or the system ended it
+    is_refusal = running.returncode == 2  # else a bug, or ended by the system
     return _refused(sentence if is_refusal else f"reading ended with code {running.returncode}: {sentence}")
 
 
@@ -111,7 +111,7 @@ def _refused(reason: str) -> Values:
 
 
 def _end(running: "subprocess.Popen[bytes]") -> None:
-    """End a process, and those that it has started."""
+    """End a process and its children."""
     if os.name == "nt":
         running.kill()
     else:

@@ -1,4 +1,4 @@
-"""Pairs of parts as ``proximity clearance`` measures them: which ones, how they lie, and the verdict."""
+"""Pairs of parts for ``proximity clearance``: selection, measurement and verdict."""
 
 import csv
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ FEW_DIGITS = 3
 
 
 def matching(scene: proximity.Scene, name: str) -> list[str]:
-    """Return the part of that name, or the parts that match a pattern such as ``bolt*``."""
+    """Return the part of a name, or the parts that match a pattern such as ``bolt*``."""
     names = [part.name for part in scene.parts]
     found = [name] if name in names else [each for each in names if fnmatchcase(each, name)]
     return found or [scene.part(name).name]
@@ -31,7 +31,7 @@ def find_pairs(
 ) -> list[proximity.Clearance]:
     """Return pairs of all parts, of one group and the rest, or of two groups.
 
-    *limit*, m: only pairs within it. None: the nearest `MAX_SHOWN` and those that meet, or all.
+    *limit*, m: only pairs within it. None: the nearest `MAX_SHOWN` and those that touch or overlap, or all.
     """
     found: list[proximity.Clearance] = []
     if len(groups) == 2:
@@ -51,7 +51,7 @@ def find_pairs(
 
 
 def read_allowed(path: Path, scene: proximity.Scene) -> dict[frozenset[str], int]:
-    """Return the pairs that a CSV file with the columns first and second allows, with their line numbers."""
+    """Return the allowed pairs of a CSV file with the columns first and second, with their line numbers."""
     shown = {table_text(part.name): part.name for part in scene.parts}
     allowed: dict[frozenset[str], int] = {}
     line = 1
@@ -76,7 +76,7 @@ def read_allowed(path: Path, scene: proximity.Scene) -> dict[frozenset[str], int
 def without_allowed(
     pairs: list[MeasuredPair], allowed: dict[frozenset[str], int], path: Path | None
 ) -> list[MeasuredPair]:
-    """Return the pairs that are not allowed; report how many lines of *path* are no longer of use."""
+    """Return the pairs that are not allowed; report the number of unused lines of *path*."""
     found = {pair.names for pair in pairs}
     used = {line for pair, line in allowed.items() if pair in found}
     if unused := len({*allowed.values()} - used):
@@ -93,14 +93,14 @@ def find_clashes(scene: proximity.Scene, contact: float | None, path: Path | Non
 
 
 def _rounded(value: float) -> str:
-    """A number with `FEW_DIGITS`, or with all before the point."""
+    """Return a number with `FEW_DIGITS`, or with all its integer digits."""
     return length(value, max(FEW_DIGITS, len(str(int(value)))))
 
 
 def verdict(
     pairs: Sequence[MeasuredPair], contact: float, approximation: float, metres: float, units: str
 ) -> str:
-    """Return the sentence about clashes and fits; *approximation*, m: of the file, if it is the limit."""
+    """Return a sentence about clashes and fits; *approximation*, m: that of the file, if it is the limit."""
     clashes = [pair for pair in pairs if pair.is_clash]
     fits = sum(pair.is_fit for pair in pairs)
     said = []

@@ -43,7 +43,7 @@ def picture(
     """Draw the parts of FILE as a PNG file, without a screen.
 
     --points draws points and the shortest connections from them to the parts. Colours show signed
-    distances; if there are few points, numbers do as well. --slice adds a map of the signed distance in
+    distances, and so do numbers if there are few points. --slice adds a map of the signed distance in
     a plane. Requires PyVista and matplotlib: pip install "cad-proximity[picture]", or in a checkout
     pip install -e ".[picture]".
 
@@ -89,13 +89,13 @@ def picture(
     if without and (points is not None or plane is not None):
         report(
             f"note: parts without an inside: {without} of {len(scene.parts)}; "
-            "distances from them have no sign, and `proximity check` says why"
+            "distances from them have no sign, and `proximity check` gives the reason"
         )
     typer.echo(f"{out}: {pixels[0]} x {pixels[1]} pixels, {time.monotonic() - started:.1f} s")
 
 
 def _ends(text: str, *, has_points: bool) -> tuple[float, float]:
-    """The ends of the bar: a length on both sides of zero, or one below it and one above."""
+    """Return the ends of the bar: one length on both sides of zero, or a negative and a positive one."""
     try:
         first, *more = (number(word, is_finite=True) for word in text.split(","))
         low, high = (-first, first) if not more else (first, *more)
@@ -125,5 +125,5 @@ def _plane(text: str) -> tuple[str, float]:
         )
     try:
         return axis, number(position, is_finite=True)
-    except ValueError as unfit:
-        raise typer.BadParameter(str(unfit), param_hint="--slice") from unfit
+    except ValueError as invalid:
+        raise typer.BadParameter(str(invalid), param_hint="--slice") from invalid

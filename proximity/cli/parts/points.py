@@ -1,6 +1,7 @@
-"""Points from text: three numbers a line, as CSV or between spaces, read in chunks; and vertices of meshes.
+"""Points from text, three numbers per line, as CSV or separated by spaces, in chunks; and vertices of meshes.
 
-Text needs only the standard library: what begins badly is refused before NumPy and the file are loaded.
+Text needs only the standard library, so that an invalid start is rejected before NumPy and the parts are
+loaded.
 """
 
 import csv
@@ -20,18 +21,18 @@ STANDARD_INPUT = "-"
 BEGINS_A_NUMBER = tuple("+-.0123456789")
 NO_LETTER = re.compile(r"[\W\d_]")
 BEFORE_COMMENT = re.compile(r'(?:"[^"]*"|[^#]|(?<=\S)#)*')
-"""What stands before a # at the start of a line or after white space; others belong to names, as in pin#2."""
+"""Text before a # at the start of a line or after white space; others belong to names, as in pin#2."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
-NAME = "name"  # of a column, however its letters are
+NAME = "name"  # of a column, in any case
 LONGEST_LINE = 1_000_000
-"""Characters: what never ends is no text of points."""
+"""Characters: a longer line is not text of points."""
 
 Note = Callable[[str], None]
 
 
 @dataclass(slots=True)
 class Points:
-    """Points as they were typed or read."""
+    """Points, as typed or read."""
 
     coordinates: array = field(default_factory=lambda: array("d"))  # flat: x y z x y z ...
     kept: dict[str, list[str]] = field(default_factory=dict)  # by the names of the other columns
@@ -41,12 +42,12 @@ class Points:
 
 
 class Columns(NamedTuple):
-    """Which fields of a line are what."""
+    """Meaning of the fields of a line."""
 
     axes: tuple[int, ...] = (0, 1, 2)
-    kept: tuple[tuple[str, int], ...] = ()  # the others: their names, and which fields they are
+    kept: tuple[tuple[str, int], ...] = ()  # names and indices of the other fields
     field_count: int = 3
-    is_header: bool = False  # whether the first line says so
+    is_header: bool = False  # whether the first line is a header
 
 
 NORMALS = Columns(kept=(("nx", 3), ("ny", 4), ("nz", 5)), field_count=6)
@@ -63,15 +64,15 @@ def read_points(
 ) -> Iterator[Points]:
     """Yield the points of a text file, or the vertices of a PLY, STL or OBJ file, in chunks.
 
-    Blank lines and comments are skipped; a comment begins with ``#`` at the start of a line or behind white
-    space. Fields stand between commas, semicolons or white space. The first line may name the columns: x, y
-    and z among others, with their unit behind them or not, or three other names in this order. No name begins
-    like a number. Other columns are kept as text.
+    Blank lines and comments are skipped; a comment begins with ``#`` at the start of a line or after white
+    space. Fields are separated by commas, semicolons or white space. The first line may name the columns: x,
+    y and z among others, optionally with their unit, or three other names in this order. A name does not
+    begin like a number. Other columns are kept as text.
 
-    *units*: of the coordinates; a header that names another unit contradicts it. *points_units*: that of the
-    file, if not *units*, to which its points are converted. *limit*: points in a chunk.
-    A shorter chunk is the last; there is at least one, perhaps empty. *note*: is given a sentence about
-    text without a point.
+    *units*: of the coordinates; another unit in the header raises an error. *points_units*: that of the
+    file, if it is not *units*, to which its points are converted. *limit*: points in a chunk. A shorter chunk
+    is the last; there is at least one, which may be empty. *note*: called with a note about text without a
+    point.
     """
     if points_units is not None:
         from proximity.formats import metres_per_unit  # slow
@@ -98,9 +99,9 @@ def read_points(
 
 
 def read_ahead(chunks: Iterator[Points], limit: int) -> tuple[Iterator[Points], list[float]]:
-    """Read the first chunk, and more up to a limit; return all chunks, and the sides of the box around these.
+    """Read chunks up to a limit, at least one; return all chunks, and the sides of the box around those read.
 
-    The box has no sides if there is no finite point. What begins badly is refused at once.
+    The sides are empty without a finite point. Errors in the read chunks are raised immediately.
     """
     read, failure = [next(chunks)], None
     try:
@@ -127,8 +128,8 @@ def _vertices(path: str, limit: int) -> Iterator[Points]:
 
     try:
         vertices = read_vertices(path)
-    except MeshError as unfit:
-        raise ArgumentError(str(unfit)) from unfit
+    except MeshError as invalid:
+        raise ArgumentError(str(invalid)) from invalid
     for first in range(0, len(vertices), limit):
         yield Points(array("d", vertices[first : first + limit].tobytes()))
 
@@ -142,7 +143,7 @@ def parse_points(
 ) -> Iterator[Points]:
     """Yield the points of *lines* as `read_points` does.
 
-    *lines*: the text; bytes that are no UTF-8 stand in it as surrogates.
+    *lines*: the text, with invalid UTF-8 as surrogates.
     """
     columns: Columns | None = None
     points, has_yielded = Points(), False
@@ -169,7 +170,7 @@ def parse_points(
             yield points
         raise
     if not len(points) and not has_yielded:
-        note(f"{name} holds no points")
+        note(f"{name} contains no points")
     if len(points) or not has_yielded:
         yield points
 
@@ -197,12 +198,12 @@ def _fields(line: str, where: str) -> list[str]:
         return [word.strip() for word in text.split(separator)]
     try:
         return [word.strip() for word in next(csv.reader([text], delimiter=separator))]
-    except csv.Error as unfit:
-        raise ArgumentError(f"{where}: {unfit}, expected three numbers") from unfit
+    except csv.Error as invalid:
+        raise ArgumentError(f"{where}: {invalid}, expected three numbers") from invalid
 
 
 def _append(points: Points, columns: Columns, fields: list[str], line: str, where: str) -> None:
-    """Read a point, or say what is wrong with its line."""
+    """Append the point of a line, or raise an error that names the line."""
     try:
         if len(fields) != columns.field_count:
             hint = "; a first line such as x,y,z,name allows names"
@@ -210,18 +211,18 @@ def _append(points: Points, columns: Columns, fields: list[str], line: str, wher
             values = "1 value" if len(fields) == 1 else f"{len(fields)} values"
             raise ValueError(f"{values}, expected {columns.field_count}{hint}")
         points.coordinates.extend([number(fields[column]) for column in columns.axes])
-    except ValueError as unfit:
+    except ValueError as invalid:
         words = re.split(r"[;\s]+", line.strip("; \t\r\n"))  # between which a comma is a decimal one
         with_comma = [word for word in words if DECIMAL_COMMA.fullmatch(word)]
         are_numbers = all(word in with_comma or _is_number(word) for word in words)
         is_comma = len(words) >= 3 and with_comma and (are_numbers or ";" in line)
-        raise ArgumentError(f"{where}: {_why_no_number(with_comma[0]) if is_comma else unfit}") from unfit
+        raise ArgumentError(f"{where}: {_why_no_number(with_comma[0]) if is_comma else invalid}") from invalid
     for name, column in columns.kept:
         points.kept[name].append(fields[column])
 
 
 def _header(fields: list[str], where: str, units: str) -> Columns | None:
-    """Which columns hold x, y and z, or None where *fields* are numbers, perhaps misspelt ones."""
+    """Return the columns of a header, or None if *fields* are numbers, perhaps misspelt ones."""
     if any(_is_number(word) or word.startswith(BEGINS_A_NUMBER) for word in fields):
         return None
     names = [word.lower() for word in fields]
@@ -246,11 +247,11 @@ def _header(fields: list[str], where: str, units: str) -> Columns | None:
 
 
 def _check_unit(name: str, units: str, where: str) -> None:
-    """Refuse a column that says of itself to be in another unit: answers would be wrong by a factor."""
+    """Reject a column declared in another unit: answers would be wrong by a factor."""
     behind = [word for word in NO_LETTER.split(name.casefold()) if word][1:]
     if not behind or behind[-1] == units:
         return
-    from proximity.formats import SYNONYMS, UNITS  # slow, and only for who says more than x
+    from proximity.formats import SYNONYMS, UNITS  # slow, and only needed for names other than x
 
     known = [unit for word in behind if (unit := SYNONYMS.get(word.removesuffix("s"), word)) in UNITS]
     if known and units not in known:
@@ -261,7 +262,7 @@ def _check_unit(name: str, units: str, where: str) -> None:
 
 
 def number(text: str, *, is_finite: bool = False) -> float:
-    """Return the number that *text* spells, nan and inf included unless it is to be finite."""
+    """Return the number in *text*, including nan and inf unless it must be finite."""
     try:
         value = float("" if "_" in text else text)  # Python would read 1_000
     except ValueError:

@@ -25,8 +25,8 @@ from proximity.errors import ArgumentError
 from proximity.system.memory import collector_paused
 
 EXIT_FARTHER = 1
-POINTS_AHEAD = 1_000_000  # of a file, whose size is compared with that of the parts before the first answer
-POINTS_PER_CHUNK = 20_000  # queries answered at once: a bar moves, Ctrl-C is heard, memory stays bounded
+POINTS_AHEAD = 1_000_000  # read before the first answer, to compare the size of a file with that of the parts
+POINTS_PER_CHUNK = 20_000  # bounds the memory and the delay of the bar and of Ctrl-C
 
 
 @with_option_groups
@@ -44,7 +44,7 @@ def query(
         tuple[str, str, str] | None, option("DX DY DZ", "Cast a ray from each point in this direction.")
     ] = None,
     segment: Annotated[
-        bool, flag("--segment", "Take the points in pairs: start and end of a segment.")
+        bool, flag("--segment", "Use the points in pairs: start and end of a segment.")
     ] = False,
     as_json: JSON = False,
     csv: Annotated[Path | None, option("FILE", "Write CSV to this file; - is standard output.")] = None,
@@ -73,16 +73,15 @@ def query(
     unsigned distances, which are marked.
 
     A file of points is a mesh or point cloud (.ply, .stl, .obj), or has one point per line, separated by
-    commas, semicolons or spaces, with a normal behind it or not. The first line may name the columns and
+    commas, semicolons or spaces, optionally followed by a normal. The first line may name the columns and
     their unit, which must be that of --points-units or --units. All other columns are copied to CSV and
-    JSON, as given_NAME where the answers have a column of that name; a column called name is shown in the
+    JSON, as given_NAME if the answers have a column of that name; a column called name is shown in the
     table as well. # at the start of a line or after a space begins a comment. A point that is not finite is
-    answered with nan. Behind the answers to a file of points stands what they are together: least, greatest
-    and mean signed distance, the root of the mean square, within what 95 % of them are, and which point is
-    the worst.
+    answered with nan. After the answers to a file of points follow their minimum, maximum, mean, root mean
+    square and 95th percentile, and the worst point.
 
-    With --within the exit code is 1 if a point is farther than that from the surface, inside or outside,
-    and 2 if a file has no point, or is in an unlikely unit. --report writes all of this as a page.
+    With --within the exit code is 1 if a point is farther from the surface, inside or outside, and 2 if a
+    file has no point, or is in an unlikely unit. --report writes all of this as a page.
 
     Answers are written while points are read. If a line is not a point, the error names it and the exit
     code is 2. Standard output then has the answers before that line (a JSON document ends with the key
@@ -103,7 +102,7 @@ def query(
         (workers == 0 or workers < -1, "--workers", f"{workers} threads: expected 1 or more, or -1"),
         (within is not None and (ray or segment), "--within", "is for points, not for rays or segments"),
         (points_units and points is None, "--points-units", "is for --points"),
-        (report_page and (points is None or within is None), "--report", "needs --points and --within"),
+        (report_page and (points is None or within is None), "--report", "requires --points and --within"),
     )
     if report_page is not None:
         from proximity.cli.parts.scan_report import check_libraries, write_report
@@ -113,8 +112,8 @@ def query(
     asked = _points(coordinates, points, reading.units, points_units, is_segment=segment)
     asked, sides = read_ahead(asked, 1 if points in (None, STANDARD_INPUT) else POINTS_AHEAD)
     if points is not None and within is not None and not sides:
-        raise ArgumentError(f"{points} holds no finite point, expected some to compare with --within")
-    # What imports and kernels leave behind is no garbage: to look at it again and again is 4 % of a query.
+        raise ArgumentError(f"{points} contains no finite point to compare with --within")
+    # Objects of imports and kernels are permanent: scanning them repeatedly takes 4 % of a query.
     with collector_paused():
         from proximity.cli.parts import answer_text, answers
         from proximity.formats import metres_per_unit
@@ -156,7 +155,7 @@ def query(
 def _points(
     coordinates: list[str] | None, path: str | None, units: str, points_units: str | None, *, is_segment: bool
 ) -> Iterator[Points]:
-    """Yield what was typed, at once, or what is read from a file."""
+    """Yield the typed points in one chunk, or those of a file."""
     length = POINTS_PER_CHUNK * (2 if is_segment else 1)
     refuse((coordinates and path is not None, "--points", "points are given as arguments already"))
     if path is not None:
@@ -179,7 +178,7 @@ def _points(
 def _numbers(texts: Iterable[str], hint: str) -> list[float]:
     try:
         return [number(text, is_finite=True) for text in texts]
-    except ValueError as unfit:
+    except ValueError as invalid:
         is_file = any(Path(text).is_file() for text in texts)
         order = "; FILE comes first, before X Y Z" if is_file else ""
-        raise typer.BadParameter(f"{unfit}{order}", param_hint=hint) from unfit
+        raise typer.BadParameter(f"{invalid}{order}", param_hint=hint) from invalid

@@ -21,14 +21,14 @@ _HEAD = ("point", "x", "y", "z", "signed distance", "nearest part")
 
 
 def check_libraries() -> None:
-    """Import what draws the page, so that a missing library is named before the scan is read."""
+    """Import the libraries for drawing, so that a missing one is reported before the scan is read."""
     load_renderer()
     with needed("a report needs", "picture"):
         import jinja2  # noqa: F401
 
 
 def write_report(path: Path, scene: "proximity.Scene", part: str, scan: str, found: Deviations) -> None:
-    """Write the page. A file that is there is replaced."""
+    """Write the page, replacing an existing file."""
     within, units = found.within or 0.0, found.units
     reach = within * found.metres
     picture = Picture(
@@ -40,7 +40,7 @@ def write_report(path: Path, scene: "proximity.Scene", part: str, scan: str, fou
         for each in found.worst
     ]  # fmt: skip
     thinned = (
-        f" {len(found.shown)} points are drawn; the bar has their share."
+        f" {len(found.shown)} points are drawn; the bar shows their share."
         if len(found.shown) < found.count
         else ""
     )
@@ -70,7 +70,7 @@ def write_report(path: Path, scene: "proximity.Scene", part: str, scan: str, fou
 
 
 def _histogram(found: Deviations, within: float) -> Callable[[Any, Any], None]:
-    """Draw how many points have which signed distance."""
+    """Draw the histogram of the signed distances."""
     end = max(1.5 * within, min(4.0 * within, float(np.abs(found.distances).max(initial=0.0)))) or 1.0
     counts, edges = np.histogram(np.clip(found.distances, -end, end), _BINS, (-end, end))
     middles = (edges[1:] + edges[:-1]) / 2

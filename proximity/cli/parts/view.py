@@ -1,4 +1,4 @@
-"""``proximity view``: parts in a browser, with the distance at the mouse, of points, and of fingertips."""
+"""``proximity view``: parts in a browser, with distances at the mouse, of points, and of fingertips."""
 
 import json
 from array import array
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Listening:
-    """Where pages can be had."""
+    """Options of the web server."""
 
     port: Annotated[int, option("N", "Port to listen on; 0: any free port.", callback=within(0, 65535))] = 0
     bind: Annotated[
@@ -56,14 +56,14 @@ class Listening:
 
 @dataclass(frozen=True)
 class Clashes:
-    """Which pairs of parts are listed."""
+    """Options of the list of clashes."""
 
     clashes: Annotated[bool, flag("--clashes", "List the parts that overlap, the deepest first.")] = False
     contact: CONTACT = None
     allow: ALLOW = None
 
     def finder(self, units: str) -> "Callable[[Scene], list[MeasuredPair]] | None":
-        """Return the search of a scene for clashes; None where they are not listed."""
+        """Return the search of a scene for clashes; None if they are not listed."""
         has_more = self.contact is not None or self.allow is not None
         refuse((has_more and not self.clashes, "--contact, --allow", "requires --clashes"))
         if not self.clashes:
@@ -82,7 +82,7 @@ class Clashes:
 
 @dataclass(frozen=True)
 class Program:
-    """What a program that starts this one asks for."""
+    """Options for a program that starts this one."""
 
     beside: Annotated[str | None, option("ADDRESS", "", hidden=True)] = None
     framed: Annotated[bool, flag("--framed", "", hidden=True)] = False
@@ -103,7 +103,7 @@ def view(
         option("FILE", "Show points (text, PLY, STL, OBJ) in colours of their distance; - is stdin."),
     ] = None,
     points_units: POINTS_UNITS = None,
-    fit: Annotated[bool, flag("--fit", "Move the recorded hand to where it touches the parts.")] = False,
+    fit: Annotated[bool, flag("--fit", "Move the recorded hand so that it touches the parts.")] = False,
     browser: Annotated[
         bool, flag("--browser/--no-browser", "Whether to open a browser.", show_default=False)
     ] = True,
@@ -119,7 +119,7 @@ def view(
         Path | None,
         option(
             "FILE",
-            "Write a page that computes by itself (.html) instead of showing one.",
+            "Write a standalone page (.html) instead of showing one.",
             "--save",
         ),
     ] = None,
@@ -131,11 +131,11 @@ def view(
 
     FILES are one of these: parts (STL, OBJ, PLY, OFF, glTF, 3MF, STEP or a compiled scene); a scene
     file (.toml), whose parts and fingers are used; a log of frames (.frames), which is played back,
-    together with the parts that it was recorded with. Hands come from a headset with WebXR, the mouse,
-    or a recording. --points reads points as query does, such as a scan of the part. --clashes lists the
-    parts that overlap, as clearance does; the page shows the two that are chosen.
+    together with the parts of the recording. Hands come from a headset with WebXR, the mouse, or a
+    recording. --points reads points as query does, such as a scan of the part. --clashes lists the
+    parts that overlap, as clearance does; the page shows the selected pair.
 
-    The page computes distances by itself; the command serves it. Ctrl-C stops it. Only this machine can
+    The page computes the distances; the command only serves it. Ctrl-C stops it. Only this machine can
     connect, and only with the token in the printed address.
 
     Examples:
@@ -181,7 +181,7 @@ def view(
 
 
 def _coordinates(path: str, units: str) -> bytes:
-    """The points of a text file as float64, metres."""
+    """Return the points of a text file as float64, metres."""
     from proximity.formats import metres_per_unit
 
     metres = metres_per_unit(units)

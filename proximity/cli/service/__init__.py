@@ -1,1 +1,1 @@
-"""Commands that run a service, listen to it, and serve programs at its other end."""
+"""Commands that run a service, read its frames, and write sources for its clients."""

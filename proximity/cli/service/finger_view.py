@@ -1,7 +1,7 @@
 """One finger of a frame, as the cells of a table, in words or for JSON; its distance also as a bar.
 
-The scale of a bar is from 0 to `SCALE_MM`. It is as long as the clearance of a finger: it shrinks as the
-finger comes near. Of a touch the whole bar is a red field that says so.
+The length of a bar is the clearance of the finger, on a scale from 0 to `SCALE_MM`. In a touch the whole bar
+is a red field.
 """
 
 import math
@@ -23,7 +23,7 @@ HEADER_FIELDS = (
 )  # fmt: skip
 NAMED: dict[str, type[IntEnum]] = {"mode": Mode, "surface": Surface, "source": Source}
 SCALE_MM = 120.0
-"""As far as the tracker searches by default."""
+"""Default working range of the tracker."""
 MARKS_MM = (0, 30, 60, 90, 120)
 MIN_BAR, MAX_BAR = 25, 60
 EIGHTHS = " ▏▎▍▌▋▊▉"
@@ -62,17 +62,14 @@ CLOSING_STYLE = "yellow"
 
 
 def is_tracked(contacts: np.ndarray) -> np.ndarray:
-    """Return of which fingers something is known.
-
-    *contacts*: (N,) CONTACT.
-    """
+    """Return which *contacts*, (N,) CONTACT, are of tracked fingers."""
     return (contacts["flags"] & ContactFlag.TRACKED) != 0
 
 
 def finger_cells(contact: Any, part_names: Sequence[str] = ()) -> dict[str, Text | Drawn]:
-    """Return the cells of a finger by the names of their columns.
+    """Return the cells of a finger by column name.
 
-    *part_names*: of the parts that the contact's numbers count; a part without one is shown by its number.
+    *part_names*: by the number of the part; a part without a name is shown by its number.
     """
     cells: dict[str, Text | Drawn] = {
         "finger": Text(str(contact["finger"]), "bold"),
@@ -81,7 +78,7 @@ def finger_cells(contact: Any, part_names: Sequence[str] = ()) -> dict[str, Text
     }
     if not is_tracked(contact):
         unknown = dict.fromkeys(("part", "distance mm", "touch in", "closing"), Text(UNKNOWN, "red"))
-        return {**cells, **unknown, "bar": _bar_cell(lambda width: Text("nothing is known"[:width], "red"))}
+        return {**cells, **unknown, "bar": _bar_cell(lambda width: Text("not tracked"[:width], "red"))}
     lower, upper = MM_PER_M * float(contact["lower"]), MM_PER_M * float(contact["upper"])
     predicted = float(contact["predicted_distance"]) if contact["flags"] & ContactFlag.PREDICTED else math.nan
     style = CLOSING_STYLE if math.isfinite(contact["time_to_contact"]) else FREE_STYLE
@@ -100,7 +97,7 @@ def _bar_cell(draw: Callable[[int], Text]) -> Drawn:
 
 
 def finger_words(contact: Any, part_names: Sequence[str] = ()) -> str:
-    """Return what a line of text says of a finger, or of a connection of a held part."""
+    """Return a finger, or a connection of a held part, in words."""
     if not is_tracked(contact):
         return f"{contact['finger']}: not tracked"
     lower, upper = MM_PER_M * float(contact["lower"]), MM_PER_M * float(contact["upper"])
@@ -115,7 +112,7 @@ def finger_words(contact: Any, part_names: Sequence[str] = ()) -> str:
 def frame_document(frame: Any, part_names: Sequence[str]) -> dict[str, Any]:
     """Return a frame as plain values: fields of its header, and of the contact of each finger.
 
-    *part_names*: as in `finger_cells`; empty where they are not known, then ``part_name`` is null.
+    *part_names*: as in `finger_cells`; if they are empty, ``part_name`` is null.
     """
     header = frame["header"]
     return {
@@ -137,20 +134,20 @@ def _finger(contact: Any, part_names: Sequence[str]) -> dict[str, Any]:
 
 
 def _name(kind: type[IntEnum], number: Any) -> str:
-    """The name of a member; the number where a newer publisher has one that is not known here."""
+    """Return the name of a member; for a member of a newer publisher, its number."""
     return kind(number).name.lower() if number in set(kind) else str(number)
 
 
 def _part(number: int, names: Sequence[str]) -> str:
     if number < 0:
         return NONE
-    # A name is anybody's text: nothing in it may move the cursor.
+    # A name is untrusted text, and must not move the cursor.
     name = "".join(letter for letter in names[number] if letter.isprintable()) if number < len(names) else ""
     return name or str(number)
 
 
 def _distance(lower: float, upper: float) -> str:
-    """The distance, or its bounds, mm."""
+    """Return the distance, or its bounds, mm."""
     if math.isclose(lower, upper, rel_tol=1e-12):
         return f"{lower + 0.0:.2f}"
     digits = 1 if max(abs(lower), abs(upper)) < FEW_DIGITS_FROM else 0
@@ -159,7 +156,7 @@ def _distance(lower: float, upper: float) -> str:
 
 
 def _time(contact: Any) -> str:
-    """Time to contact, or what it is at least where the distance is not exact."""
+    """Return the time to contact, or its lower bound if the distance is not exact."""
     seconds, at_least = float(contact["time_to_contact"]), float(contact["time_to_contact_lower"])
     if math.isnan(seconds):
         return UNKNOWN
@@ -187,7 +184,7 @@ def _flags(contact: Any) -> Text:
 
 
 def ruler(width: int) -> str:
-    """Return the scale that stands above the bars."""
+    """Return the scale above the bars."""
     cells = [" "] * width
     for mark in MARKS_MM[:: 1 if width >= 24 else 2 if width >= 12 else 4]:
         text = str(mark)
@@ -199,8 +196,8 @@ def ruler(width: int) -> str:
 def bar(lower_mm: float, upper_mm: float, predicted_mm: float, width: int, style: str) -> Text:
     """Return the bar of a distance.
 
-    *lower_mm*: it is no less: the full part of the bar. *upper_mm*: it is no more: up to there the bar is
-    shaded. *predicted_mm*: where it will be soon: a mark; none where that is not on the scale.
+    *lower_mm*: lower bound, the full part of the bar. *upper_mm*: upper bound, up to which the bar is shaded.
+    *predicted_mm*: shown as a mark, if it is on the scale.
     """
     if upper_mm <= 0.0:
         return touch(-lower_mm, width)
@@ -217,13 +214,13 @@ def bar(lower_mm: float, upper_mm: float, predicted_mm: float, width: int, style
 
 
 def filled(cells: float) -> str:
-    """Return the full part of a bar, as many cells long, to an eighth of one."""
+    """Return the full part of a bar of *cells* cells, to an eighth of one."""
     full, eighths = divmod(math.floor(8.0 * cells), 8)
     return "█" * full + (EIGHTHS[eighths] if eighths else "")
 
 
 def touch(depth_mm: float, width: int) -> Text:
-    """Return the red field of a finger that touches."""
+    """Return the red field of a touching finger."""
     reported = f"{depth_mm + 0.0:.2f} mm inside"
     if width > len(reported) + len("touches, "):
         reported = f"touches, {reported}"
@@ -231,5 +228,5 @@ def touch(depth_mm: float, width: int) -> Text:
 
 
 def _cells(distance_mm: float, width: int) -> float:
-    """Number of cells for a distance, within the scale."""
+    """Return the number of cells for a distance, within the scale."""
     return min(max(distance_mm, 0.0), SCALE_MM) / SCALE_MM * width

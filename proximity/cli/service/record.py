@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from proximity.recording import FrameLog
     from proximity.transport import Counts, Inlet, Subscriber
 
-TURN_S = 0.05  # within that a wish to stop is noticed
-GATHER_S = 0.002  # that frames are let come: to wake for each would cost more; buffers hold 60 and more
-ANNOUNCE_AFTER_S = 2.0  # of waiting for a first frame before that is said
+TURN_S = 0.05  # longest delay of a stop
+GATHER_S = 0.002  # for several frames, as waking for each costs more; buffers hold 60 and more
+ANNOUNCE_AFTER_S = 2.0  # of waiting for a first frame
 
 
 def record(
@@ -35,9 +35,9 @@ def record(
 ) -> None:
     """Write every frame published at ADDRESS to a log, until Ctrl-C, SIGTERM or --limit.
 
-    The log is only appended to: an existing log is continued, and a crash loses at most the frame that was
-    being written. Frames that were lost in transit are gaps in the sequence numbers. The exit code is 1
-    if no frame came.
+    Frames are appended: an existing log is continued, and a crash loses at most the frame being
+    written. Frames lost in transit are gaps in the sequence numbers. The exit code is 1 if no frame
+    arrived.
 
     Examples:
       proximity record shm://proximity --out run.frames
@@ -69,9 +69,9 @@ def record(
 
 
 def _summary(log: "FrameLog", seconds: float, counts: "Counts") -> dict[str, Any]:
-    """What was recorded, and how many messages were refused, and why."""
+    """Return the numbers of recorded, lost and rejected messages, with the reasons."""
     others = {"from another sender": counts.refused, "not verified by the key": counts.unverified}
-    reasons = {flaw.value: count for flaw, count in counts.flawed.most_common()}
+    reasons = {defect.value: count for defect, count in counts.flawed.most_common()}
     return {
         "file": str(log.path),
         "frames": log.frame_count,
@@ -103,9 +103,9 @@ def _record(inlet: "Inlet", subscriber: "Subscriber", log: "FrameLog", stop: Eve
             if log.frame_count:
                 show(_words(_summary(log, elapsed, subscriber.counts)))
             elif elapsed > ANNOUNCE_AFTER_S and not has_waited:
-                report(f"no frame has come from {subscriber.address} yet")
+                report(f"no frame from {subscriber.address} yet")
                 has_waited = True
-        for data in subscriber.frames():  # what came while the last was being written
+        for data in subscriber.frames():  # received while the last one was written
             log.append(data)
 
 
@@ -118,7 +118,7 @@ def export(
     and frame.
 
     A line has the session, number, state and instants of its frame, then all fields of the contact.
-    Vectors take three columns; names of columns end in the unit. CSV has words for flags, surface, mode
+    Vectors take three columns; column names end in the unit. CSV has words for flags, surface, mode
     and source, Parquet their numbers (`proximity client header` lists them). Without --csv and
     --parquet, CSV is written to standard output. Torn or damaged frames are skipped and reported.
 
@@ -149,11 +149,11 @@ def export(
 
 
 def _write(out: Path, runs: "Iterable[np.ndarray]", *, is_parquet: bool) -> int:
-    """Write a table in place of what is there, at once and wholly; how many lines."""
+    """Write a table, replacing an existing file at the end; return the number of lines."""
     from proximity.recording import load_pyarrow, write_frames_csv, write_frames_parquet
 
     if is_parquet:
-        load_pyarrow()  # where it is missing, not even an unfinished file is made
+        load_pyarrow()  # raises before a file is created
         from proximity.system.whole_file import whole_file
 
         with whole_file(out) as stream:

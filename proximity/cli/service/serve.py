@@ -1,4 +1,4 @@
-"""``proximity serve``: run the service that a scene file describes until it is asked to stop."""
+"""``proximity serve``: run the service of a scene file until it is stopped."""
 
 import contextlib
 import os
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from proximity.service.hosting import Beginning
     from proximity.web import RunningPage
 
-ORDINARY = "ordinary priority, memory not locked, any core; --realtime asks for more"
+ORDINARY = "ordinary priority, memory not locked, any core; --realtime requests more"
 UNUSED_POSES = {"future": "from the future", "backwards": "backwards in time", "too_old": "too old"}
 
 
@@ -35,7 +35,7 @@ def serve(
         bool | None,
         flag(
             "--realtime/--no-realtime",
-            ("Ask the system for real-time priority, locked memory and a core of its own; overrides SCENE."),
+            ("Request real-time priority, locked memory and a dedicated core; overrides SCENE."),
             show_default=False,
         ),
     ] = None,
@@ -55,17 +55,17 @@ def serve(
         bool, flag("--until-stdin", "Stop when a line arrives on standard input, or when it is closed.")
     ] = False,
 ) -> None:
-    """Serve the fingers and parts that SCENE describes: poses in, contacts out, every period.
+    """Serve the fingers and parts of SCENE: poses in, contacts out, every period.
 
     SCENE is a TOML file; meshes/demo.toml explains every key. The service runs until Ctrl-C or SIGTERM,
-    until a recording ends that is not repeated, or until --limit or --ticks; its last frames have the
-    state STOPPING. You can edit SCENE and the files of its parts while the service runs: a valid edit
+    until the end of a recording that is not repeated, or until --limit or --ticks; its last frames have
+    the state STOPPING. You can edit SCENE and the files of its parts while the service runs: a valid edit
     takes effect between two ticks; an invalid edit is reported with its line, and the previous scene
     stays in use.
 
-    The report on standard output has the number of ticks, how many were missed, how long they took and
-    how late they began. Exit codes: 0: stopped as asked. 2: SCENE cannot be used, an address is in use,
-    or the log lacks frames.
+    The report on standard output has the number of ticks, the missed ones, their durations and their
+    lateness. Exit codes: 0: stopped normally. 2: SCENE is invalid, an address is in use, or the log
+    lacks frames.
 
     Examples:
       proximity serve meshes/demo.toml
@@ -74,7 +74,7 @@ def serve(
     """
     refuse(
         (ticks is not None and ticks < 1, "--ticks", f"{ticks} ticks: expected 1 or more"),
-        (port is not None and not web, "--port", f"{port}: expected --web, of whose page it is the port"),
+        (port is not None and not web, "--port", "requires --web"),
     )
     from proximity.service.hosting import serve
 
@@ -84,7 +84,7 @@ def serve(
         "log": log,
         "real_time": real_time,
     }
-    page = _PageBeside(scene, overrides, port or 0) if web else None
+    page = _PageStarter(scene, overrides, port or 0) if web else None
     stop = threading.Event()
     if until_stdin:
         stop_at_input(stop)
@@ -112,7 +112,7 @@ def serve(
 
 
 def _write_beginning(beginning: "Beginning", *, as_json: bool) -> None:
-    """Report scene, addresses, rate, and what the system granted and refused, on stderr or as a document."""
+    """Report scene, addresses, rate and the system's grants, on stderr or as a document."""
     service = beginning.settings.service
     begun = {
         "event": "begun",
@@ -151,7 +151,7 @@ def _print_end(ended: dict[str, Any]) -> None:
         )
         lines.append((name, f"p50 {p50}, p99 {p99}, p99.9 {p999}, max {longest} µs"))
     for address, count in ended["publish_failures"].items():
-        taken = f"{counted(count, 'frame')} not taken" if count else "all frames"
+        taken = f"{counted(count, 'frame')} not sent" if count else "all frames"
         lines.append(("published", f"{address}: {taken}"))
     if ended["log_written"] or ended["log_lost"]:
         lines.append(("log", f"{ended['log_written']} frames, {ended['log_lost']} lost"))
@@ -160,8 +160,8 @@ def _print_end(ended: dict[str, Any]) -> None:
     print_block([*lines, *(("note", note) for note in ended["notes"])])
 
 
-class _PageBeside(threading.Thread):
-    """Starts a page in a process of its own, to which the service publishes at an address of its own."""
+class _PageStarter(threading.Thread):
+    """Thread that starts a page in a separate process; the service publishes to it at a separate address."""
 
     def __init__(self, scene: Path, given: dict[str, Any], port: int) -> None:
         super().__init__(name="starts the page", daemon=True)
@@ -175,7 +175,7 @@ class _PageBeside(threading.Thread):
         self._is_over = False
 
     def run(self) -> None:
-        """Start it beside the loop, and say where it is."""
+        """Start the page while the loop runs, and report its address."""
         from proximity.web import RunningPage
 
         try:
@@ -188,7 +188,7 @@ class _PageBeside(threading.Thread):
         report(f"the page is at {self._page.url}")
 
     def stop(self) -> None:
-        """End it."""
+        """Stop the page."""
         self._is_over = True
         if self._page is not None:
             with contextlib.suppress(ServiceError):

@@ -1,4 +1,4 @@
-"""Commands for programs at the other end: their sources, the layout of messages, and keys."""
+"""Commands that write client sources, the layout of messages, and keys."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +17,7 @@ from proximity.cli.options import (
 )
 from proximity.cli.program import group_of
 
-LEAST_RATE_HZ, MOST_RATE_HZ = 150.0, 20000.0  # slower, each sample would trip the watchdog of 10 ms
+MIN_RATE_HZ, MAX_RATE_HZ = 150.0, 20000.0  # slower, each sample would trip the watchdog of 10 ms
 
 
 FOLDER = Annotated[Path, option("DIR", "Folder to write the files to.", "--out")]
@@ -75,9 +75,9 @@ def _client_of(name: str, language: str, text: str) -> Callable[[Path], None]:
 
 
 def _report(written: dict[Any, bool]) -> None:
-    """Print which files were written; an example that is there already is kept."""
+    """Print the written files; existing examples are kept."""
     for path, is_written in written.items():
-        typer.echo(f"{path}: {'written' if is_written else 'kept, it is there already'}")
+        typer.echo(f"{path}: {'written' if is_written else 'kept, as it exists already'}")
 
 
 def controller(
@@ -86,19 +86,19 @@ def controller(
     drum: GEAR = None,
     rate: Annotated[
         float,
-        option("HZ", "Rate of controller and servo.", callback=within(LEAST_RATE_HZ, MOST_RATE_HZ, "Hz")),
+        option("HZ", "Rate of controller and servo.", callback=within(MIN_RATE_HZ, MAX_RATE_HZ, "Hz")),
     ] = 3000.0,
     cable: CABLE = None,
 ) -> None:
     """Write the controller of a contact drum as C99 sources for a microcontroller.
 
-    It receives frames from udp://, with or without a key, and decides at a fixed rate where each drum
-    stands. States, limits, safe behaviour and servo are those of the controller in proximity drum. It
+    It receives frames from udp://, with or without a key, and sets the position of each drum at a fixed
+    rate. States, limits, safe behaviour and servo are those of the controller in proximity drum. It
     needs no heap, only sqrt from <math.h>, and a processor with double precision, such as a Cortex-M7.
-    With --glove, decaff_glove.c contains the finger paths of your glove, and the constants are those of
-    its motor, gear and lever, as measured: run this command again after each calibration. With --cable
-    the drum makes up for the stretch of the cable while it holds a position, from the measured force,
-    or else from that of the motor.
+    With --glove, decaff_glove.c contains the finger paths of your glove, and the measured constants of
+    its motor, gear and lever: run this command again after each calibration. With --cable the drum
+    compensates the stretch of the cable while it holds a position, by the measured force or else by
+    that of the motor.
 
     Examples:
       proximity controller --out firmware
@@ -123,9 +123,9 @@ def header(
 ) -> None:
     """Print proximity_message.h, the layout of all messages for C99, C11 and C++.
 
-    It contains a structure for each message, with a comment for each field, and functions that check
-    whether bytes are a frame and how far it can be trusted. It includes standard headers only: a
-    microcontroller that receives udp:// datagrams needs nothing else.
+    It contains a structure for each message, with a comment for each field, and functions that verify
+    a frame and return its validity. It includes standard headers only, and is sufficient for a
+    microcontroller that receives udp:// datagrams.
 
     Examples:
       proximity client header --out proximity_message.h
@@ -142,12 +142,12 @@ def header(
 
 
 def key(out: Annotated[Path, option("FILE", "File to create; must not exist.")]) -> None:
-    """Make a key for udp://HOST:PORT?key=FILE. Without a key, messages of any program are accepted.
+    """Create a key for udp://HOST:PORT?key=FILE. Without a key, messages of any program are accepted.
 
-    Both ends name the same file. The sender appends a tag to each message; the receiver discards and
-    counts messages that the key does not verify, and repeated ones. The file holds 64 hexadecimal
-    digits (32 random bytes), may be read by its owner only, and is never written over. Use one key for
-    each address, and copy it where nobody else reads it, with scp -p for example.
+    Both ends use the same file. The sender appends a tag to each message; the receiver drops and
+    counts messages that the key does not verify, and repeated ones. The file contains 64 hexadecimal
+    digits (32 random bytes), is readable by its owner only, and is never overwritten. Use one key for
+    each address, and copy it privately, for example with scp -p.
 
     Examples:
       proximity client key --out poses.key
@@ -156,7 +156,7 @@ def key(out: Annotated[Path, option("FILE", "File to create; must not exist.")])
     from proximity.transport.message_key import write_key
 
     write_key(str(out))
-    typer.echo(f'{out}: made; name it at both ends: "udp://HOST:PORT?key={out}"')
+    typer.echo(f'{out}: written; use it at both ends: "udp://HOST:PORT?key={out}"')
 
 
 CLIENTS = {
@@ -175,9 +175,9 @@ library = group_of(
 )
 client = group_of(
     "client",
-    "Write the client of a service for your own program: it reads frames and sends poses, moves and changes. "
-    "Frames are verified, and their age is reported (OK, LATE, STALE), as by Python's subscriber; keys of "
-    "udp:// are supported. The engine itself, for your own process: proximity library.",
+    "Write a client of a service for your own program: it reads frames and sends poses, moves and changes. "
+    "It verifies frames and reports their age (OK, LATE, STALE), as Python's subscriber does, and supports the keys "
+    "of udp://. The engine itself, for your own process: proximity library.",
     *(_client_of(name, *about) for name, about in CLIENTS.items()),
     *(header, key),
     bare=("header",),

@@ -1,4 +1,4 @@
-"""``proximity watch``: show live what a service publishes."""
+"""``proximity watch``: show the frames of a service, live."""
 
 import time
 from threading import Event
@@ -11,7 +11,7 @@ from proximity.cli.output import write_document
 from proximity.cli.program import EXIT_NOTHING, stop_after
 from proximity.system.stop_signals import stopped_by_signals
 
-TURN_S = 0.02  # within that a wish to stop is noticed, and a silence shown
+TURN_S = 0.02  # longest delay of a stop, and of showing a silence
 
 
 def watch(
@@ -23,10 +23,10 @@ def watch(
 
     For each finger: the nearest part, the distance or its bounds, the time until touch, the approach
     speed, the advised mode of the drum, and flags. Above the table: the state, the frame rate, the age
-    of the oldest pose, and how many frames were lost and refused. If the output is not a terminal, one
+    of the oldest pose, and the numbers of lost and rejected frames. If the output is not a terminal, one
     line a second is written. --json writes every frame as one line of JSON instead, in SI units, with
-    `received_ns`, the instant of this machine's clock at which it came: on the machine of the service,
-    less `pose_ns` it is the age of the pose. The exit code is 1 if no frame came.
+    `received_ns`, the time of arrival by this machine's clock: on the machine of the service, its
+    difference to `pose_ns` is the age of the pose. The exit code is 1 if no frame arrived.
 
     Examples:
       proximity watch shm://proximity
@@ -41,7 +41,7 @@ def watch(
 
 
 def _show(address: str, stop: Event) -> int:
-    """Show the newest frame, again and again; return how many came."""
+    """Show the newest frame repeatedly; return the number of received frames."""
     from proximity.cli.service.watch_view import Follower, show
     from proximity.cli.tables import Console, Screen
     from proximity.transport import open_subscriber
@@ -54,7 +54,7 @@ def _show(address: str, stop: Event) -> int:
 
 
 def _write_lines(address: str, stop: Event) -> int:
-    """Write every frame as a line; return how many came."""
+    """Write every frame as a line; return the number of received frames."""
     from proximity.cli.service.finger_view import frame_document
     from proximity.recording.frame_bytes import frame_type
     from proximity.transport import Subscriber, open_inlet

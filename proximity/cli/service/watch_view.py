@@ -29,7 +29,7 @@ NS_IN_S = 1e9
 GATHER_S = 0.005
 RATE_OVER_S = 1.0
 SAMPLED_EVERY_S = 0.05
-OTHER_LINES = 9  # of a terminal, beside the fingers
+OTHER_LINES = 9  # of a terminal, in addition to the fingers
 TWO_HANDS = 10  # fingers: thumb to little finger of the left hand, then of the right
 LINE_FINGERS = 8  # reported in a line of text
 
@@ -42,22 +42,22 @@ STATE_STYLES = {
     State.STOPPING: "black on magenta",
 }
 MEANINGS = {
-    State.STARTING: "no poses yet that the service can use; its terminal says which it refused",
+    State.STARTING: "no valid poses yet; the terminal of the service names the rejected ones",
     State.OK: "every finger is tracked, and in time",
     State.LATE: "ticks were missed or poses are old: only the bounds hold, and they widen",
-    State.STOPPING: "the service was asked to stop",
+    State.STOPPING: "the service is stopping",
 }
 HELD_MEANINGS = {
-    State.STARTING: "no pose of the held part has come yet",
-    State.OK: "the held part is followed, and in time",
-    State.DEGRADED: "in time; only bounds are known of a connection",
+    State.STARTING: "no pose of the held part has arrived yet",
+    State.OK: "the held part is tracked, and in time",
+    State.DEGRADED: "in time; only bounds of a connection are known",
     State.LATE: "ticks were missed or poses are old: only the bounds hold, and they widen",
-    State.STOPPING: "the service was asked to stop",
+    State.STOPPING: "the service is stopping",
 }
 FLAGS = f"Flags: {', '.join(f'{letter} {word}' for letter, word in FLAG_LETTERS.values())}"
 BARS = "Bars: █ certainly free, ▒ between the bounds, ◆ predicted, » farther"
 MAX_NAME_CELLS = 16
-"""Of the name of a part; a longer one is cut."""
+"""Of the name of a part; longer names are truncated."""
 COLUMNS = (
     Column("finger", "finger", True, width=6),
     Column("part", "part", True, width=4),
@@ -69,26 +69,25 @@ COLUMNS = (
     Column("flags", "flags", False, width=12, legend=FLAGS),
 )
 DRUM = Column("drum", "drum", False, width=20)
-DISPENSABLE = ("flags", "mode", "closing", "part")  # in this order, for the sake of the bar
+DISPENSABLE = ("flags", "mode", "closing", "part")  # omitted in this order for a longer bar
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """Values shown beside a reading."""
+    """Values shown with a reading."""
 
     address: str
     counts: Counts
     rate_hz: float  # of frames, over the last second
-    silent_s: float  # since the last frame came; since the start, if none did
-    part_names: tuple[str, ...] = ()  # empty: not known, parts are numbered
-    finger_names: tuple[str, ...] = ()  # or of the connections of a held part; empty: not known
+    silent_s: float  # since the last frame, or else since the start
+    part_names: tuple[str, ...] = ()  # empty: unknown, parts are numbered
+    finger_names: tuple[str, ...] = ()  # or of the connections of a held part; empty: unknown
 
 
 class Follower:
-    """The newest reading of a subscriber, and how fast frames come.
+    """The newest reading of a subscriber, and the frame rate.
 
-    *gather*: that frames are let come before they are looked at: to wake for each takes a third of a core at
-    1 kHz.
+    *gather*: s to wait for several frames, as waking for each takes a third of a core at 1 kHz.
     """
 
     def __init__(
@@ -101,10 +100,7 @@ class Follower:
         self._samples = deque([(self._came_at, 0)])  # instant, frames received until then
 
     def look(self, timeout: float) -> tuple[Reading, Seen]:
-        """Wait for new frames and return what is known.
-
-        *timeout*: how long to wait at most, where none comes.
-        """
+        """Wait up to *timeout* for new frames; return the newest reading and its figures."""
         time.sleep(self._gather)
         reading = self._subscriber.wait(timeout)
         now, counts = self._clock(), self._subscriber.counts
@@ -130,9 +126,9 @@ class Follower:
 
 
 def show(screen: Screen, reading: Reading, seen: Seen, drums: Sequence[Text] | None = None) -> None:
-    """Show a reading if it is time for it.
+    """Show a reading, if the display is due.
 
-    *drums*: what a controller does with each finger, where one runs beside.
+    *drums*: state of the drum of each finger; None: without a controller.
     """
 
     def drawn(size: ConsoleDimensions) -> RenderableType:
@@ -144,9 +140,9 @@ def show(screen: Screen, reading: Reading, seen: Seen, drums: Sequence[Text] | N
 def picture(
     reading: Reading, seen: Seen, *, row_count: int, drums: Sequence[Text] | None = None
 ) -> RenderableType:
-    """Return the picture for a terminal.
+    """Return the display for a terminal.
 
-    *drums*: what a controller does with each finger, where one runs beside.
+    *drums*: state of the drum of each finger; None: without a controller.
     """
     if not len(reading.contacts):
         return headline(reading, seen)
@@ -157,7 +153,7 @@ def picture(
     longest = max(map(cell_len, seen.part_names), default=0)
     columns[1] = columns[1]._replace(width=min(max(longest, len("part")), MAX_NAME_CELLS))
     if drums is not None:
-        # A controller that runs beside may not have had its first frame yet.
+        # The controller may not have received its first frame yet.
         words = [drums[row] if row < len(drums) else Text("") for row in rows]
         columns.append(DRUM._replace(cells=words))
     hidden = len(reading.contacts) - len(rows)
@@ -166,17 +162,17 @@ def picture(
 
 
 def headline(reading: Reading, seen: Seen) -> Group:
-    """Return the two lines above the table: the state and what it means, and the figures."""
+    """Return the two lines above the table: the state with its meaning, and the figures."""
     style = STATE_STYLES[reading.state]
     badge, meaning = f" {reading.state.name} ", _meaning(reading, seen)
     state: RenderableType = Text.assemble((badge, style), f"  {meaning}")
-    if reading.state is State.STALE:  # a whole line: what stands below is not of now
+    if reading.state is State.STALE:  # a whole line, so that the table is not taken for the present
         state = Drawn(lambda width: Text(f"{badge} {meaning}".ljust(width), style))
     return Group(state, Text(f"{seen.address}  {',  '.join(_figures(reading, seen))}"))
 
 
 def line(reading: Reading, seen: Seen) -> str:
-    """Return one line of text for what is no terminal."""
+    """Return one line of text, without a terminal."""
     head = f"{time.strftime('%H:%M:%S')} {reading.state.name}: {', '.join(_figures(reading, seen))}"
     if reading.state is State.STALE:
         return f"{head}; {_meaning(reading, seen)}"
@@ -187,7 +183,7 @@ def line(reading: Reading, seen: Seen) -> str:
 
 
 def nearest(contacts: np.ndarray, count: int) -> list[int]:
-    """Return which fingers are shown: all, or the nearest, in the order of the frame.
+    """Return the rows of the *count* nearest fingers, in the order of the frame.
 
     *contacts*: (N,) CONTACT.
     """
@@ -196,7 +192,7 @@ def nearest(contacts: np.ndarray, count: int) -> list[int]:
 
 
 def _lacking(contacts: np.ndarray) -> str:
-    """What a frame that is in time lacks: most often a hand that nobody holds up."""
+    """Return the reason for DEGRADED: most often a hand that is out of sight."""
     tracked = is_tracked(contacts)
     lost = int((~tracked).sum())
     if not lost:
@@ -209,7 +205,7 @@ def _lacking(contacts: np.ndarray) -> str:
 
 
 def _is_held(reading: Reading) -> bool:
-    """Whether it is of a held part, not of fingers."""
+    """Whether a frame is of a held part, not of fingers."""
     return reading.header is not None and reading.header["source"] == Source.HELD
 
 
@@ -223,17 +219,14 @@ def _meaning(reading: Reading, seen: Seen) -> str:
     if seen.counts.unverified and seen.rate_hz == 0.0:
         return f"messages are not verified by the key of {seen.address}, expected the publisher's key"
     if reading.header is None and seen.counts.flawed[Defect.SIZE]:
-        return (
-            "messages have another length than they declare: if they are sent with a key, add ?key=FILE "
-            "here as well"
-        )
+        return "messages have another length than declared: if they have a key, add ?key=FILE here as well"
     if reading.header is None:
-        return f"no frame has come from {seen.address} yet, for {seen.silent_s:.1f} s"
+        return f"no frame from {seen.address} yet, for {seen.silent_s:.1f} s"
     if _is_held(reading) and seen.rate_hz > 0.0:
-        return "no new pose of the held part: nothing is known of it"
+        return "no new pose of the held part: its distances are unknown"
     if reading.header["state"] == State.STALE and seen.rate_hz > 0.0:
-        return "the service has no new poses that it can use: nothing is known of any finger"
-    return f"no frame for {seen.silent_s:.1f} s: nothing is known of any finger"
+        return "the service has no new valid poses: all distances are unknown"
+    return f"no frame for {seen.silent_s:.1f} s: all distances are unknown"
 
 
 def _figures(reading: Reading, seen: Seen) -> list[str]:
@@ -241,7 +234,7 @@ def _figures(reading: Reading, seen: Seen) -> list[str]:
     reported = [f"{seen.rate_hz:.0f} Hz"]
     if _is_held(reading) and seen.finger_names:
         reported.insert(0, f"held: {seen.finger_names[0].removesuffix(' 1')}")
-    # A frame without a pose has no age: what its header has is the instant of the tick.
+    # A frame without a pose has no age: its header contains the instant of the tick.
     if header is not None and header["state"] not in (State.STARTING, State.STALE):
         reported.append(f"age {_duration(reading.age_ns)}")
     reported += [f"{counts.lost} lost", f"{counts.unused} refused"]
