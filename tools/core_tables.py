@@ -35,19 +35,21 @@ from proximity.message.c_header import structure
 from proximity.message.instant_advice import OTHER_CLOCK_NS
 from proximity.native.signature import BUNDLES
 from proximity.pose import ORTHONORMAL_TOLERANCE, SINGLE_TOLERANCE
-from proximity.scene.model.scene_state import EXACT_ENOUGH, FARTHEST_MOVE, FASTEST_MOVE
+from proximity.scene.model.assembly import EXACT_ENOUGH
+from proximity.scene.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE
 from proximity.scene.queries.queries import SORT_RAYS_FROM, SORT_RAYS_IN
 from proximity.scene.saved import archive, stored_model
 from proximity.scene.saved.compiled_scene import LAYOUT
 from proximity.tracker import tracker_arguments
-from proximity.tracker.tracker import Tracker
+from proximity.tracker.tracker import GONE, Tracker
 
 ENTRIES = (
     "closest_batch", "signed_batch", "distance_batch", "contains_batch", "cast_batch", "segment_batch",
     "morton_order", "ray_order", "fault_in_header", "fault_in_arrays", "complete_model", "first_unfit",
     "move_parts", "copies_in_use", "make_static", "thin_static", "bring_up_to_date", "forget_surfaces",
     "adopt_parts", "tick", "observe", "update_newest", "drop_stale", "sense_contacts",
-    "connect_parts", "surface_faces", "contains_corner",
+    "connect_parts", "surface_faces", "contains_corner", "place_part", "copy_nodes", "plan_scene", "copy_part",
+    "finish_scene",
 )  # fmt: skip
 """The entry points that the library calls."""
 _NUMBERS = {
@@ -75,6 +77,8 @@ _NUMBERS = {
     "SURFACE_RIGID": SURFACE_RIGID,
     "SURFACE_DEFORMABLE": SURFACE_DEFORMABLE,
     "LANES": layout.LANES,
+    "NODE_STRIDE": layout.NODE_STRIDE,
+    "PART_GONE": GONE,
     "CONTACT_SIZE": CONTACT_RECORD.itemsize,
     "FRONTIER_SIZE": FRONTIER_SIZE,
     "BALLS_SIZE": BALLS_SIZE,
