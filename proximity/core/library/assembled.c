@@ -1,5 +1,5 @@
 /* Scenes whose parts are added and removed at run time: the arrays of parts are put together anew. */
-#include "scene.h"
+#include "assembled.h"
 
 #include <stdint.h>
 #include <stdlib.h>
@@ -10,14 +10,6 @@
 #define WORD(address) ((int64_t)(intptr_t)(address))
 
 enum { LINE = 64 }; /* bytes, on which arrays begin */
-
-/* A part of a new model: a row of another one, and what is different there. */
-typedef struct {
-    const int64_t *model;
-    int64_t row;
-    double matrix[16];
-    const char *name;
-} Source;
 
 /* What `plan_scene` gives, see kernels.scene.assembly. */
 typedef struct {
@@ -35,11 +27,12 @@ static size_t on_line(size_t bytes)
     return (bytes + LINE - 1) / LINE * LINE;
 }
 
-static void write_source(Source *source, const proximity_scene *scene, int64_t row, const char *name)
+static void write_source(Source *source, const proximity_scene *scene, int64_t row)
 {
     source->model = scene->model;
     source->row = row;
-    source->name = name;
+    source->name = scene->names[row];
+    source->reason = scene->reasons != NULL ? scene->reasons[row] : "";
     proximity_pose(scene, (int32_t)row, source->matrix, NULL);
 }
 
@@ -102,13 +95,6 @@ static void *take_block(Archive *made, const Plan *plan)
     return block;
 }
 
-static void name_model(int64_t *model, const Archive *made)
-{
-    int64_t words[] = {WORD(made->reals), made->real_count, WORD(made->words), made->word_count,
-                       WORD(made->frames), made->frame_count, WORD(made->parts), made->part_rows};
-    memcpy(model, words, sizeof words);
-}
-
 /* Copy arrays into a planned model, and complete it. */
 static int fill(proximity_scene *scene, const Source *sources, const float *nodes, int64_t numbers, const Plan *plan)
 {
@@ -121,23 +107,31 @@ static int fill(proximity_scene *scene, const Source *sources, const float *node
     return proximity_call(scene->set, FINISH_SCENE, words);
 }
 
-static int copy_names(Archive *made, const Source *sources)
+/* Keep names and reasons, each text with a zero behind it. */
+static int copy_texts(proximity_scene *scene, const Source *sources)
 {
-    size_t size = 1;
-    for (int64_t k = 0; k < made->part_count; k++) {
-        size += strlen(sources[k].name) + 1;
+    int64_t count = scene->archive.part_count;
+    size_t names = 1, reasons = (size_t)count * sizeof(char *);
+    for (int64_t k = 0; k < count; k++) {
+        names += strlen(sources[k].name) + 1;
+        reasons += strlen(sources[k].reason) + 1;
     }
-    char *to = made->names = malloc(size);
-    for (int64_t k = 0; to != NULL && k < made->part_count; k++) {
-        size_t length = strlen(sources[k].name) + 1;
-        memcpy(to, sources[k].name, length);
-        to += length;
+    char *name = scene->archive.names = malloc(names);
+    const char **kept = scene->reasons = malloc(reasons);
+    if (name == NULL || kept == NULL) {
+        return 0;
     }
-    return to != NULL;
+    char *reason = (char *)(kept + count);
+    for (int64_t k = 0; k < count; k++) {
+        strcpy(name, sources[k].name);
+        name += strlen(name) + 1;
+        kept[k] = strcpy(reason, sources[k].reason);
+        reason += strlen(reason) + 1;
+    }
+    return 1;
 }
 
-/* Make a scene of parts; NULL where there is no memory, or where *is_far*. */
-static proximity_scene *assemble(const InstructionSet *set, const Source *sources, int64_t count, int *is_far)
+proximity_scene *proximity_assemble(const InstructionSet *set, const Source *sources, int64_t count, int *is_far)
 {
     proximity_scene *scene = calloc(1, sizeof *scene);
     Archive *made = scene != NULL ? &scene->archive : NULL;
@@ -158,9 +152,9 @@ static proximity_scene *assemble(const InstructionSet *set, const Source *source
     int64_t numbers = nodes != NULL ? NODE_STRIDE * (made->parts[count - 1].root + made->parts[count - 1].node_count) : 0;
     int is_done = nodes != NULL && plan(set, nodes, numbers, made, &planned);
     *is_far = is_done && planned.reals == 0;
-    is_done = is_done && !*is_far && (scene->copies = take_block(made, &planned)) != NULL && copy_names(made, sources);
+    is_done = is_done && !*is_far && (scene->copies = take_block(made, &planned)) != NULL && copy_texts(scene, sources);
     if (is_done) {
-        name_model(scene->model, made);
+        proximity_write_model(scene->model, made);
         is_done = fill(scene, sources, nodes, numbers, &planned) && proximity_begin_changes(scene);
     }
     for (int k = 0; k < 2; k++) {
@@ -192,6 +186,12 @@ static void exchange(proximity_scene *scene, proximity_scene *made)
 }
 
 /* --- the interface -------------------------------------------------------------------------------------- */
+
+const char *proximity_sign_reason(const proximity_scene *scene, int32_t part)
+{
+    int is_known = scene != NULL && scene->reasons != NULL && part >= 0 && part < scene->archive.part_count;
+    return is_known && *scene->reasons[part] != '\0' ? scene->reasons[part] : NULL;
+}
 
 int proximity_new_scene(proximity_scene **scene, proximity_error *error)
 {
@@ -250,7 +250,7 @@ static int check_added(const proximity_scene *scene, const proximity_scene *adde
             return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,
                                     "the scene has a part named '%.80s', expected another name", added->names[k]);
         }
-        write_source(&sources[k], added, k, added->names[k]);
+        write_source(&sources[k], added, k);
         if (matrix != NULL && !is_identity(matrix)) {
             multiply(matrix, sources[k].matrix);
         }
@@ -265,7 +265,7 @@ static int check_added(const proximity_scene *scene, const proximity_scene *adde
 static int rebuild(proximity_scene *scene, const Source *sources, int64_t count, proximity_error *error)
 {
     int is_far;
-    proximity_scene *made = assemble(scene->set, sources, count, &is_far);
+    proximity_scene *made = proximity_assemble(scene->set, sources, count, &is_far);
     if (made == NULL) {
         return is_far ? proximity_refuse(error, PROXIMITY_BAD_POSE, "the parts are too far apart to be in one scene")
                       : no_memory(error);
@@ -291,7 +291,7 @@ int proximity_add_scene(proximity_scene *scene, const proximity_scene *added, co
         return no_memory(error);
     }
     for (int64_t k = 0; k < before; k++) {
-        write_source(&sources[k], scene, k, scene->names[k]);
+        write_source(&sources[k], scene, k);
     }
     int code = check_added(scene, added, sources + before, matrix, error);
     if (code == PROXIMITY_OK) {
@@ -336,7 +336,7 @@ int proximity_remove(proximity_scene *scene, int32_t part, proximity_error *erro
     }
     for (int64_t k = 0, to = 0; k < count; k++) {
         if (k != part) {
-            write_source(&sources[to++], scene, k, scene->names[k]);
+            write_source(&sources[to++], scene, k);
         }
     }
     int code = rebuild(scene, sources, count - 1, error);

@@ -54,6 +54,7 @@ enum {
     PROXIMITY_BAD_POSE = 5,     /* no rigid transform, or one that leads too far away */
     PROXIMITY_NO_INSIDE = 6,    /* no part has an inside */
     PROXIMITY_NO_PROCESSOR = 7, /* this processor lacks instructions: AVX2 and FMA, or NEON */
+    PROXIMITY_BAD_MESH = 10,    /* arrays that are no mesh: a face without its vertex, a vertex that is not finite */
     PROXIMITY_BROKEN = 8        /* an earlier change of this scene failed half way: close it */
 };
 
@@ -150,6 +151,10 @@ PROXIMITY_API int proximity_new_scene(proximity_scene **scene, proximity_error *
    thread of its own may do what takes time (some 3 µs a face), and proximity_add_scene add the parts afterwards. */
 PROXIMITY_API int proximity_from_mesh(const char *name, const double *vertices, size_t vertex_count, const int32_t *faces,
                                       size_t face_count, proximity_scene **scene, proximity_error *error);
+
+/* Why the distances of a part from a mesh have a sign, or have none: a sentence, UTF-8, until the scene is changed or
+   closed. NULL for parts of a compiled scene, and where there is no such part. *Asks.* */
+PROXIMITY_API const char *proximity_sign_reason(const proximity_scene *scene, int32_t part);
 
 /* Make a scene of a mesh and add it, at `matrix` (NULL: where it is). *Changes.* */
 PROXIMITY_API int proximity_add(proximity_scene *scene, const char *name, const double *vertices, size_t vertex_count,

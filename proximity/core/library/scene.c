@@ -15,6 +15,13 @@ static int64_t word_of(double value)
     return word;
 }
 
+void proximity_write_model(int64_t *model, const Archive *a)
+{
+    int64_t words[] = {WORD(a->reals), a->real_count, WORD(a->words), a->word_count,
+                       WORD(a->frames), a->frame_count, WORD(a->parts), a->part_rows};
+    memcpy(model, words, sizeof words);
+}
+
 /* --- opening ------------------------------------------------------------------------------------------- */
 
 static int no_memory(proximity_error *error)
@@ -115,13 +122,16 @@ static int complete(proximity_scene *scene, proximity_error *error)
     return proximity_refuse_kind(error, kind, fault + 1, "", where);
 }
 
+int proximity_refuse_processor(proximity_error *error)
+{
+    return proximity_refuse(error, PROXIMITY_NO_PROCESSOR,
+                            "this processor has none of the instructions that the library was compiled for");
+}
+
 int proximity_choose_set(proximity_scene *scene, proximity_error *error)
 {
     scene->set = proximity_best_set(NULL);
-    return scene->set != NULL ? PROXIMITY_OK
-                              : proximity_refuse(error, PROXIMITY_NO_PROCESSOR,
-                                                 "this processor has none of the instructions that the library was "
-                                                 "compiled for");
+    return scene->set != NULL ? PROXIMITY_OK : proximity_refuse_processor(error);
 }
 
 /* Open bytes that the scene has, or that are the caller's. */
@@ -234,6 +244,7 @@ void proximity_release(const proximity_scene *kept)
         free(scene->versions);
         free(scene->boxes);
         free(scene->names);
+        free(scene->reasons);
         free(scene->copies);
         free(scene->posts);
         free(scene);

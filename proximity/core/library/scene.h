@@ -12,6 +12,7 @@ struct proximity_scene {
     int64_t model[8]; /* address and length of each array, as kernels take a model */
     Archive archive;
     const char **names;
+    const char **reasons; /* why parts have a sign or none; NULL for a file, and "" for its parts */
     uint8_t *mapped; /* the file, or NULL for bytes that are the caller's */
     size_t mapped_size;
     void *copies; /* what is changed of the caller's bytes, or all arrays of a scene from meshes */
@@ -48,6 +49,11 @@ int proximity_no_such_part(const proximity_scene *scene, int32_t part, proximity
 /* The sentence why a pose of a part cannot be used, as an error. */
 int proximity_refuse_pose(const char *name, const double *matrix, const double *velocity,
                           const double *angular_velocity, proximity_error *error);
+
+/* Write the addresses and lengths of a model's arrays, as kernels take them. */
+void proximity_write_model(int64_t *model, const Archive *archive);
+
+int proximity_refuse_processor(proximity_error *error);
 
 /* Choose the best instructions that the processor has. */
 int proximity_choose_set(proximity_scene *scene, proximity_error *error);
