@@ -12,7 +12,7 @@ import numpy as np
 
 import proximity
 from proximity.core import loop_records, receiver_state
-from proximity.kernels import answers, layout
+from proximity.kernels import answers, layout, thresholds
 from proximity.kernels.contact_record import (
     CONTACT_RECORD,
     SURFACE_DEFORMABLE,
@@ -36,19 +36,23 @@ from proximity.message.c_header import structure
 from proximity.message.instant_advice import OTHER_CLOCK_NS
 from proximity.native.signature import BUNDLES
 from proximity.pose import ORTHONORMAL_TOLERANCE, SINGLE_TOLERANCE
-from proximity.scene.model.scene_state import EXACT_ENOUGH, FARTHEST_MOVE, FASTEST_MOVE
+from proximity.scene.model.assembly import EXACT_ENOUGH
+from proximity.scene.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE
+from proximity.scene import sign
 from proximity.scene.queries.queries import SORT_RAYS_FROM, SORT_RAYS_IN
 from proximity.scene.saved import archive, stored_model
 from proximity.scene.saved.compiled_scene import LAYOUT
 from proximity.tracker import tracker_arguments
-from proximity.tracker.tracker import Tracker
+from proximity.tracker.tracker import GONE, Tracker
 
 ENTRIES = (
     "closest_batch", "signed_batch", "distance_batch", "contains_batch", "cast_batch", "segment_batch",
     "morton_order", "ray_order", "fault_in_header", "fault_in_arrays", "complete_model", "first_unfit",
     "move_parts", "copies_in_use", "make_static", "thin_static", "bring_up_to_date", "forget_surfaces",
     "adopt_parts", "tick", "observe", "update_newest", "drop_stale", "sense_contacts",
-    "connect_parts", "surface_faces", "contains_corner",
+    "connect_parts", "surface_faces", "contains_corner", "place_part", "copy_nodes", "plan_scene", "copy_part",
+    "finish_scene", "split_faces", "face_topology", "signed_volume", "frame_of_box", "plan_part", "fill_part",
+    "choose_sign",
 )  # fmt: skip
 """The entry points that the library calls."""
 _NUMBERS = {
@@ -85,6 +89,11 @@ _NUMBERS = {
     "SURFACE_RIGID": SURFACE_RIGID,
     "SURFACE_DEFORMABLE": SURFACE_DEFORMABLE,
     "LANES": layout.LANES,
+    "NODE_STRIDE": layout.NODE_STRIDE,
+    "PART_GONE": GONE,
+    "MOVING_MARGIN": thresholds.MOVING_MARGIN,
+    "LARGEST_COORDINATE": thresholds.LARGEST_COORDINATE,
+    "SMALLEST_SIZE": thresholds.SMALLEST_SIZE,
     "CONTACT_SIZE": CONTACT_RECORD.itemsize,
     "FRONTIER_SIZE": FRONTIER_SIZE,
     "BALLS_SIZE": BALLS_SIZE,
@@ -153,7 +162,11 @@ def tables_source(sets: Iterable[tuple[str, dict[str, str]]], digest: str, diges
     lines += ["    {NULL, {NULL}}};", "const Sentence proximity_sentences[] = {"]
     sentences = archive.SENTENCES | stored_model.SENTENCES
     lines += [f"    {{{kind}, {json.dumps(text)}}}," for kind, text in sentences.items()]
-    lines += ["    {0, NULL}};"]
+    lines += ["    {0, NULL}};", "const Sentence proximity_reasons[] = {"]
+    lines += [f"    {{{kind}, {json.dumps(text)}}}," for kind, text in sign.REASONS.items()]
+    exceptions = ", ".join(map(json.dumps, sign.EXCEPTIONS))
+    lines += ["    {0, NULL}};", f"const char *const proximity_exceptions[] = {{{exceptions}}};"]
+    lines += [f"const char proximity_flipped[] = {json.dumps(sign.FLIPPED)};"]
     lines += [f"const char proximity_layout[] = {json.dumps(json.dumps(LAYOUT, separators=(',', ':')))};"]
     words = ", ".join(f"INT64_C({word})" for word in unknown_contact().view(np.int64).tolist())
     lines += [f"const int64_t proximity_unknown_contact[] = {{{words}}};"]

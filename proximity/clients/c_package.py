@@ -23,6 +23,7 @@ PLACES = {
     HERE / "package" / "proximity.pc": "lib/pkgconfig",
     HERE / "examples" / "distances.c": "examples",
     HERE / "examples" / "moving.c": "examples",
+    HERE / "examples" / "imported.cpp": "examples",
 }
 """Files, and the folders that they are written to."""
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from proximity.errors import ArgumentError, MeshError, SceneError
 from proximity.mesh.bvh import LocalFrame
-from proximity.mesh.part_arrays import PartArrays
-from proximity.scene.model.assembly import Model, assemble
+from proximity.scene.model.assembly import Model, adopt, assemble
 from proximity.scene.model.scene_state import SceneState, write_motion, write_surface
 from proximity.scene.part import Part, checked_part
 from proximity.system.memory import return_free_memory
@@ -37,21 +36,25 @@ class SceneParts:
 
     @classmethod
     def of(
-        cls, parts: list[Part], pieces: list[PartArrays], *, dynamic: Collection[int] = (), epoch: int = 0
+        cls, parts: list[Part], sources: list[Model], *, dynamic: Collection[int] = (), epoch: int = 0
     ) -> "SceneParts":
-        """Return parts whose arrays are put together from *pieces*.
+        """Return parts whose arrays are put together from *sources*.
 
         *parts*: with names that differ, and solids that are in no other scene. *dynamic*: rows of the parts
         that have moved by themselves.
         """
         model = assemble(
-            pieces,
+            sources,
             [part.pose for part in parts],
             dynamic=dynamic,
             hidden=[row for row, part in enumerate(parts) if part.is_hidden],
             epoch=epoch,
             names=tuple(part.name for part in parts),
         )
+        return cls._over(model, parts)
+
+    @classmethod
+    def _over(cls, model: Model, parts: list[Part]) -> "SceneParts":
         for row, part in enumerate(parts):
             part.solid._arrays.move_to(model, row)
             write_motion(model.frames[row], part.velocity, part.angular_velocity)
@@ -64,10 +67,14 @@ class SceneParts:
 
         *parts*: as `checked_parts` takes them. The list is emptied: their arrays are not needed twice.
         """
-        made = with_arrays(checked_parts(parts), are_new=True)
+        own, sources = with_arrays(checked_parts(parts))
         parts.clear()
-        scene_parts = cls.of(*made)
-        del made
+        if len(own) == 1:  # the scene takes the memory of its solid
+            model = adopt(sources[0], own[0].pose, is_hidden=own[0].is_hidden, name=own[0].name)
+            scene_parts = cls._over(model, own)
+        else:
+            scene_parts = cls.of(own, sources)
+        del own, sources
         if scene_parts.face_count > MANY_FACES:
             return_free_memory()
         return scene_parts
@@ -151,10 +158,10 @@ class SceneParts:
         kept = self._parts_and_arrays(range(len(self)))
         return self.of(*kept, dynamic=self.state.dynamic_rows, epoch=self.state.epoch)
 
-    def _parts_and_arrays(self, rows: Sequence[int]) -> tuple[list[Part], list[PartArrays]]:
+    def _parts_and_arrays(self, rows: Sequence[int]) -> tuple[list[Part], list[Model]]:
         parts = [self[row] for row in rows]
         model = self.state.writable_model()
-        return parts, [model.part_views(row) for row in rows]
+        return parts, [model.part_alone(row) for row in rows]
 
     def updated(self) -> Model | None:
         """Return a model of what is true now; None where there is no memory left to write it to."""
@@ -205,13 +212,8 @@ def checked_parts(given: Iterable[Any]) -> list[Part]:
     return parts
 
 
-def with_arrays(parts: list[Part], *, are_new: bool = False) -> tuple[list[Part], list[PartArrays]]:
-    """Return parts for a scene of their own, and their arrays.
-
-    *are_new*: whether nobody else has their solids: then the scene may take the memory of the only one.
-    """
+def with_arrays(parts: list[Part]) -> tuple[list[Part], list[Model]]:
+    """Return parts for a scene of their own, and their arrays."""
     solids = {id(part.solid): part.solid._for_scene() for part in parts}
     own = [replace(part, solid=solids[id(part.solid)]) for part in parts]
-    if are_new and len(own) == 1:
-        return own, [own[0].solid.snapshot().part_for_adoption()]
-    return own, [part.solid.snapshot().part_views(0) for part in own]
+    return own, [part.solid.snapshot() for part in own]

@@ -25,8 +25,7 @@ from proximity.mesh.part_arrays import (
     with_sign,
 )
 from proximity.mesh.topology import Topology
-from proximity.pose import Pose
-from proximity.scene.model.assembly import Model, assemble
+from proximity.scene.model.assembly import Model, model_of_piece
 
 POINT_SAMPLE_COUNT = 64
 """Points on the surface from which both sides are looked at."""
@@ -79,10 +78,10 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[Model, SignMetho
     points, normals = _surface_samples(piece)
     if len(points) == 0:
         why = "no face has an area: there is no inside, so distances have no sign"
-        return _alone(piece), SignMethod.NONE, why
+        return model_of_piece(piece), SignMethod.NONE, why
     if topology.is_watertight:
         signed = with_sign(piece, layout.SIGN_PSEUDONORMAL, has_grid=True)
-        model = _alone(signed)
+        model = model_of_piece(signed)
         asked, against = _contradictions(signed, model, points, normals)
         if against == 0:
             why = f"closed and oriented; agrees with the winding number at {asked} of {asked} sample points"
@@ -90,28 +89,24 @@ def choose_sign(piece: PartArrays, topology: Topology) -> tuple[Model, SignMetho
             if passed.folded.any():
                 why += _exceptions(passed)
             is_same = np.array_equal(passed.folded, signed.folded)
-            return model if is_same else _alone(passed), SignMethod.PSEUDONORMAL, why
+            return model if is_same else model_of_piece(passed), SignMethod.PSEUDONORMAL, why
         why = (
             "closed and oriented, but it intersects itself or has shells that face the wrong way: the "
             f"nearest face and the winding number disagree at {against} of {asked} sample points"
         )
         wound = replace(signed, sign=layout.SIGN_WINDING, folded=NO_FOLDED)
-        return _alone(wound), SignMethod.WINDING_NUMBER, why
+        return model_of_piece(wound), SignMethod.WINDING_NUMBER, why
     if topology.is_balanced:
         why = "closed, but edges have more than two faces"
         wound = with_sign(piece, layout.SIGN_WINDING, has_grid=True)
-        return _alone(wound), SignMethod.WINDING_NUMBER, why
+        return model_of_piece(wound), SignMethod.WINDING_NUMBER, why
     share = _clear_share(piece, points, normals)
     if share >= CLEAR_SHARE:
         why = f"not closed, but the winding number is clear below {share:.0%} of the surface"
         wound = with_sign(piece, layout.SIGN_WINDING, has_grid=False)
-        return _alone(wound), SignMethod.WINDING_NUMBER, why
+        return model_of_piece(wound), SignMethod.WINDING_NUMBER, why
     why = "not closed: there is no inside, so distances have no sign"
-    return _alone(piece), SignMethod.NONE, why
-
-
-def _alone(piece: PartArrays) -> Model:
-    return assemble([piece], [Pose()])
+    return model_of_piece(piece), SignMethod.NONE, why
 
 
 def _exceptions(signed: PartArrays) -> str:
@@ -179,7 +174,7 @@ def _contradictions(
     bare = model
     if signed.folded.any():
         # Asked as if nothing were folded: a surface of which much is meets itself.
-        bare = _alone(replace(signed, folded=beside_thin_faces(signed), memory=None))
+        bare = model_of_piece(replace(signed, folded=beside_thin_faces(signed), memory=None))
     above = points + offsets[0] * normals
     against = _differing(bare, signed, around) + _differing(model, signed, above)
     against += _differing(model, signed, uncertain, is_inside)
@@ -234,7 +229,7 @@ def _differing(
 
 def _clear_share(piece: PartArrays, points: np.ndarray, normals: np.ndarray) -> float:
     """The share of the area with a winding number near 1 just below and near 0 just above."""
-    model = _alone(piece)
+    model = model_of_piece(piece)
     step = SAMPLE_OFFSETS[0] * piece.size
     below, above = _turns(model, points - step * normals), _turns(model, points + step * normals)
     return float(np.mean((below > CLEAR_TURNS) & (above < 1.0 - CLEAR_TURNS)))

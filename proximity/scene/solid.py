@@ -12,7 +12,8 @@ from proximity.mesh.bvh import Bvh, LocalFrame
 from proximity.mesh.part_arrays import part_arrays
 from proximity.mesh.topology import Topology, build_topology, corners_of
 from proximity.mesh.triangle_mesh import TriangleMesh
-from proximity.scene.model.assembly import Model
+from proximity.pose import Pose
+from proximity.scene.model.assembly import Model, assemble
 from proximity.scene.queries.queries import Queries
 from proximity.scene.sign import SignMethod, choose_sign
 from proximity.scene.solid_arrays import SolidArrays
@@ -118,10 +119,10 @@ class Solid(Queries):
 
     def __getstate__(self) -> dict[str, Any]:
         """State for a copy: arrays of its own, wherever the original's lie."""
-        return self.__dict__ | {"_arrays": self.snapshot().part_arrays(0)}
+        return self.__dict__ | {"_arrays": assemble([self.snapshot()], [Pose()])}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _arrays=SolidArrays.own(state["_arrays"]))
+        self.__dict__.update(state, _arrays=SolidArrays(state["_arrays"]))
 
     def snapshot(self) -> Model:
         """Return the arrays that queries take, at the identity pose.

@@ -4,10 +4,10 @@ import numpy as np
 
 from proximity.kernels.layout import NO_GRID
 from proximity.mesh.bvh import LocalFrame
-from proximity.mesh.part_arrays import PartArrays, part_arrays, with_folded_faces, with_sign
+from proximity.mesh.part_arrays import part_arrays, with_folded_faces, with_sign
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.pose import Pose
-from proximity.scene.model.assembly import Model, assemble
+from proximity.scene.model.assembly import Model, assemble, model_of_piece
 
 
 class SolidArrays:
@@ -22,11 +22,6 @@ class SolidArrays:
         self.model, self.row, self.is_overwritten = model, 0, False
 
     @classmethod
-    def own(cls, piece: PartArrays) -> "SolidArrays":
-        """Return arrays in memory of their own."""
-        return cls(assemble([piece], [Pose()]))
-
-    @classmethod
     def of_part(cls, scene: Model, row: int) -> "SolidArrays":
         """Return those of a part in a scene's memory."""
         arrays = cls(scene.part_alone(row))
@@ -39,8 +34,7 @@ class SolidArrays:
 
     def leave_scene(self, mesh: TriangleMesh) -> None:
         """Look at a copy, which does not hold on to the memory of the scene."""
-        piece = (self.rebuilt(mesh) if self.is_overwritten else self.model).part_views(0)
-        self.model = assemble([piece], [Pose()])
+        self.model = assemble([self.rebuilt(mesh) if self.is_overwritten else self.model], [Pose()])
 
     def rebuilt(self, mesh: TriangleMesh) -> Model:
         """Return the arrays made anew, after the scene has written another shape over them."""
@@ -56,6 +50,6 @@ class SolidArrays:
         piece = part_arrays(corners, faces, neighbors, LocalFrame.read(model.frames[0]))
         piece = with_sign(piece, int(part["sign"]), has_grid=bool(part["grid"] != NO_GRID))
         # In this order: another thread may look, and must not find the old arrays to be right.
-        self.model = assemble([with_folded_faces(piece, model.folded_faces(0))], [Pose()])
+        self.model = model_of_piece(with_folded_faces(piece, model.folded_faces(0)))
         self.is_overwritten = False
         return self.model

@@ -8,7 +8,7 @@ from proximity.mesh.part_arrays import common_frame, part_arrays
 from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.pose import Pose
-from proximity.scene.model.assembly import assemble
+from proximity.scene.model.assembly import assemble, model_of_piece
 
 
 def arrays_of(model):
@@ -32,7 +32,7 @@ def welded_piece_of(vertices, faces):
 
 def welded_model_of(vertices, faces):
     """The model of one such part, as it lies."""
-    return assemble([welded_piece_of(vertices, faces)], [Pose()])
+    return model_of_piece(welded_piece_of(vertices, faces))
 
 
 def folded_faces_of(solid):
@@ -50,6 +50,6 @@ def model_of(*meshes, poses=None, frame=None, is_fused=False):
     if is_fused:
         vertices = np.concatenate([vertices for vertices, _ in meshes])
         frame = common_frame(vertices.min(axis=0), vertices.max(axis=0))
-    model = assemble([piece_of(mesh, frame) for mesh in meshes], poses or [Pose()] * len(meshes))
+    model = assemble([model_of_piece(piece_of(mesh, frame)) for mesh in meshes], poses or [Pose()] * len(meshes))
     assert not is_fused or (model.parts["is_fused"][:-1] == 1).all()
     return model

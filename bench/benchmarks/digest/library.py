@@ -78,19 +78,49 @@ class Paths(ctypes.Structure):
 class LibraryScene:
     """A compiled scene as the library answers about it; parts are found by their names."""
 
-    def __init__(self, source: Path | np.ndarray, instructions: str = "", path: Path | None = None) -> None:
+    def __init__(
+        self, source: Path | np.ndarray | None = None, instructions: str = "", path: Path | None = None
+    ) -> None:
         self._library = ctypes.CDLL(str(path or library_path()))
         self._library.proximity_part_name.restype = ctypes.c_char_p
         self._library.proximity_instructions.restype = ctypes.c_char_p
         self._scene = ctypes.c_void_p()
         self._source = source  # bytes are to stay
-        if isinstance(source, np.ndarray):
+        if source is None:
+            self.call("new_scene", ctypes.byref(self._scene))
+        elif isinstance(source, np.ndarray):
             address, size = ctypes.c_void_p(source.ctypes.data), ctypes.c_size_t(source.nbytes)
             self.call("open_bytes", address, size, ctypes.byref(self._scene))
         else:
             self.call("open", ctypes.c_char_p(str(source).encode()), ctypes.byref(self._scene))
         if instructions:
             self.call("use_instructions", self._scene, instructions.encode())
+
+    @classmethod
+    def of_mesh(cls, vertices: Any, faces: Any, name: str = "mesh", instructions: str = "") -> "LibraryScene":
+        """The scene of the bodies of a mesh."""
+        scene = cls(instructions=instructions)
+        points, rows = np.array(vertices, np.float64), np.array(faces, np.int32)
+        counts = ctypes.c_size_t(len(points)), ctypes.c_size_t(len(rows))
+        given = _address(points), counts[0], _address(rows), counts[1]
+        made = ctypes.c_void_p()
+        scene.call("from_mesh", name.encode(), *given, ctypes.byref(made))
+        scene.close()
+        scene._scene = made
+        if instructions:
+            scene.call("use_instructions", made, instructions.encode())
+        return scene
+
+    def add(self, other: "LibraryScene", matrix: Any = None) -> int:
+        """Add copies of the parts of another scene; the number of the first."""
+        first, pose = ctypes.c_int32(), None if matrix is None else np.array(matrix, np.float64)
+        at = None if pose is None else _address(pose)
+        self.call("add_scene", self._scene, other._scene, at, ctypes.byref(first))
+        return first.value
+
+    def remove(self, name: str) -> None:
+        """Remove a part."""
+        self.call("remove", self._scene, self._part(name))
 
     def call(self, name: str, *arguments: Any) -> None:
         """Call a function that returns the number of an error."""

@@ -24,8 +24,7 @@ from proximity.mesh.part_arrays import part_arrays
 from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.native import IS_AHEAD
-from proximity.pose import Pose
-from proximity.scene.model.assembly import assemble
+from proximity.scene.model.assembly import model_of_piece
 
 pytestmark = pytest.mark.skipif(
     IS_AHEAD, reason="a single kernel is left out: it has numba compile it (PROXIMITY_ISA=jit)"
@@ -76,7 +75,7 @@ def make_operands():
     topology = build_topology(TriangleMesh(vertices, faces))
     corners = np.empty((int(topology.corner_ids.max()) + 1, 3))
     corners[topology.corner_ids.ravel()] = vertices[faces.ravel()]
-    model = assemble([part_arrays(corners, topology.corner_ids, topology.neighbors)], [Pose()])
+    model = model_of_piece(part_arrays(corners, topology.corner_ids, topology.neighbors))
     nodes = NODE_STRIDE * (model.parts["root"][0] + np.arange(model.parts["node_count"][0]))
     children = model.words.view(np.int32)[(nodes[:, None] + np.arange(NODE_CHILDREN, NODE_CHILDREN + LANES))]
     blocks = BLOCK_STRIDE * ~children[children < 0]

@@ -20,6 +20,7 @@
 namespace proximity {
 
 using Vector = std::array<double, 3>;
+using Triangle = std::array<std::int32_t, 3>;  // rows of vertices
 using Matrix = std::array<double, 16>;  // row by row, scene from part
 using ClosestPoint = proximity_closest_point;
 using RayHit = proximity_ray_hit;
@@ -95,9 +96,24 @@ inline bool has_interface()
 
 }  // namespace detail
 
-/// A compiled scene. Const members ask, from any number of threads; the others change.
+/// A scene: a compiled one, or parts that are added. Const members ask, from any number of threads; the others change.
 class Scene {
 public:
+    /// Without parts: add some before it is asked.
+    Scene()
+    {
+        if (detail::has_interface()) {
+            detail::call(proximity_new_scene, address());
+        }
+    }
+    /// The bodies of a mesh, m, with faces that are counter-clockwise seen from outside; see proximity_from_mesh.
+    Scene(const std::string &name, std::span<const Vector> vertices, std::span<const Triangle> faces)
+    {
+        if (detail::has_interface()) {
+            detail::call(proximity_from_mesh, name.c_str(), detail::numbers(vertices), vertices.size(),
+                         faces.empty() ? nullptr : faces.front().data(), faces.size(), address());
+        }
+    }
     explicit Scene(const std::string &path)
     {
         if (detail::has_interface()) {
@@ -161,6 +177,22 @@ public:
         proximity_bounds(scene_, corners[0].data(), corners[1].data());
         return corners;
     }
+
+    /// Add copies of the parts of another scene, at a pose times their own; the number of the first.
+    std::int32_t add(const Scene &added, const Matrix *pose = nullptr)
+    {
+        std::int32_t first = PROXIMITY_NO_PART;
+        detail::call(proximity_add_scene, scene_, added.get(), pose != nullptr ? pose->data() : nullptr, &first);
+        return first;
+    }
+    /// Add a mesh; the number of its part, or of the first of its bodies.
+    std::int32_t add(const std::string &name, std::span<const Vector> vertices, std::span<const Triangle> faces,
+                     const Matrix *pose = nullptr)
+    {
+        return add(Scene(name, vertices, faces), pose);
+    }
+    /// Remove a part; those behind it move up by one number.
+    void remove(std::int32_t part) { detail::call(proximity_remove, scene_, part); }
 
     void move(std::int32_t part, const Matrix &pose, const Vector *velocity = nullptr,
               const Vector *angular_velocity = nullptr)

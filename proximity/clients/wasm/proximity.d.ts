@@ -108,6 +108,8 @@ export class Engine {
   readonly version: string;
   open(bytes: BufferSource): Scene;
   fetch(url: RequestInfo | URL): Promise<Scene>;
+  scene(): Scene;
+  fromMesh(name: string, vertices: Rows, faces?: ArrayLike<number>): Scene;
 }
 
 export class Scene {
@@ -116,6 +118,9 @@ export class Scene {
   readonly instructions: "relaxed" | "plain";
   readonly bounds: { lower: Float64Array; upper: Float64Array };
   close(): void;
+  add(name: string, vertices: Rows, faces?: ArrayLike<number>, matrix?: ArrayLike<number>): number;
+  addScene(added: Scene, matrix?: ArrayLike<number>): number;
+  remove(part: PartName): void;
   faceCount(part: PartName): number;
   isHidden(part: PartName): boolean;
   pose(part: PartName): Float64Array;

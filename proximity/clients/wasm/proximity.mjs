@@ -124,10 +124,34 @@ export class Engine {
     const address = this.allocate(given.byteLength);
     try {
       this.bytes.set(given, address);
-      return new Scene(this, address, given.byteLength);
+      return new Scene(this, this.made("open_bytes", address, given.byteLength), address);
     } catch (failure) {
       this.free(address);
       throw failure;
+    }
+  }
+
+  /** A scene without parts: add some before it is asked. */
+  scene() {
+    return new Scene(this, this.made("new_scene"));
+  }
+
+  /** The scene of the bodies of a mesh. *vertices*: three numbers each, m; *faces*: three numbers of vertices each,
+   * counter-clockwise seen from outside; without them, every three vertices are a face, as in a BufferGeometry without
+   * an index. */
+  fromMesh(name, vertices, faces = Int32Array.from({ length: vertices.length / 3 }, (_, k) => k)) {
+    const count = rowCount(vertices, "vertices"), faceCount = rowCount(faces, "faces");
+    const encoded = new TextEncoder().encode(`${name}\0`);
+    const places = [this.allocate(encoded.length)];
+    try {
+      places.push(this.allocate(24 * count), this.allocate(12 * faceCount));
+      const [words, points, rows] = places;
+      this.bytes.set(encoded, words);
+      this.reals.set(vertices, points / 8);
+      new Int32Array(this.bytes.buffer).set(faces, rows / 4);
+      return new Scene(this, this.made("from_mesh", words, points, count, rows, faceCount));
+    } finally {
+      places.forEach((place) => this.free(place));
     }
   }
 
@@ -190,6 +214,13 @@ export class Engine {
     return this.#calls[name](...words);
   }
 
+  /** The address of what a function makes. */
+  made(name, ...words) {
+    const place = this.block(2, 8);
+    this.checked(name, ...words, place);
+    return this.view.getUint32(place, true);
+  }
+
   /** Call a function that returns a number of an error; its sentence is thrown. */
   checked(name, ...words) {
     const code = this.#calls[name](...words, this.#error);
@@ -204,28 +235,56 @@ function rowCount(numbers, name) {
   return numbers.length / 3;
 }
 
-/** A compiled scene. */
+/** A scene: a compiled one, or parts that are added. */
 export class Scene {
   #engine;
-  #bytes; // address of the file
+  #bytes; // address of the file, or 0
   #address;
 
-  constructor(engine, bytes, size) {
+  constructor(engine, address, bytes = 0) {
     this.#engine = engine;
     this.#bytes = bytes;
-    const place = engine.block(2, 8);
-    engine.checked("open_bytes", bytes, size, place);
-    this.#address = engine.view.getUint32(place, true);
-    const count = engine.call("part_count", this.#address);
+    this.#address = address;
+    this.#readNames();
+  }
+
+  #readNames() {
+    const engine = this.#engine, count = engine.call("part_count", this.#address);
     /** Names of the parts; numbers of parts in answers count along them. */
     this.parts = Array.from({ length: count }, (_, part) => engine.textAt(engine.call("part_name", this.#address, part)));
+  }
+
+  /** Add a mesh as `Engine.fromMesh` takes it, at a pose of 16 numbers; the number of its part, or of the first of its
+   * bodies. */
+  add(name, vertices, faces, matrix) {
+    const added = this.#engine.fromMesh(name, vertices, faces);
+    try {
+      return this.addScene(added, matrix);
+    } finally {
+      added.close();
+    }
+  }
+
+  /** Add copies of the parts of another scene, at a pose times their own; the number of the first. */
+  addScene(added, matrix) {
+    const engine = this.#engine, place = engine.block(2, 8);
+    if (matrix && matrix.length !== 16) throw new ProximityError(1, `matrix has ${matrix.length} numbers, expected 16`);
+    engine.checked("add_scene", this.#open, added.#open, matrix ? engine.written(0, matrix) : 0, place);
+    this.#readNames();
+    return engine.view.getInt32(place, true);
+  }
+
+  /** Remove a part; those behind it move up by one number. */
+  remove(part) {
+    this.#engine.checked("remove", this.#open, this.partNumber(part));
+    this.#readNames();
   }
 
   /** Free what the scene holds; it cannot be asked afterwards. */
   close() {
     if (this.#address !== 0) {
       this.#engine.call("close", this.#address);
-      this.#engine.free(this.#bytes);
+      if (this.#bytes !== 0) this.#engine.free(this.#bytes);
     }
     this.#address = 0;
   }

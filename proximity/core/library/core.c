@@ -89,3 +89,41 @@ int proximity_refuse_kind(proximity_error *error, int64_t kind, const int64_t *n
                             "its contents are inconsistent (%s%s); save the scene again with this version", where,
                             told);
 }
+
+/* Append a sentence in which {asked}, {against}, {count} and {share:.0%} are numbers; where it ends. */
+static size_t append(char *text, size_t size, size_t at, const char *from, const int64_t *numbers, double share)
+{
+    static const char *const names[] = {"{asked}", "{against}", "{count}"};
+    while (*from != '\0' && at < size - 1) {
+        int written = 0, known = 0;
+        while (known < 3 && strncmp(from, names[known], strlen(names[known])) != 0) {
+            known++;
+        }
+        if (known < 3) {
+            written = snprintf(text + at, size - at, "%lld", (long long)numbers[known]);
+            from += strlen(names[known]);
+        } else if (strncmp(from, "{share:.0%}", 11) == 0) {
+            written = snprintf(text + at, size - at, "%.0f%%", 100.0 * share);
+            from += 11;
+        } else {
+            written = snprintf(text + at, size - at, "%c", *from++);
+        }
+        at += (size_t)written;
+    }
+    return at < size ? at : size - 1;
+}
+
+void proximity_write_reason(char *text, size_t size, const int64_t *found, double share, int is_flipped)
+{
+    const Sentence *reason = proximity_reasons;
+    while (reason->sentence != NULL && reason->kind != found[0]) {
+        reason++;
+    }
+    int64_t numbers[] = {found[1], found[2], 0};
+    size_t at = append(text, size, 0, reason->sentence != NULL ? reason->sentence : "", numbers, share);
+    for (int k = 0; k < 2; k++) {
+        numbers[2] = found[3 + k];
+        at = numbers[2] > 0 ? append(text, size, at, proximity_exceptions[k], numbers, share) : at;
+    }
+    append(text, size, at, is_flipped ? proximity_flipped : "", numbers, share);
+}

@@ -21,6 +21,9 @@ typedef struct {
 } Sentence;
 
 extern const Sentence proximity_sentences[]; /* the last one is NULL */
+extern const Sentence proximity_reasons[];   /* why a sign was chosen; the last one is NULL */
+extern const char *const proximity_exceptions[]; /* where the winding number decides; two */
+extern const char proximity_flipped[];
 extern const char proximity_layout[];        /* as a file has to say it */
 extern const int64_t proximity_unknown_contact[CONTACT_SIZE / 8];
 
@@ -38,6 +41,8 @@ int proximity_call(const InstructionSet *set, int entry, int64_t *words);
 int proximity_refuse(proximity_error *error, int code, const char *sentence, ...);
 int proximity_refuse_kind(proximity_error *error, int64_t kind, const int64_t *numbers, const char *name,
                           const char *where);
+/* Write why a part has its sign; *found*: what `choose_sign` gives before the share. */
+void proximity_write_reason(char *text, size_t size, const int64_t *found, double share, int is_flipped);
 int proximity_read_archive(const InstructionSet *set, uint8_t *bytes, size_t size, Archive *archive,
                            proximity_error *error);
 int proximity_map_file(const char *path, uint8_t **bytes, size_t *size, proximity_error *error);

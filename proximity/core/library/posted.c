@@ -66,7 +66,7 @@ int proximity_post(proximity_scene *scene, int32_t part, const double *matrix, i
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "pose_ns is beyond 2^62 ns");
     }
     if (proximity_first_unfit(scene, 1, matrix, velocity, angular_velocity) >= 0) {
-        return proximity_refuse_pose(scene, part, matrix, velocity, angular_velocity, error);
+        return proximity_refuse_pose(scene->names[part], matrix, velocity, angular_velocity, error);
     }
     struct Posts *posts = __atomic_load_n(&scene->posts, __ATOMIC_RELAXED); /* only this thread writes it */
     if (posts == NULL) {

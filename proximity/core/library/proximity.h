@@ -55,7 +55,8 @@ enum {
     PROXIMITY_NO_INSIDE = 6,    /* no part has an inside */
     PROXIMITY_NO_PROCESSOR = 7, /* this processor lacks instructions: AVX2 and FMA, or NEON */
     PROXIMITY_BROKEN = 8,       /* an earlier change of this scene failed half way: close it */
-    PROXIMITY_BAD_VERSION = 9   /* a compiled scene of another version: compile it again */
+    PROXIMITY_BAD_VERSION = 9,  /* a compiled scene of another version: compile it again */
+    PROXIMITY_BAD_MESH = 10     /* arrays that are no mesh: a face without its vertex, a vertex that is not finite */
 };
 
 typedef struct proximity_error {
@@ -145,6 +146,36 @@ PROXIMITY_API int proximity_hide(proximity_scene *scene, int32_t part, int is_hi
    both 0: it is rigid. Distances do not change. *Changes.* */
 PROXIMITY_API int proximity_set_surface(proximity_scene *scene, int32_t part, double stiffness, double damping,
                                         proximity_error *error);
+
+/* --- parts that come and go ----------------------------------------------------------------------------- */
+
+/* An empty scene, to add parts to. Queries and ticks of a scene without parts are PROXIMITY_BAD_ARGUMENT. */
+PROXIMITY_API int proximity_new_scene(proximity_scene **scene, proximity_error *error);
+
+/* Make a scene of the bodies of a mesh, which are welded, split and signed as by Python's Scene.from_mesh: answers are
+   the same, bit for bit. `vertices` has 3 numbers each (m), `faces` 3 numbers of vertices each, counter-clockwise seen
+   from outside. One body is the part `name`, several are `name`.1, `name`.2, ... It uses no other scene, so that a
+   thread of its own may do what takes time (some 3 µs a face), and proximity_add_scene add the parts afterwards. */
+PROXIMITY_API int proximity_from_mesh(const char *name, const double *vertices, size_t vertex_count, const int32_t *faces,
+                                      size_t face_count, proximity_scene **scene, proximity_error *error);
+
+/* Why the distances of a part from a mesh have a sign, or have none: a sentence, UTF-8, until the scene is changed or
+   closed. NULL for parts of a compiled scene, and where there is no such part. *Asks.* */
+PROXIMITY_API const char *proximity_sign_reason(const proximity_scene *scene, int32_t part);
+
+/* Make a scene of a mesh and add it, at `matrix` (NULL: where it is). *Changes.* */
+PROXIMITY_API int proximity_add(proximity_scene *scene, const char *name, const double *vertices, size_t vertex_count,
+                                const int32_t *faces, size_t face_count, const double *matrix, int32_t *first,
+                                proximity_error *error);
+
+/* Add copies of all parts of another scene, at `matrix` (NULL: where they are) times their poses. Their names must be
+   new. `first` (or NULL) gets the number of the first; the others follow, and numbers of earlier parts stay. Trackers
+   go on. *Changes*; `added` may be asked by other threads. */
+PROXIMITY_API int proximity_add_scene(proximity_scene *scene, const proximity_scene *added, const double *matrix,
+                                      int32_t *first, proximity_error *error);
+
+/* Remove a part, which must not be the only one; those behind it move up by one number. *Changes.* */
+PROXIMITY_API int proximity_remove(proximity_scene *scene, int32_t part, proximity_error *error);
 
 /* --- questions: `points`, `origins`, `directions`, `starts`, `ends` have 3 numbers a row ---------------- */
 

@@ -15,6 +15,13 @@ static int64_t word_of(double value)
     return word;
 }
 
+void proximity_write_model(int64_t *model, const Archive *a)
+{
+    int64_t words[] = {WORD(a->reals), a->real_count, WORD(a->words), a->word_count,
+                       WORD(a->frames), a->frame_count, WORD(a->parts), a->part_rows};
+    memcpy(model, words, sizeof words);
+}
+
 /* --- opening ------------------------------------------------------------------------------------------- */
 
 static int no_memory(proximity_error *error)
@@ -54,18 +61,20 @@ static void list_dynamic(proximity_scene *scene)
 }
 
 /* Space for what follows from where parts are. */
-static int begin_changes(proximity_scene *scene)
+int proximity_begin_changes(proximity_scene *scene)
 {
     size_t count = (size_t)scene->archive.part_count;
-    scene->versions = calloc(4 * count + 1, sizeof(int64_t));
-    scene->boxes = calloc(6 * count, sizeof(float));
-    scene->names = calloc(count, sizeof(char *));
+    scene->versions = calloc(5 * count + 1, sizeof(int64_t));
+    scene->boxes = calloc(6 * count + 1, sizeof(float));
+    scene->names = calloc(count + 1, sizeof(char *));
     if (scene->versions == NULL || scene->boxes == NULL || scene->names == NULL) {
         return 0;
     }
     scene->rows = scene->versions + count + 1;
     scene->order = scene->rows + count;
     scene->keys = scene->order + count;
+    scene->identities = scene->keys + count;
+    scene->next_identity = (int64_t)count;
     scene->dynamic[0] = WORD(scene->rows);
     scene->dynamic[2] = WORD(scene->order);
     scene->dynamic[4] = WORD(scene->keys);
@@ -73,6 +82,7 @@ static int begin_changes(proximity_scene *scene)
     const char *name = scene->archive.names;
     for (size_t part = 0; part < count; part++, name += strlen(name) + 1) {
         scene->names[part] = name;
+        scene->identities[part] = (int64_t)part;
     }
     list_dynamic(scene);
     return 1;
@@ -112,6 +122,18 @@ static int complete(proximity_scene *scene, proximity_error *error)
     return proximity_refuse_kind(error, kind, fault + 1, "", where);
 }
 
+int proximity_refuse_processor(proximity_error *error)
+{
+    return proximity_refuse(error, PROXIMITY_NO_PROCESSOR,
+                            "this processor has none of the instructions that the library was compiled for");
+}
+
+int proximity_choose_set(proximity_scene *scene, proximity_error *error)
+{
+    scene->set = proximity_best_set(NULL);
+    return scene->set != NULL ? PROXIMITY_OK : proximity_refuse_processor(error);
+}
+
 /* Open bytes that the scene has, or that are the caller's. */
 static int open_scene(uint8_t *bytes, size_t size, int is_own, proximity_scene **opened, proximity_error *error)
 {
@@ -119,13 +141,9 @@ static int open_scene(uint8_t *bytes, size_t size, int is_own, proximity_scene *
     if (scene == NULL) {
         return no_memory(error);
     }
-    int code = PROXIMITY_OK;
+    int code;
     scene->references = 1;
-    scene->set = proximity_best_set(NULL);
-    if (scene->set == NULL) {
-        code = proximity_refuse(error, PROXIMITY_NO_PROCESSOR,
-                                "this processor has none of the instructions that the library was compiled for");
-    }
+    code = proximity_choose_set(scene, error);
     if (code == PROXIMITY_OK) {
         code = proximity_read_archive(scene->set, bytes, size, &scene->archive, error);
     }
@@ -135,7 +153,7 @@ static int open_scene(uint8_t *bytes, size_t size, int is_own, proximity_scene *
     if (code == PROXIMITY_OK) {
         code = complete(scene, error);
     }
-    if (code == PROXIMITY_OK && !begin_changes(scene)) {
+    if (code == PROXIMITY_OK && !proximity_begin_changes(scene)) {
         code = no_memory(error);
     }
     if (code != PROXIMITY_OK) {
@@ -203,7 +221,7 @@ proximity_scene *proximity_scene_over(const int64_t *model)
     archive->part_count = model[7] - 1;
     archive->names = calloc((size_t)model[7], 1); /* it is asked for none */
     scene->set = proximity_best_set(NULL);
-    if (archive->names == NULL || scene->set == NULL || !begin_changes(scene)) {
+    if (archive->names == NULL || scene->set == NULL || !proximity_begin_changes(scene)) {
         proximity_close(scene);
         return NULL;
     }
@@ -226,6 +244,7 @@ void proximity_release(const proximity_scene *kept)
         free(scene->versions);
         free(scene->boxes);
         free(scene->names);
+        free(scene->reasons);
         free(scene->copies);
         free(scene->posts);
         free(scene);
@@ -258,6 +277,9 @@ int proximity_refuse_scene(const proximity_scene *scene, proximity_error *error)
 {
     if (scene == NULL) {
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "the scene is NULL, expected one that is open");
+    }
+    if (scene->archive.part_count == 0) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "the scene has no parts, expected at least one: add a mesh");
     }
     return scene->is_broken
                ? proximity_refuse(error, PROXIMITY_BROKEN, "a change of the scene failed half way; close it")
@@ -401,7 +423,7 @@ int proximity_move(proximity_scene *scene, const int32_t *parts, size_t count, c
     }
     int64_t unfit = proximity_first_unfit(scene, (int64_t)count, matrices, velocities, angular_velocities);
     if (unfit >= 0) {
-        return proximity_refuse_pose(scene, parts[unfit], matrices + 16 * unfit,
+        return proximity_refuse_pose(scene->names[parts[unfit]], matrices + 16 * unfit,
                                      velocities != NULL ? velocities + 3 * unfit : NULL,
                                      angular_velocities != NULL ? angular_velocities + 3 * unfit : NULL, error);
     }

@@ -12,9 +12,10 @@ struct proximity_scene {
     int64_t model[8]; /* address and length of each array, as kernels take a model */
     Archive archive;
     const char **names;
+    const char **reasons; /* why parts have a sign or none; NULL for a file, and "" for its parts */
     uint8_t *mapped; /* the file, or NULL for bytes that are the caller's */
     size_t mapped_size;
-    void *copies; /* what is changed of the caller's bytes */
+    void *copies; /* what is changed of the caller's bytes, or all arrays of a scene from meshes */
     int is_broken;
     proximity_log *log;
     void *log_user;
@@ -26,6 +27,8 @@ struct proximity_scene {
     float *boxes;
     int64_t changes, epoch, boxes_version, sort_steps; /* epoch: grows when parts are hidden or shown */
     int tree;
+    int64_t *identities;   /* of the parts: numbers that no other part of this scene has or had */
+    int64_t next_identity;
     struct Posts *posts; /* poses posted by another thread (posted.c); NULL before the first */
 };
 
@@ -54,8 +57,19 @@ int64_t proximity_first_unfit(const proximity_scene *scene, int64_t n, const dou
 int proximity_no_such_part(const proximity_scene *scene, int32_t part, proximity_error *error);
 
 /* The sentence why a pose of a part cannot be used, as an error. */
-int proximity_refuse_pose(const proximity_scene *scene, int64_t part, const double *matrix, const double *velocity,
+int proximity_refuse_pose(const char *name, const double *matrix, const double *velocity,
                           const double *angular_velocity, proximity_error *error);
+
+/* Write the addresses and lengths of a model's arrays, as kernels take them. */
+void proximity_write_model(int64_t *model, const Archive *archive);
+
+int proximity_refuse_processor(proximity_error *error);
+
+/* Choose the best instructions that the processor has. */
+int proximity_choose_set(proximity_scene *scene, proximity_error *error);
+
+/* Allocate what a scene keeps beside its archive; returns 0 where there is no memory. */
+int proximity_begin_changes(proximity_scene *scene);
 
 /* The newest instant of all tracked fingers, whose positions are finite; now_ns if there are none. */
 int64_t proximity_newest_instant(const double *positions, const int64_t *pose_ns, int64_t count, int64_t now_ns);

@@ -25,6 +25,8 @@ struct proximity_tracker {
     int64_t changes, epoch;   /* of the scene at the last tick; -1 before it */
     int64_t last_now_ns;      /* of the last tick */
     int64_t noted;            /* bits of answers of ticks */
+    int64_t *identities;      /* of the scene's parts at the last tick */
+    int64_t part_count;
 };
 
 static int no_memory(proximity_error *error)
@@ -154,6 +156,7 @@ void proximity_destroy_tracker(proximity_tracker *tracker)
         free(tracker->frontiers);
         free(tracker->workspace);
         free(tracker->of_parts);
+        free(tracker->identities);
         free(tracker->of_corners);
         free(tracker);
     }
@@ -184,17 +187,42 @@ int proximity_set_radius(proximity_tracker *tracker, size_t finger, double radiu
     return PROXIMITY_OK;
 }
 
-/* Take in other parts: which of them are hidden has changed, or this is the first tick. */
+/* Write the present numbers of the parts in the last answers. */
+static void renumber_parts(proximity_tracker *tracker, const int64_t *identities, int64_t part_count)
+{
+    for (size_t k = 0; k < tracker->count; k++) {
+        int64_t before = tracker->tracks[k].reported_part, now = 0;
+        if (before >= 0) {
+            while (now < part_count && identities[now] != tracker->identities[before]) {
+                now++;
+            }
+            tracker->tracks[k].reported_part = now < part_count ? now : PART_GONE;
+        }
+    }
+}
+
+/* Adopt other parts: some were added, removed, hidden or shown, or this is the first tick. */
 static int adopt_parts(proximity_tracker *tracker)
 {
     const Archive *archive = &tracker->scene->archive;
     int64_t poses = archive->part_count * POSE_COLUMNS;
     int64_t movers = MOVER_COLUMNS * LANES * (archive->part_count / LANES + 2);
-    if (tracker->of_parts == NULL) {
-        tracker->of_parts = calloc((size_t)(poses + movers), sizeof(double));
-    }
-    if (tracker->of_parts == NULL) {
-        return 0;
+    size_t kept = (size_t)archive->part_count * sizeof(int64_t);
+    if (tracker->part_count != archive->part_count || memcmp(tracker->identities, tracker->scene->identities, kept) != 0) {
+        double *of_parts = calloc((size_t)(poses + movers), sizeof(double));
+        int64_t *identities = malloc(kept);
+        if (of_parts == NULL || identities == NULL) {
+            free(of_parts);
+            free(identities);
+            return 0;
+        }
+        memcpy(identities, tracker->scene->identities, kept);
+        renumber_parts(tracker, identities, archive->part_count);
+        free(tracker->of_parts);
+        free(tracker->identities);
+        tracker->of_parts = of_parts;
+        tracker->identities = identities;
+        tracker->part_count = archive->part_count;
     }
     set_array(tracker, AT_BEFORE, tracker->of_parts, archive->part_count);
     set_array(tracker, AT_MOVERS, tracker->of_parts + poses, movers);

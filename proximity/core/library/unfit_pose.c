@@ -62,11 +62,10 @@ static void describe_matrix(const double *m, char *words, size_t size)
     }
 }
 
-int proximity_refuse_pose(const proximity_scene *scene, int64_t part, const double *matrix, const double *velocity,
+int proximity_refuse_pose(const char *name, const double *matrix, const double *velocity,
                           const double *angular_velocity, proximity_error *error)
 {
     char words[200];
-    const char *name = scene->names[part];
     describe_matrix(matrix, words, sizeof words);
     if (*words != '\0') {
         return proximity_refuse(error, PROXIMITY_BAD_POSE, "part '%.80s': the matrix %s", name, words);

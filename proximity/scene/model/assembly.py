@@ -12,7 +12,15 @@ import numpy as np
 
 from proximity import native
 from proximity.kernels import layout
-from proximity.kernels.entries import begin_moving, copy_offsets, static_tree, update_box, write_static
+from proximity.kernels.entries import (
+    begin_moving,
+    copy_nodes,
+    copy_part,
+    finish_scene,
+    place_part,
+    plan_scene,
+    update_box,
+)
 from proximity.kernels.entries import choose_frame as choose_scene_frame
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
@@ -21,17 +29,15 @@ from proximity.kernels.layout import (
     NO_GRID,
     NODE_STRIDE,
     ORIENTED_STRIDE,
-    REGION_COPIES,
     ModelArrays,
 )
 from proximity.mesh.bvh import Bvh, LocalFrame, local_frame
 from proximity.mesh.part_arrays import PartArrays
-from proximity.mesh.part_memory import WORD_NOTES, PartMemory, joined
-from proximity.pose import Pose
-from proximity.scene.model.part_grid import occupancy
+from proximity.mesh.part_memory import WORD_NOTES, PartMemory, aligned_empty
+from proximity.pose import ROUNDING, Pose
 
-SPARE = 1.25
-"""Space for the static tree, as a multiple of what it takes at first: other parts opened may need more."""
+EXACT_ENOUGH = 2.0 * ROUNDING
+"""Error of a rotation up to which it is taken as it is: that of a `Pose` always, in whatever order summed."""
 _ARRAYS = "moments", "boxes", "faces", "neighbors", "corners", "normals", "grid"
 """Of `PartArrays`, beside those of the tree."""
 
@@ -65,8 +71,9 @@ class Model:
         frames, parts = self.frames[[row, row]], self.parts[[row, row]]
         layout.columns_of(frames)[:, layout.field_at(layout.FRAME, "velocity") :] = 0.0
         parts["is_dynamic"] = parts["is_hidden"] = 0
+        frames["rotation"], frames["translation"] = np.eye(3).reshape(-1), 0.0
         for each in (0, 1):
-            _write_pose(frames, parts, each, Pose())
+            update_box(frames, parts, each)
         return finished(self.reals, self.words, frames, parts)
 
     def folded_faces(self, row: int) -> np.ndarray:
@@ -132,19 +139,9 @@ class Model:
             folded=(notes >> layout.FOLDED_AT).astype(np.uint8),
         )
 
-    def part_for_adoption(self) -> PartArrays:
-        """Return the arrays of the only part, for another model that is to have this one's memory."""
-        part, scene = self.parts
-        of_words = "slot_faces", "moments", "block_boxes", "faces", "neighbors", "grid", "block_notes"
-        word_starts = [0, *(int(part[field]) for field in of_words), int(scene["grid"])]
-        real_starts = [0, int(part["corners"]), int(part["corner_normals"])]
-        return replace(
-            self.part_views(0), memory=PartMemory(self.reals, self.words, real_starts, word_starts)
-        )
-
 
 def assemble(
-    pieces: list[PartArrays],
+    sources: list[Model],
     poses: list[Pose],
     *,
     dynamic: Collection[int] = (),
@@ -152,104 +149,51 @@ def assemble(
     epoch: int = 0,
     names: tuple[str, ...] = (),
 ) -> Model:
-    """Return the model of parts at poses.
+    """Return the model of parts at poses, in new memory.
 
-    *pieces*: at least one. What is in memory for a model is not copied, if it is the only one: the model has
-    that memory. *dynamic*, *hidden*: rows of parts that are going to move, and of those that no question
-    finds.
+    *sources*: at least one; models of one part alone. *dynamic*, *hidden*: rows of parts that are going to move,
+    and of those that no query finds.
     """
-    count = len(pieces)
+    count = len(sources)
     parts, frames = np.zeros(count + 1, layout.PART), np.zeros(count + 1, layout.FRAME)
+    for row, (source, pose) in enumerate(zip(sources, poses, strict=True)):
+        place_part(source.packed, 0, frames, parts, row, pose.matrix, EXACT_ENOUGH)
     parts["is_dynamic"][list(dynamic)], parts["is_hidden"][list(hidden)] = 1, 1
-    node_ends = np.cumsum([0] + [piece.bvh.node_count for piece in pieces])
-    block_ends = np.cumsum([0] + [piece.bvh.block_count for piece in pieces])
-    nodes = (
-        pieces[0].bvh.nodes
-        if count == 1
-        else np.concatenate(
-            [
-                _renumbered(piece.bvh.nodes, int(node), int(block))
-                for piece, node, block in zip(pieces, node_ends, block_ends, strict=False)
-            ]
-        )
+    nodes = np.empty(NODE_STRIDE * int(parts["node_count"].sum()), np.float32)
+    for row, source in enumerate(sources):
+        copy_nodes(source.packed, 0, nodes, parts, row)
+    static, entries, real_count, word_count = plan_scene(nodes, frames, parts)
+    if not real_count:
+        _refuse_frame(frames)
+    model = finished(
+        aligned_empty(real_count, np.float64),
+        aligned_empty(word_count, np.float32),
+        frames,
+        parts,
+        epoch,
+        names,
     )
-    for row, (piece, pose) in enumerate(zip(pieces, poses, strict=True)):
-        frames["own_lower"][row] = piece.lower
-        frames["own_upper"][row] = piece.upper
-        piece.frame.write(frames[row])
-        part = parts[row]
-        part["root"], part["node_count"] = node_ends[row], piece.bvh.node_count
-        part["first_block"], part["block_count"] = block_ends[row], piece.bvh.block_count
-        parts["sign"][row], parts["is_oblique"][row] = piece.sign, piece.is_oblique
-        _write_grid(frames, parts, row, piece.grid_counts, piece.grid_lower, piece.grid_rate)
-        _write_pose(frames, parts, row, pose)
-    oblique = sum(piece.bvh.block_count for piece in pieces if piece.is_oblique)
-    parts["is_oblique"][count] = 2 * oblique >= block_ends[-1]
-    choose_frame(frames, parts, _wanted_frame(pieces))
-    static, entries = static_tree(nodes, frames, parts, int(node_ends[-1]) + 1)
-    parts["first_node"][count] = node_ends[-1]
-    if count > 1:
-        parts["static_capacity"][count] = int(SPARE * _nodes_at_most(nodes, frames, parts, static)) + LANES
-    tree_nodes = max(1, copy_offsets(parts, REGION_COPIES)[2] - int(node_ends[-1]))
-    reals, words = _filled(pieces, frames, parts, nodes, tree_nodes)
-    assert write_static(words, parts, 0, static, entries), "the tree over parts fits its workspace"
-    begin_moving(words, frames, parts)
-    return finished(reals, words, frames, parts, epoch, names)
+    for row, source in enumerate(sources):
+        copy_part(source.packed, 0, model.packed, row)
+    finish_scene(model.packed, nodes, static, entries)
+    return model
 
 
-def _nodes_at_most(nodes: np.ndarray, frames: np.ndarray, parts: np.ndarray, static: np.ndarray) -> int:
-    """Nodes of the static tree, now or once parts that are dynamic or hidden stand there as well."""
-    if parts["is_dynamic"].any() or parts["is_hidden"].any():
-        parts = parts.copy()
-        parts["is_dynamic"] = parts["is_hidden"] = 0
-        everything, _ = static_tree(nodes, frames, parts, 0)
-        return max(len(static), len(everything)) // NODE_STRIDE
-    return len(static) // NODE_STRIDE
+def adopt(source: Model, pose: Pose, *, is_hidden: bool = False, name: str = "") -> Model:
+    """Return the model of the part of *source* at a pose, in the memory of *source*, which nobody else may use."""
+    frames, parts = source.frames.copy(), source.parts.copy()
+    place_part(source.packed, 0, frames, parts, 0, pose.matrix, EXACT_ENOUGH)
+    parts["is_hidden"][0] = is_hidden
+    own = LocalFrame.read(frames[0])
+    if not choose_scene_frame(frames, parts, own.centre, own.scale):
+        _refuse_frame(frames)
+    begin_moving(source.words, frames, parts)
+    return finished(source.reals, source.words, frames, parts, 0, (name,))
 
 
-def _filled(
-    pieces: list[PartArrays], frames: np.ndarray, parts: np.ndarray, nodes: np.ndarray, tree_nodes: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Put the parts' arrays together, with space for *tree_nodes* over them, and note where they are."""
-    count, memory = len(pieces), pieces[0].memory
-    containing = occupancy(pieces, frames, parts)
-    if count == 1 and memory is not None:
-        reals, real_starts, words, word_starts = (
-            memory.reals,
-            memory.real_starts,
-            memory.words,
-            memory.word_starts,
-        )
-        memory.word(WORD_NOTES, pieces[0].bvh.block_count, np.int32)[:] = _notes_on_blocks(pieces)
-    else:
-        reals, real_starts = joined(
-            [[piece.bvh.blocks for piece in pieces]]
-            + [[array] for piece in pieces for array in (piece.corners, piece.normals)],
-            np.float64,
-        )
-        words, word_starts = joined(
-            [
-                [nodes, np.zeros(tree_nodes * NODE_STRIDE, np.float32)],
-                [piece.bvh.slot_faces for piece in pieces],
-                [piece.moments for piece in pieces],
-                [piece.boxes for piece in pieces],
-            ]
-            + [[array] for piece in pieces for array in (piece.faces, piece.neighbors, piece.grid)]
-            + [[_notes_on_blocks(pieces)], [containing.words]],
-            np.float32,
-        )
-    for row, piece in enumerate(pieces):
-        part = parts[row]
-        part["corners"], part["corner_normals"] = real_starts[1 + 2 * row : 3 + 2 * row]
-        part["faces"], part["neighbors"], part["grid"] = word_starts[4 + 3 * row : 7 + 3 * row]
-        part["corner_count"], part["face_count"] = len(piece.corners), len(piece.faces)
-        if not len(piece.grid):
-            part["grid"] = NO_GRID
-    parts["slot_faces"], parts["moments"], parts["block_boxes"] = word_starts[1:4]
-    parts["face_count"][count] = parts["face_count"][:count].sum()
-    parts["block_notes"], parts["grid"][count] = word_starts[-2:]
-    _write_grid(frames, parts, count, containing.counts, containing.lower, containing.rate)
-    return reals, words
+def _refuse_frame(frames: np.ndarray) -> None:
+    """Raise a `MeshError`: the parts are too far apart for any frame."""
+    local_frame(frames["box_lower"][:-1].min(axis=0), frames["box_upper"][:-1].max(axis=0))
 
 
 def finished(
@@ -273,27 +217,43 @@ def dynamic_rows(parts: np.ndarray) -> np.ndarray:
     return np.flatnonzero(parts["is_dynamic"][:-1])
 
 
-def choose_frame(frames: np.ndarray, parts: np.ndarray, wanted: LocalFrame) -> None:
-    """Give the scene's row a frame that all parts fit; a `MeshError` where none does.
-
-    *wanted*: taken if it fits: parts that share it can be walked as one tree.
-    """
-    if not choose_scene_frame(frames, parts, wanted.centre, wanted.scale):
-        local_frame(
-            frames["box_lower"][:-1].min(axis=0), frames["box_upper"][:-1].max(axis=0)
-        )  # which raises
-
-
-# --- arrays ----------------------------------------------------------------------------------------------
-
-
-def _notes_on_blocks(pieces: list[PartArrays]) -> np.ndarray:
-    """Notes on blocks: the part of each, and which of its faces are folded over."""
-    notes = [np.full(piece.bvh.block_count, row, np.int32) for row, piece in enumerate(pieces)]
-    for own, piece in zip(notes, pieces, strict=True):
-        if len(piece.folded):
-            own |= piece.folded.astype(np.int32) << layout.FOLDED_AT
-    return np.concatenate(notes)
+def model_of_piece(piece: PartArrays) -> Model:
+    """Return the model of one part at the identity pose; arrays that are in memory for a model stay there."""
+    frames, parts = np.zeros(2, layout.FRAME), np.zeros(2, layout.PART)
+    memory = piece.memory or PartMemory.of_size(
+        piece.bvh.node_count, piece.bvh.block_count, len(piece.corners), len(piece.faces), len(piece.grid)
+    )
+    if piece.memory is None:
+        reals, words = (piece.bvh.blocks, piece.corners, piece.normals), (
+            piece.bvh.nodes, piece.bvh.slot_faces, piece.moments, piece.boxes, piece.faces, piece.neighbors, piece.grid,
+        )  # fmt: skip
+        for number, array in enumerate(reals):
+            memory.real(number, array.size)[:] = array.reshape(-1)
+        for number, array in enumerate(words):
+            memory.word(number, array.size, array.dtype.type)[:] = array.reshape(-1)
+    notes = memory.word(WORD_NOTES, piece.bvh.block_count, np.int32)
+    notes[:] = piece.folded.astype(np.int32) << layout.FOLDED_AT if len(piece.folded) else 0
+    part, starts = parts[0], memory.word_starts
+    part["node_count"], part["block_count"] = piece.bvh.node_count, piece.bvh.block_count
+    part["sign"], parts["is_oblique"] = piece.sign, piece.is_oblique
+    part["grid_x"], part["grid_y"], part["grid_z"] = piece.grid_counts
+    part["corners"], part["corner_normals"] = memory.real_starts[1:3]
+    part["faces"], part["neighbors"], part["grid"] = starts[4:7]
+    part["corner_count"], parts["face_count"] = len(piece.corners), len(piece.faces)
+    if not len(piece.grid):
+        part["grid"] = layout.NO_GRID
+    parts["slot_faces"], parts["moments"], parts["block_boxes"] = starts[1:4]
+    parts["block_notes"], parts["grid"][1] = starts[7:9]
+    parts["first_node"][1] = piece.bvh.node_count
+    frames["own_lower"][0], frames["own_upper"][0] = piece.lower, piece.upper
+    frames["grid_lower"][0], frames["grid_rate"][0] = piece.grid_lower, piece.grid_rate
+    piece.frame.write(frames[0])
+    alone = finished(memory.reals, memory.words, frames, parts)
+    place_part(alone.packed, 0, frames, parts, 0, np.eye(4), EXACT_ENOUGH)
+    if not choose_scene_frame(frames, parts, piece.frame.centre, piece.frame.scale):
+        _refuse_frame(frames)
+    begin_moving(memory.words, frames, parts)
+    return alone
 
 
 def _renumbered(nodes: np.ndarray, node_shift: int, block_shift: int) -> np.ndarray:
@@ -305,26 +265,3 @@ def _renumbered(nodes: np.ndarray, node_shift: int, block_shift: int) -> np.ndar
     children[is_used & (children >= 0)] += node_shift
     children[is_used & (children < 0)] -= block_shift
     return nodes
-
-
-def _write_grid(
-    frames: np.ndarray, parts: np.ndarray, row: int, counts: tuple[int, int, int], lower: Any, rate: float
-) -> None:
-    """Write what a row's grid is like: of a part its sign grid, of the scene that over it."""
-    part = parts[row]
-    part["grid_x"], part["grid_y"], part["grid_z"] = counts
-    frames["grid_lower"][row] = lower
-    frames["grid_rate"][row] = rate
-
-
-def _write_pose(frames: np.ndarray, parts: np.ndarray, row: int, pose: Pose) -> None:
-    """Write a row's pose, and the box that follows from it."""
-    frames["rotation"][row] = pose.rotation.reshape(-1)
-    frames["translation"][row] = pose.translation
-    update_box(frames, parts, row)
-
-
-def _wanted_frame(pieces: list[PartArrays]) -> LocalFrame:
-    """The frame of the largest part: if others share it, they can be walked as one tree."""
-    largest = max(pieces, key=lambda piece: float((piece.upper - piece.lower).max()))
-    return largest.frame

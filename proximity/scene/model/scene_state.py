@@ -26,15 +26,13 @@ from proximity.kernels.layout import NEVER, REGION_COPIES, STATIC_COPIES, Dynami
 from proximity.kernels.thresholds import SMALLEST_REACH, SORT_STEPS
 from proximity.mesh.bvh import LARGEST_COORDINATE
 from proximity.native import packed
-from proximity.pose import ORTHONORMAL_TOLERANCE, ROUNDING, Pose
-from proximity.scene.model.assembly import Model, dynamic_rows, finished
+from proximity.pose import ORTHONORMAL_TOLERANCE, Pose
+from proximity.scene.model.assembly import EXACT_ENOUGH, Model, finished
 
 FARTHEST_MOVE = LARGEST_COORDINATE / 4.0
 """m; farther off, sums of coordinates could leave what can be computed with."""
 FASTEST_MOVE = 1e9
 """m/s, three times light, or rad/s: squares of more, over some time, could leave it too."""
-EXACT_ENOUGH = 2.0 * ROUNDING
-"""Error of a rotation up to which it is taken as it is: that of a `Pose` always, in whatever order summed."""
 UPDATES_BEFORE_SHRINKING = 1000
 """A part that went far away and came back leaves a frame that is too large; a new one costs a new tree, which
 is not to be paid at every tick of a part that goes to and fro."""
@@ -167,7 +165,7 @@ class SceneState:
     @property
     def dynamic_rows(self) -> list[int]:
         """Rows of the parts that have moved by themselves."""
-        return [int(row) for row in dynamic_rows(self.parts)]
+        return [int(row) for row in np.flatnonzero(self.parts["is_dynamic"][:-1])]
 
     def values(self, row: int) -> dict[str, Any]:
         """Return what is true of a part now, by names of fields."""
@@ -302,7 +300,7 @@ class SceneState:
         return True
 
     def _list_dynamic(self) -> None:
-        rows = dynamic_rows(self.parts)
+        rows = np.flatnonzero(self.parts["is_dynamic"][:-1])
         self._dynamic_count = len(rows)
         self._dynamic = packed(DynamicParts(rows, np.arange(len(rows)), np.empty(len(rows), np.int64)))
         self._sort_steps = len(rows) ** 2

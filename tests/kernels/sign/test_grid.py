@@ -10,8 +10,7 @@ import oracle
 from proximity.kernels.layout import CELL_CROSSED, CELL_INSIDE, CELL_OUTSIDE, SIGN_PSEUDONORMAL
 from proximity.kernels.sign.inside_grid import MOST_POINTS, build_grid, cell_state, uncertain_points
 from proximity.mesh.part_arrays import LARGEST_GRID, with_sign
-from proximity.pose import Pose
-from proximity.scene.model.assembly import assemble
+from proximity.scene.model.assembly import model_of_piece
 
 pytestmark = pytest.mark.internals
 
@@ -35,7 +34,7 @@ class Grid:
             self._build_anew(piece, rate)
 
     def _build_anew(self, piece, rate):
-        model = assemble([piece], [Pose()])
+        model = model_of_piece(piece)
         root, moments = int(model.parts["root"][0]), int(model.parts["moments"][0])
         extent = self.corners.max(axis=0) - self.lower
         self.rate, self.counts = rate, np.floor(extent * rate).astype(np.int64) + 1

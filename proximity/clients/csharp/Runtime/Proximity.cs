@@ -75,11 +75,33 @@ namespace Proximity
         public static ProximityTrackerSettings Default => Native.proximity_default_settings();
     }
 
-    /// <summary>A compiled scene, "....prox".</summary>
+    /// <summary>A scene: a compiled one, "....prox", or parts that are added.</summary>
     public sealed unsafe class ProximityScene : IDisposable
     {
         public const double Unlimited = double.PositiveInfinity;
         internal readonly NativeHandle Handle = new NativeHandle();
+
+        /// <summary>A scene without parts: add some before it is asked.</summary>
+        public ProximityScene()
+        {
+            IntPtr made;
+            Native.CheckInterface();
+            Native.Check(Native.proximity_new_scene(&made, out NativeError error), ref error);
+            Handle.Take(made);
+        }
+
+        /// <summary>The bodies of a mesh: vertices in m, three numbers of vertices a face, counter-clockwise seen from
+        /// outside. It uses no other scene: a thread of its own may do it, and Add takes the parts over.</summary>
+        public ProximityScene(string name, ReadOnlySpan<ProximityVector> vertices, ReadOnlySpan<int> faces)
+        {
+            IntPtr made;
+            Native.CheckInterface();
+            Native.Expect(faces.Length % 3 == 0);
+            fixed (byte* text = Native.Utf8(name)) fixed (ProximityVector* points = vertices) fixed (int* rows = faces)
+                Native.Check(Native.proximity_from_mesh(text, points, (UIntPtr)vertices.Length, rows,
+                    (UIntPtr)(faces.Length / 3), &made, out NativeError error), ref error);
+            Handle.Take(made);
+        }
 
         public ProximityScene(string path)
         {
@@ -143,6 +165,28 @@ namespace Proximity
             fixed (ProximityVector* first = &lower, second = &upper)
                 Native.proximity_bounds(Handle, first, second);
         }
+
+        /// <summary>Add copies of the parts of another scene, at a pose times their own; the number of the first.</summary>
+        public int Add(ProximityScene added, ReadOnlySpan<double> matrix = default)
+        {
+            int first;
+            Native.Expect(matrix.IsEmpty || matrix.Length == 16);
+            fixed (double* at = matrix)
+                Native.Check(Native.proximity_add_scene(Handle, added.Handle, at, &first, out NativeError error), ref error);
+            return first;
+        }
+
+        /// <summary>Add a mesh; the number of its part, or of the first of its bodies.</summary>
+        public int Add(string name, ReadOnlySpan<ProximityVector> vertices, ReadOnlySpan<int> faces,
+            ReadOnlySpan<double> matrix = default)
+        {
+            using (var added = new ProximityScene(name, vertices, faces))
+                return Add(added, matrix);
+        }
+
+        /// <summary>Remove a part; those behind it move up by one number.</summary>
+        public void Remove(int part) =>
+            Native.Check(Native.proximity_remove(Handle, part, out NativeError error), ref error);
 
         /// <summary>Put parts elsewhere, with velocities in m/s and rad/s; without them they are at rest.</summary>
         public void Move(ReadOnlySpan<int> parts, ReadOnlySpan<double> matrices,
@@ -388,6 +432,13 @@ namespace Proximity
             out NativeError error);
         [DllImport("proximity")] internal static extern int proximity_open_bytes(void* bytes, UIntPtr size,
             IntPtr* scene, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_new_scene(IntPtr* scene, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_from_mesh(byte* name, void* vertices,
+            UIntPtr vertexCount, void* faces, UIntPtr faceCount, IntPtr* scene, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_add_scene(NativeHandle scene, NativeHandle added,
+            double* matrix, int* first, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_remove(NativeHandle scene, int part,
+            out NativeError error);
         [DllImport("proximity")] internal static extern void proximity_close(IntPtr scene);
         [DllImport("proximity")] internal static extern void proximity_set_log(NativeHandle scene, IntPtr log,
             IntPtr user);

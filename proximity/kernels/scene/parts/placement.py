@@ -63,7 +63,7 @@ def first_unfit(matrices, velocities, angular_velocities, tolerance, farthest, f
 
 
 @kernel
-def _write_pose(frames, row, matrix, rounding):
+def write_pose(frames, row, matrix, rounding):
     """Write a pose into a row, unless it is there already; whether it was not.
 
     A rotation that is off by more than *rounding* is replaced by the nearest exact one, by Newton's
@@ -145,7 +145,7 @@ def move_parts(frames, parts, versions, version, rows, matrices, velocities, ang
     for k in range(len(rows)):
         row = rows[k]
         versions[row] = version
-        if _write_pose(frames, row, matrices[k], rounding):
+        if write_pose(frames, row, matrices[k], rounding):
             update_box(frames, parts, row)
             freed += not parts[row].is_dynamic
             parts[row].is_dynamic, parts[row].is_fused = 1, 0

@@ -1,0 +1,353 @@
+"""Parts, each with its arrays somewhere else, put together as the model of one scene.
+
+Five steps, between which the caller takes memory: `place_part` writes the rows of each part, `copy_nodes` collects
+their nodes, `plan_scene` builds the tree over the parts and decides where everything lies, `copy_part` copies the
+arrays of each part there, and `finish_scene` writes the rest.
+"""
+
+import numpy as np
+
+from proximity.kernels.geometry.rows import copy_numbers
+from proximity.kernels.scene.inside.part_grid import cells_of_part
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    CELLS_PER_WORD,
+    FOLDED_AT,
+    LANES,
+    MOMENT_STRIDE,
+    NO_GRID,
+    NODE_CHILDREN,
+    NODE_STRIDE,
+    ORIENTED_STRIDE,
+    REGION_COPIES,
+    SIGN_NONE,
+    ModelArrays,
+)
+from proximity.kernels.scene.parts.part_trees import (
+    begin_moving,
+    choose_frame,
+    copy_offsets,
+    static_tree,
+    write_static,
+)
+from proximity.kernels.scene.parts.placement import update_box, write_pose
+from proximity.kernels.stack_arrays import stack_f64
+from proximity.native import allocating_kernel, entry, inlined, kernel
+
+SPARE = 1.25
+"""Space for the static tree, as a multiple of its first size: opening other parts may need more."""
+LINE_REALS, LINE_WORDS = 8, 16
+"""Numbers in a cache line, on which each array begins."""
+CELLS_PER_PART = 64
+"""Of the grid over a scene. On 118 touching parts signed distances take as long with sixteen times as many."""
+MAX_CELLS = 2**18
+LONGEST = 4
+"""Parts listed per cell, on average, at most; a scene with more gets fewer and larger cells."""
+CELLS_OF_ONE = 64
+"""More cells than a grid has of which one cell was wanted."""
+
+
+@inlined
+def _on_line(count, line):
+    """*count* rounded up to whole cache lines."""
+    return (count + line - 1) // line * line
+
+
+@inlined
+def _grid_words(parts, row):
+    """Words of a part's sign grid."""
+    cells = parts[row].grid_x * parts[row].grid_y * parts[row].grid_z
+    return (cells + CELLS_PER_WORD - 1) // CELLS_PER_WORD if parts[row].grid != NO_GRID else np.int64(0)
+
+
+@entry(ModelArrays, "int, Frame[:], Part[:], int, float64[:, 4], float")
+def place_part(source, row, frames, parts, to, matrix, rounding):
+    """Copy a row of *source* to row *to* of a new model, at the pose *matrix* (4, 4); rows are written in order.
+
+    *rounding*: error up to which a rotation is used as given.
+    """
+    frames[to], parts[to] = source.frames[row], source.parts[row]
+    parts[to].root = parts[to - 1].root + parts[to - 1].node_count if to else 0
+    parts[to].first_block = parts[to - 1].first_block + parts[to - 1].block_count if to else 0
+    write_pose(frames, to, matrix, rounding)
+    update_box(frames, parts, to)
+
+
+@entry(ModelArrays, "int, float32[:], Part[:], int")
+def copy_nodes(source, row, nodes, parts, to):
+    """Copy the nodes of a row of *source* to their place among the *nodes* of all parts, renumbered."""
+    first, target, words = NODE_STRIDE * source.parts[row].root, NODE_STRIDE * parts[to].root, source.words
+    numbers, copies = words.view(np.int32), nodes.view(np.int32)
+    node_shift = parts[to].root - source.parts[row].root
+    block_shift = parts[to].first_block - source.parts[row].first_block
+    copy_numbers(numbers, first, copies, target, NODE_STRIDE * parts[to].node_count)
+    for node in range(parts[to].node_count):
+        for lane in range(LANES):
+            at = NODE_STRIDE * node + lane
+            if words[first + at] <= words[first + at + 24]:
+                child = numbers[first + at + NODE_CHILDREN]
+                copies[target + at + NODE_CHILDREN] = child + node_shift if child >= 0 else child - block_shift
+
+
+@entry("float32[:], Frame[:], Part[:] -> float32[:], int32[:, :], int, int", makes_arrays=True)
+def plan_scene(nodes, frames, parts):
+    """Return the tree over the parts (nodes, entries), and the numbers of reals and words of the model.
+
+    No reals where the parts are too far apart for one frame. Writes the scene's row, and where arrays lie.
+    """
+    scene, largest, widest, oblique = len(parts) - 1, 0, -1.0, np.int64(0)
+    node_count, block_count, face_count = np.int64(0), np.int64(0), np.int64(0)
+    for part in range(scene):
+        node_count += parts[part].node_count
+        block_count += parts[part].block_count
+        face_count += parts[part].face_count
+        oblique += parts[part].block_count if parts[part].is_oblique else 0
+        extent = 0.0
+        for axis in range(3):
+            extent = max(extent, frames[part].own_upper[axis] - frames[part].own_lower[axis])
+        if extent > widest:
+            largest, widest = part, extent
+    centre = np.empty(3)
+    for axis in range(3):
+        centre[axis] = frames[largest].centre[axis]
+    parts[scene].is_oblique, parts[scene].face_count = 2 * oblique >= block_count, face_count
+    # The frame of the largest part: parts that share it can be walked as one tree.
+    if not choose_frame(frames, parts, centre, frames[largest].scale):
+        return np.zeros(0, np.float32), np.zeros((0, 2), np.int32), np.int64(0), np.int64(0)
+    static, entries = static_tree(nodes, frames, parts, node_count + 1)
+    parts[scene].first_node, parts[scene].static_capacity = node_count, 0
+    if scene > 1:
+        static_count = max(len(static), _tree_over_all(nodes, frames, parts)) // NODE_STRIDE
+        parts[scene].static_capacity = np.int64(SPARE * static_count) + LANES
+    _, _, node_end = copy_offsets(parts, REGION_COPIES)
+    cell_space = _plan_lists(frames, parts)
+    reals = _plan_reals(parts, block_count)
+    return static, entries, reals, _plan_words(parts, max(node_end, node_count + 1), block_count, cell_space)
+
+
+@allocating_kernel
+def _tree_over_all(nodes, frames, parts):
+    """Numbers of the tree's nodes once parts that are dynamic or hidden stand in it as well; 0 if none are."""
+    scene, count = len(parts) - 1, 0
+    flags = np.empty((scene, 2), np.int64)
+    for part in range(scene):
+        flags[part, 0], flags[part, 1] = parts[part].is_dynamic, parts[part].is_hidden
+        count += flags[part, 0] + flags[part, 1]
+        parts[part].is_dynamic = parts[part].is_hidden = 0
+    length = len(static_tree(nodes, frames, parts, 0)[0]) if count else 0
+    for part in range(scene):
+        parts[part].is_dynamic, parts[part].is_hidden = flags[part, 0], flags[part, 1]
+    return length
+
+
+@kernel
+def _plan_reals(parts, block_count):
+    """Place blocks, corners and normals; the number of reals."""
+    at = _on_line(BLOCK_STRIDE * block_count, LINE_REALS)
+    for part in range(len(parts) - 1):
+        parts[part].corners = at
+        at += _on_line(3 * parts[part].corner_count, LINE_REALS)
+        parts[part].corner_normals = at
+        at += _on_line(3 * parts[part].corner_count, LINE_REALS)
+    return at
+
+
+@kernel
+def _plan_words(parts, node_end, block_count, cell_space):
+    """Place everything else behind node *node_end*; the number of words."""
+    scene = len(parts) - 1
+    slot_faces = _on_line(NODE_STRIDE * node_end, LINE_WORDS)
+    moments = slot_faces + _on_line(LANES * block_count, LINE_WORDS)
+    boxes = moments + _on_line(MOMENT_STRIDE * parts[scene].first_node, LINE_WORDS)
+    at = boxes + _on_line(ORIENTED_STRIDE * block_count, LINE_WORDS)
+    for part in range(scene):
+        face_words, grid_words = _on_line(3 * parts[part].face_count, LINE_WORDS), _grid_words(parts, part)
+        parts[part].faces, parts[part].neighbors = at, at + face_words
+        at += 2 * face_words
+        parts[part].grid = at if grid_words else NO_GRID
+        at += _on_line(grid_words, LINE_WORDS)
+    for row in range(scene + 1):
+        parts[row].slot_faces, parts[row].moments, parts[row].block_boxes = slot_faces, moments, boxes
+        parts[row].block_notes = at
+    parts[scene].grid = at + _on_line(block_count, LINE_WORDS)
+    return parts[scene].grid + _on_line(cell_space, LINE_WORDS)
+
+
+# --- the grid over the parts -----------------------------------------------------------------------------
+
+
+@inlined
+def _is_listed(parts, part):
+    return parts[part].sign != SIGN_NONE and not parts[part].is_dynamic
+
+
+@kernel
+def _plan_lists(frames, parts):
+    """Choose the grid over the parts that may hold a point; the words that its lists take at most."""
+    scene, count = len(parts) - 1, np.int64(0)
+    for part in range(scene):
+        count += _is_listed(parts, part)
+    cells = _choose_cells(frames, parts, min(CELLS_PER_PART * count, MAX_CELLS))
+    return cells + 1 + max(LONGEST * cells, CELLS_OF_ONE * count) if cells else cells
+
+
+@kernel
+def _choose_cells(frames, parts, wanted):
+    """Write a grid of about *wanted* cells to the scene's row; its cells, 0 for a scene that needs none."""
+    scene = len(parts) - 1
+    wanted = wanted if scene > 1 else 0
+    lower, upper = frames[scene].grid_lower, stack_f64(3)
+    for axis in range(3):
+        lower[axis], upper[axis] = (np.inf, -np.inf) if wanted else (0.0, 0.0)
+        for part in range(scene):
+            if wanted and _is_listed(parts, part):
+                lower[axis] = min(lower[axis], frames[part].box_lower[axis])
+                upper[axis] = max(upper[axis], frames[part].box_upper[axis])
+    rate, nx, ny, nz = grid_size(upper[0] - lower[0], upper[1] - lower[1], upper[2] - lower[2], wanted)
+    frames[scene].grid_rate = rate
+    parts[scene].grid_x, parts[scene].grid_y, parts[scene].grid_z = nx, ny, nz
+    return nx * ny * nz
+
+
+@kernel
+def grid_size(x, y, z, wanted):
+    """Cells a unit of length, and along each axis, of a grid of about *wanted* cells over a box of that size."""
+    thinnest = max(x, y, z) / 64.0
+    volume = max(x, thinnest) * max(y, thinnest) * max(z, thinnest)
+    none = np.int64(0)
+    if wanted == 0:
+        return 0.0, none, none, none
+    if not volume > 0.0:
+        return 1.0, none + 1, none + 1, none + 1
+    rate = (wanted / volume) ** (1.0 / 3.0)
+    return rate, np.int64(x * rate) + 1, np.int64(y * rate) + 1, np.int64(z * rate) + 1
+
+
+@allocating_kernel
+def _write_lists(words, frames, parts):
+    """Write the lists of the grid over the parts; where they end."""
+    scene, count = len(parts) - 1, np.int64(0)
+    for part in range(scene):
+        count += _is_listed(parts, part)
+    wanted = min(CELLS_PER_PART * count, MAX_CELLS)
+    cell_count = _choose_cells(frames, parts, wanted)
+    if cell_count == 0:
+        return parts[scene].grid
+    listed, ends = np.empty(max(LONGEST * cell_count, CELLS_OF_ONE * count), np.int32), np.zeros(scene, np.int64)
+    while not _collect_cells(words, frames, parts, LONGEST * cell_count if wanted > 1 else len(listed), listed, ends):
+        wanted = max(wanted // 8, 1)
+        cell_count = _choose_cells(frames, parts, wanted)
+    numbers, base = words.view(np.int32), parts[scene].grid
+    total = ends[scene - 1]
+    for cell in range(cell_count + 1):
+        numbers[base + cell] = cell_count + 1
+    for k in range(total):
+        numbers[base + listed[k] + 1] += 1
+    for cell in range(cell_count):
+        numbers[base + cell + 1] += numbers[base + cell] - (cell_count + 1)
+    to = np.empty(cell_count, np.int64)
+    for cell in range(cell_count):
+        to[cell] = base + numbers[base + cell]
+    k = np.int64(0)
+    for part in range(scene):
+        while k < ends[part]:
+            numbers[to[listed[k]]] = part
+            to[listed[k]] += 1
+            k += 1
+    return base + cell_count + 1 + total
+
+
+@allocating_kernel
+def _collect_cells(words, frames, parts, limit, listed, ends):
+    """Write the cells of each part one after the other, and where they end; whether they are within *limit*."""
+    scene, total = len(parts) - 1, np.int64(0)
+    lower = np.empty(3)
+    for axis in range(3):
+        lower[axis] = frames[scene].grid_lower[axis]
+    for part in range(scene):
+        if _is_listed(parts, part):
+            first = max(parts[part].grid, 0)
+            grid = words.view(np.uint32)[first : first + _grid_words(parts, part)]
+            cells = cells_of_part(
+                frames, parts, part, grid, lower, frames[scene].grid_rate,
+                parts[scene].grid_x, parts[scene].grid_y, parts[scene].grid_z,
+            )  # fmt: skip
+            if total + len(cells) > limit:
+                return False
+            for k in range(len(cells)):
+                listed[total + k] = cells[k]
+            total += len(cells)
+        ends[part] = total
+    return True
+
+
+# --- copying ---------------------------------------------------------------------------------------------
+
+
+@entry(ModelArrays, "int", ModelArrays, "int")
+def copy_part(source, row, target, to):
+    """Copy the arrays of a row of *source*, but for its nodes, to where they lie in a planned model."""
+    old, new = source.parts[row], target.parts[to]
+    blocks, slots = new.block_count, LANES * new.block_count
+    copy_numbers(
+        source.reals, BLOCK_STRIDE * old.first_block, target.reals, BLOCK_STRIDE * new.first_block, BLOCK_STRIDE * blocks
+    )
+    copy_numbers(source.reals, old.corners, target.reals, new.corners, 3 * new.corner_count)
+    copy_numbers(source.reals, old.corner_normals, target.reals, new.corner_normals, 3 * new.corner_count)
+    numbers, copies = source.words.view(np.int32), target.words.view(np.int32)
+    copy_numbers(
+        numbers, old.slot_faces + LANES * old.first_block, copies, new.slot_faces + LANES * new.first_block, slots
+    )
+    copy_numbers(
+        numbers, old.moments + MOMENT_STRIDE * old.root, copies, new.moments + MOMENT_STRIDE * new.root,
+        MOMENT_STRIDE * new.node_count,
+    )  # fmt: skip
+    copy_numbers(
+        numbers, old.block_boxes + ORIENTED_STRIDE * old.first_block,
+        copies, new.block_boxes + ORIENTED_STRIDE * new.first_block, ORIENTED_STRIDE * blocks,
+    )  # fmt: skip
+    copy_numbers(numbers, old.faces, copies, new.faces, 3 * new.face_count)
+    copy_numbers(numbers, old.neighbors, copies, new.neighbors, 3 * new.face_count)
+    copy_numbers(numbers, old.grid, copies, new.grid, _grid_words(target.parts, to))
+    for block in range(blocks):
+        note = numbers[old.block_notes + old.first_block + block]
+        copies[new.block_notes + new.first_block + block] = note >> FOLDED_AT << FOLDED_AT | to
+
+
+@inlined
+def _clear(numbers, first, end):
+    for k in range(first, end):
+        numbers[k] = 0.0
+
+
+@entry(ModelArrays, "float32[:], float32[:], int32[:, :]", makes_arrays=True)
+def finish_scene(model, nodes, static, entries):
+    """Write what a planned model needs beside its parts' arrays: nodes, the trees over parts, the grid over them.
+
+    What lies between the arrays becomes 0.
+    """
+    reals, words, frames, parts = model
+    scene = len(parts) - 1
+    blocks = parts[scene - 1].first_block + parts[scene - 1].block_count
+    copy_numbers(nodes.view(np.int32), 0, words.view(np.int32), 0, len(nodes))
+    _clear(words, len(nodes), parts[scene].slot_faces)
+    _clear(words, parts[scene].slot_faces + LANES * blocks, parts[scene].moments)
+    _clear(words, parts[scene].moments + MOMENT_STRIDE * parts[scene].first_node, parts[scene].block_boxes)
+    at, real = parts[scene].block_boxes + ORIENTED_STRIDE * blocks, BLOCK_STRIDE * blocks
+    for part in range(scene):
+        row, corner_numbers = parts[part], 3 * parts[part].corner_count
+        _clear(words, at, row.faces)
+        _clear(words, row.faces + 3 * row.face_count, row.neighbors)
+        at = row.neighbors + 3 * row.face_count
+        if row.grid != NO_GRID:
+            _clear(words, at, row.grid)
+            at = row.grid + _grid_words(parts, part)
+        _clear(reals, real, row.corners)
+        _clear(reals, row.corners + corner_numbers, row.corner_normals)
+        real = row.corner_normals + corner_numbers
+    _clear(reals, real, len(reals))
+    _clear(words, at, parts[scene].block_notes)
+    _clear(words, parts[scene].block_notes + blocks, parts[scene].grid)
+    _clear(words, _write_lists(words, frames, parts), len(words))
+    assert write_static(words, parts, 0, static, entries)
+    begin_moving(words, frames, parts)
