@@ -177,6 +177,9 @@ static void exchange(proximity_scene *scene, proximity_scene *made)
     proximity_scene before = *scene;
     *scene = *made;
     scene->set = before.set;
+    scene->log = before.log;
+    scene->log_user = before.log_user;
+    scene->noted = before.noted;
     scene->references = before.references;
     scene->changes = before.changes + 1;
     scene->epoch = before.epoch + 1;

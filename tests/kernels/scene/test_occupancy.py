@@ -10,8 +10,8 @@ from proximity.kernels.geometry.frames import to_local
 from proximity.kernels.layout import CELL_OUTSIDE
 from proximity.kernels.scene.inside.containment import state_in_part
 from proximity.kernels.scene.inside.part_grid import dynamic_turn_count, list_of
+from proximity.kernels.scene.parts.assembly import CELLS_PER_PART
 from proximity.pose import Pose
-from proximity.scene.model import part_grid
 from proximity.scene.scene import Part, Scene
 from proximity.scene.solid import Solid
 
@@ -122,7 +122,7 @@ def test_parts_in_one_place_have_fewer_cells_instead_of_longer_tables():
 
     cells = int(row["grid_x"] * row["grid_y"] * row["grid_z"])
 
-    assert cells < part_grid.CELLS_PER_PART * count / 8
+    assert cells < CELLS_PER_PART * count / 8
     assert listed(scene.snapshot(), (0.65, 0.5, 0.5)) == list(range(count))
     assert scene.signed_distance((0.65, 0.5, 0.5)) == pytest.approx(-0.5)
 

@@ -15,7 +15,7 @@ namespace Proximity
     public sealed class ProximityError : Exception
     {
         public const int BadArgument = 1, NoMemory = 2, NoFile = 3, BadFile = 4, BadPose = 5, NoInside = 6, NoProcessor = 7,
-            Broken = 8, BadVersion = 9; // a scene of another version: compile it again
+            Broken = 8, BadVersion = 9, BadMesh = 10; // BadVersion: of a scene to be compiled again
         public readonly int Code;
         public ProximityError(int code, string sentence) : base(sentence) => Code = code;
     }
