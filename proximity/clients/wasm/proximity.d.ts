@@ -17,7 +17,7 @@ export const Feature: { readonly NONE: -1; readonly FACE: 0; readonly EDGE: 1; r
 /** As in proximity.h; BAD_VERSION: a scene of another version, which is to be compiled again. */
 export const ErrorCode: {
   readonly BAD_ARGUMENT: 1; readonly NO_MEMORY: 2; readonly NO_FILE: 3; readonly BAD_FILE: 4; readonly BAD_POSE: 5;
-  readonly NO_INSIDE: 6; readonly NO_PROCESSOR: 7; readonly BROKEN: 8; readonly BAD_VERSION: 9;
+  readonly NO_INSIDE: 6; readonly NO_PROCESSOR: 7; readonly BROKEN: 8; readonly BAD_VERSION: 9; readonly BAD_MESH: 10;
 };
 
 export class ProximityError extends Error {
