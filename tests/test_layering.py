@@ -47,7 +47,7 @@ tracking
 scene
 pair
 inside
-point · ray · segment
+bodies · point · ray · segment
 tree
 sign
 mesh · traverse

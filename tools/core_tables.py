@@ -47,7 +47,7 @@ ENTRIES = (
     "morton_order", "ray_order", "fault_in_header", "fault_in_arrays", "complete_model", "first_unfit",
     "move_parts", "copies_in_use", "make_static", "thin_static", "bring_up_to_date", "forget_surfaces",
     "adopt_parts", "tick", "observe", "update_newest", "drop_stale", "sense_contacts",
-    "connect_parts", "surface_faces", "contains_corner",
+    "connect_parts", "surface_faces", "contains_corner", "split_faces", "face_topology",
 )  # fmt: skip
 """The entry points that the library calls."""
 _NUMBERS = {
