@@ -46,7 +46,7 @@ cpython · receiver_state
 tracking
 pair
 scene
-point · ray · segment
+bodies · point · ray · segment
 tree
 sign
 mesh · traverse

@@ -10,9 +10,8 @@ from scipy.ndimage import label
 
 from proximity.errors import MeshError
 from proximity.mesh.body_split import Repairs, split_bodies
-from proximity.mesh.topology import build_topology
+from proximity.mesh.topology import build_topology, open_edges
 from proximity.mesh.triangle_mesh import TriangleMesh
-from proximity.mesh.vertex_weld import open_edges
 
 CAD = SHARED_DATA / "cad"
 
@@ -389,13 +388,13 @@ def test_a_hole_is_counted_without_the_seams_that_a_weld_would_close():
     (body,) = split_bodies(vertices, faces[1:])
     assert body.repairs.welded_vertex_count == 0
     assert build_topology(body.mesh).boundary_edge_count == 3 + 4
-    middles = open_edges(body.mesh.vertices, body.mesh.faces)
+    middles = open_edges(body.mesh)
     assert sorted(np.round(middles, 6).tolist()) == [[0.0, 0.5, 0.0], [0.5, 0.5, 0.0], [0.5, 1.0, 0.0]]
 
 
 def test_a_closed_body_has_no_open_edge():
     for mesh in (shapes.cube(), shapes.soup(*shapes.torus(n=8, m=6))):
-        assert open_edges(*mesh).shape == (0, 3)
+        assert open_edges(TriangleMesh(*mesh)).shape == (0, 3)
 
 
 @given(seed=st.integers(0, 1000), is_soup=st.booleans(), is_moved=st.booleans())

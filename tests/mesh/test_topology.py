@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from proximity.kernels.mesh.edges import MANY_NEIGHBORS, NO_NEIGHBOR
-from proximity.mesh import topology
+from proximity.kernels.mesh.positions import merged_faces
 from proximity.mesh.diagnosis import diagnose
-from proximity.mesh.topology import build_topology, first_equal_rows
+from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
 
 
@@ -152,16 +152,11 @@ def test_corner_ids_have_no_gap_where_vertices_are_unused():
 )
 @settings(deadline=None, max_examples=50)
 def test_equal_rows_are_found_as_by_comparing_each_with_each(points):
-    expected = [next(i for i, p in enumerate(points) if np.array_equal(p, q)) for q in points]
-    np.testing.assert_array_equal(first_equal_rows(points), expected)
-
-
-def test_rows_that_share_a_hash_are_told_apart(monkeypatch):
-    """With factors of zero every row has the same hash."""
-    monkeypatch.setattr(topology, "_HASH_FACTORS", np.zeros(3, dtype=np.uint64))
-    points = np.random.default_rng(7).integers(0, 3, (200, 3)).astype(np.float64)
-    expected = [next(i for i, p in enumerate(points) if np.array_equal(p, q)) for q in points]
-    np.testing.assert_array_equal(first_equal_rows(points), expected)
+    first = [next(i for i, p in enumerate(points) if np.array_equal(p, q)) for q in points]
+    rows = np.arange(len(points), dtype=np.int32)
+    ids, positions = merged_faces(points, np.stack([rows, rows, rows], axis=1))
+    np.testing.assert_array_equal(ids[:, 0], np.unique(first, return_inverse=True)[1])
+    np.testing.assert_array_equal(positions, points[np.unique(first)])
 
 
 def test_triangle_soup_of_a_solid_is_a_solid():

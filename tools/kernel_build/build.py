@@ -29,7 +29,7 @@ from proximity.native.sources import PACKAGE
 
 GROUPS = (
     ("kernels.scene.queries.point_queries",),
-    ("kernels.tree", "kernels.mesh", "kernels.sign", "kernels.geometry"),
+    ("kernels.tree", "kernels.mesh", "kernels.bodies", "kernels.sign", "kernels.geometry"),
     ("kernels.tracking", "kernels.scene.queries.segment_queries"),
     ("",),
 )

@@ -22,7 +22,7 @@ from proximity.cli.output import (
     printable,
 )
 from proximity.cli.tables import Column, print_fitting, results_console
-from proximity.mesh.vertex_weld import open_edges
+from proximity.mesh.topology import open_edges
 
 NAMES_SHOWN = 3  # parts named in a remark; the others are counted
 PARTS_SHOWN = 20
@@ -142,7 +142,7 @@ def _head(report: Values) -> Lines:
 
 def _part_values(part: "proximity.Part", metres: float) -> Values:
     found, mesh = part.solid.diagnosis, part.solid.mesh
-    middles = np.empty((0, 3)) if found.is_watertight else open_edges(mesh.vertices, mesh.faces)
+    middles = np.empty((0, 3)) if found.is_watertight else open_edges(mesh)
     unclosed = part.pose.point(middles)
     return {
         "name": part.name,

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from proximity.formats.threemf.package import XmlFile
+from proximity.kernels.entries import merged_faces
 from proximity.mesh.diagnosis import manifold_solid
-from proximity.mesh.topology import edge_runs, merged_positions, topology_of
+from proximity.mesh.topology import topology_of
 
 SETTINGS = ("/metadata/slic3r_pe_model.config", "/metadata/model_settings.config")
 PART, NEGATIVE = "part", "negative volume"
@@ -114,8 +115,8 @@ def _solid(
     faces = faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0.0 else faces
     if not np.isfinite(points).all():
         return None
-    ids, corners = merged_positions(points, np.ascontiguousarray(faces, dtype=np.int32))
-    if not topology_of(ids, edge_runs(ids)).is_balanced:
+    ids, corners = merged_faces(points, np.ascontiguousarray(faces, dtype=np.int32))
+    if not topology_of(ids).is_balanced:
         return None
     solid = manifold_solid(corners, ids, rows)
     return solid if solid.status().name == "NoError" and solid.volume() > 0.0 else None

@@ -1,1 +1,1 @@
-"""Edges, faces and connected components of a mesh."""
+"""Positions, edges, faces and connected components of a mesh."""

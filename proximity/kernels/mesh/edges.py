@@ -1,61 +1,48 @@
-"""Equal corners of faces, their half-edges sorted by edge, and what links connect, by union and find."""
+"""Half-edges of faces, sorted by edge, and what they tell of a mesh.
+
+An edge is a pair of corners, whichever way its faces run along it; a *half-edge* is one face's side of an
+edge: half-edge ``3 * face + k`` runs from corner k to corner k + 1 of that face, *forward* if that is from
+the lower corner to the higher. An edge between two equal corners (of a face without area) joins nothing.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
 
+from proximity.kernels.mesh.components import component_labels, join, unlinked
 from proximity.native import allocating_kernel, entry, inlined, kernel
 
-NO_EQUAL = -1
 INSERTED = 16
 """Rows up to which a run is sorted by insertion."""
 NO_NEIGHBOR = -1
 """No other face has this edge."""
 MANY_NEIGHBORS = -2
 """More than two faces have this edge, or two that run along it the same way."""
+EDGES, BOUNDARY, NONMANIFOLD, MISORIENTED, UNBALANCED = range(5)
+"""Counts of edges: all; of one face, or between equal corners; of more than two faces; of two that run the
+same way; run more often one way than the other."""
 
 
-@entry("float64[:, 3], uint32[:] -> int32[:]", makes_arrays=True)
-def first_of_equal_rows(rows, keys):
-    """Return for each of *rows* (N, 3) float64 the first one that equals it, (N,) int32.
+class EdgeRuns(NamedTuple):
+    """Half-edges sorted by edge; those of edge e are ``order[starts[e] : starts[e + 1]]``.
 
-    *keys* (N,) uint32: equal ones for equal rows, others for most others.
+    Edges come by their lower, then their higher corner; within one, forward half-edges come first, each kind
+    by number.
     """
-    size = 4
-    while size < 2 * len(rows):
-        size *= 2
-    first, row_at = np.empty(len(rows), np.int32), np.full(size, NO_EQUAL, np.int32)
-    for row in range(len(rows)):
-        position = np.int64(keys[row]) & (size - 1)
-        while row_at[position] != NO_EQUAL and not _are_equal(rows, row_at[position], row):
-            position = (position + 1) & (size - 1)
-        if row_at[position] == NO_EQUAL:
-            row_at[position] = row
-        first[row] = row_at[position]
-    return first
+
+    order: np.ndarray  # (3 F,) int32
+    starts: np.ndarray  # (E + 1,) int32
+    forward_counts: np.ndarray  # (E,) int32
 
 
-@inlined
-def _are_equal(rows, one, other):
-    return (
-        rows[one, 0] == rows[other, 0] and rows[one, 1] == rows[other, 1] and rows[one, 2] == rows[other, 2]
-    )
-
-
-@entry("int32[:, 3] -> int32[:], bool[:], int32[:], int32[:], int32[:], bool[:]", makes_arrays=True)
+@allocating_kernel
 def sorted_half_edges(corners):
-    """Return half-edges by the lower, then the higher corner of their edges; forward ones come first.
+    """Return the half-edges of *corners* (F, 3) int32, not negative.
 
-    *corners* (F, 3) int32, not negative. Half-edge ``3 * face + k`` runs from corner k of a face to the next;
-    forward is from the lower corner to the higher.
-
-    Returned: of each edge: its first position in that order, how many there are, and how many run forward.
-
-    Notes
-    -----
     By counting for the lower corners; of the few that share one each run is sorted by itself.
     """
     order, keys = np.empty(corners.size, np.int32), np.empty(corners.size, np.uint32)
     ends = _spread(corners, order, keys)
-    is_forward, is_loop = np.empty(corners.size, np.bool_), np.empty(corners.size, np.bool_)
     starts, forward_counts = np.empty(corners.size + 1, np.int32), np.empty(corners.size, np.int32)
     longest, first = 0, 0
     for low in range(len(ends)):
@@ -63,27 +50,29 @@ def sorted_half_edges(corners):
     other_keys, other_rows = np.empty(longest, np.uint32), np.empty(longest, np.int32)
     found, first = 0, 0
     for low in range(len(ends)):
-        _sort_run(keys, order, first, ends[low], other_keys, other_rows)
+        sort_run(keys, order, first, ends[low], other_keys, other_rows)
         for position in range(first, ends[low]):
-            high = keys[position] >> 1
-            if position == first or high != keys[position - 1] >> 1:
-                starts[found], is_loop[found], forward_counts[found] = position, high == low, 0
+            if position == first or keys[position] >> 1 != keys[position - 1] >> 1:
+                starts[found], forward_counts[found] = position, 0
                 found += 1
-            is_forward[position] = keys[position] & 1 == 0
-            forward_counts[found - 1] += is_forward[position]
+            forward_counts[found - 1] += keys[position] & 1 == 0
         first = ends[low]
     starts[found] = corners.size
-    counts = np.empty(found, np.int32)
-    for edge in range(found):
-        counts[edge] = starts[edge + 1] - starts[edge]
-    return (
-        order,
-        is_forward,
-        starts[:found].copy(),
-        counts,
-        forward_counts[:found].copy(),
-        is_loop[:found].copy(),
-    )
+    return EdgeRuns(order, starts[: found + 1].copy(), forward_counts[:found].copy())
+
+
+@inlined
+def ends_of(corners, half_edge):
+    """The corners from which and to which a half-edge runs."""
+    face, k = half_edge // 3, half_edge % 3
+    return corners[face, k], corners[face, (k + 1) % 3]
+
+
+@inlined
+def is_loop(corners, half_edge):
+    """Whether both corners of an edge are equal."""
+    start, end = ends_of(corners, half_edge)
+    return start == end
 
 
 @allocating_kernel
@@ -112,7 +101,7 @@ def _spread(corners, order, keys):
 
 
 @kernel
-def _sort_run(keys, rows, first, end, other_keys, other_rows):
+def sort_run(keys, rows, first, end, other_keys, other_rows):
     """Sort a run by its keys; equal ones keep their order. The last two: scratch, as long as the run."""
     for start in range(first, end, INSERTED):
         for position in range(start + 1, min(start + INSERTED, end)):
@@ -145,52 +134,49 @@ def _merge(keys, rows, first, middle, end, other_keys, other_rows):
         at += 1
 
 
-@entry("int32[:], int32[:], int32[:], bool[:], bool[:] -> int32[:]", makes_arrays=True)
-def neighbors_across(order, starts, counts, is_loop, is_opposed):
-    """Return the face across each half-edge, (H,) int32, or `NO_NEIGHBOR` or `MANY_NEIGHBORS`.
+@entry("int32[:, 3] -> int32[:, :], int64[:]", makes_arrays=True)
+def face_topology(corners):
+    """Return the face across each edge, (F, 3) int32, or `NO_NEIGHBOR` or `MANY_NEIGHBORS`; counts of edges.
 
-    *order*, *starts*, *counts*, *is_loop*: as `sorted_half_edges` returns them. *is_opposed* (E,): the edge
-    has two half-edges that run opposite ways.
+    *corners* (F, 3): one number a position. The counts: (5,), see `EDGES`.
     """
-    neighbors = np.empty(len(order), np.int32)
-    for edge in range(len(starts)):
-        first = starts[edge]
-        if is_opposed[edge]:
-            one, other = order[first], order[first + 1]
-            neighbors[one], neighbors[other] = other // 3, one // 3
-            continue
-        alone = NO_NEIGHBOR if counts[edge] == 1 or is_loop[edge] else MANY_NEIGHBORS
-        for position in range(first, first + counts[edge]):
-            neighbors[order[position]] = alone
-    return neighbors
-
-
-@kernel
-def _root(parents, node):
-    """The lowest node known to be connected with *node*; paths there are halved."""
-    while parents[node] != node:
-        parents[node] = parents[parents[node]]
-        node = parents[node]
-    return node
-
-
-@entry("int, int64[:], int64[:] -> int32[:]", makes_arrays=True)
-def connected(count, one, other):
-    """Return labels (count,) int32 of nodes that the links *one* to *other* (L,) int64 connect.
-
-    They count from 0 and rise with the lowest node of each component.
-    """
-    parents = np.arange(count)
-    for link in range(len(one)):
-        first, last = _root(parents, one[link]), _root(parents, other[link])
-        parents[max(first, last)] = min(first, last)
-    labels = np.empty(count, np.int32)
-    found = 0
-    for node in range(count):
-        root = _root(parents, node)
-        if root == node:
-            labels[node] = found
-            found += 1
+    edges = sorted_half_edges(corners)
+    order, starts, forward_counts = edges
+    neighbors, counts = np.empty(corners.shape, np.int32), np.zeros(UNBALANCED + 1, np.int64)
+    counts[EDGES] = len(forward_counts)
+    for edge in range(len(forward_counts)):
+        first, count = starts[edge], starts[edge + 1] - starts[edge]
+        alone = NO_NEIGHBOR
+        if count == 1 or is_loop(corners, order[first]):
+            counts[BOUNDARY] += 1
+            counts[UNBALANCED] += not is_loop(corners, order[first])
         else:
-            labels[node] = labels[root]
-    return labels
+            alone = MANY_NEIGHBORS
+            counts[NONMANIFOLD] += count > 2
+            counts[MISORIENTED] += count == 2 and forward_counts[edge] != 1
+            counts[UNBALANCED] += 2 * forward_counts[edge] != count
+            if count == 2 and forward_counts[edge] == 1:
+                one, other = order[first], order[first + 1]
+                neighbors[one // 3, one % 3], neighbors[other // 3, other % 3] = other // 3, one // 3
+                continue
+        for position in range(first, first + count):
+            neighbors[order[position] // 3, order[position] % 3] = alone
+    return neighbors, counts
+
+
+@entry("int32[:, 3] -> int, bool", makes_arrays=True)
+def surface_shells(corners):
+    """Return how many surfaces edges of two faces connect, and whether each runs one way at all its edges.
+
+    At an edge that is not a boundary as many faces run one way as the other, or all but one.
+    """
+    order, starts, forward_counts = sorted_half_edges(corners)
+    links, is_oriented = unlinked(len(corners)), True
+    for edge in range(len(forward_counts)):
+        first, count = starts[edge], starts[edge + 1] - starts[edge]
+        if is_loop(corners, order[first]):
+            continue
+        is_oriented &= abs(2 * forward_counts[edge] - count) <= count % 2
+        if count == 2:
+            join(links, order[first] // 3, order[first + 1] // 3, 0)
+    return component_labels(links)[1], is_oriented

@@ -9,7 +9,7 @@ import numpy as np
 
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.thresholds import VOLUME_ROUNDING
-from proximity.native import entry, inlined, kernel
+from proximity.native import allocating_kernel, entry, inlined, kernel
 
 
 @inlined
@@ -127,6 +127,36 @@ def shell_sizes(corners, faces, labels, count):
         sizes[1, shell] += sqrt(dot(nx, ny, nz, nx, ny, nz))
         sizes[2, shell] = max(sizes[2, shell], sqrt(dot(ax, ay, az, ax, ay, az)))
     return sizes
+
+
+@allocating_kernel
+def enclosed_volumes(corners, faces, labels, count):
+    """Return six times the signed volume of each shell, 0 where rounding leaves the sign open: (count,).
+
+    Roughly right for shells with small holes. The arguments are those of `shell_sizes`.
+    """
+    sizes, volumes = shell_sizes(corners, faces, labels, count), np.zeros(count)
+    for shell in range(count):
+        if abs(sizes[0, shell]) > VOLUME_ROUNDING * sizes[1, shell] * sizes[2, shell]:
+            volumes[shell] = sizes[0, shell]
+    return volumes
+
+
+@allocating_kernel
+def shell_boxes(corners, faces, labels, count):
+    """Return the box of each of *count* shells, its lower and upper bounds: (count, 6)."""
+    boxes = np.empty((count, 6))
+    for shell in range(count):
+        for axis in range(3):
+            boxes[shell, axis], boxes[shell, 3 + axis] = np.inf, -np.inf
+    for face in range(len(faces)):
+        shell = labels[face]
+        for k in range(3):
+            for axis in range(3):
+                value = corners[faces[face, k], axis]
+                boxes[shell, axis] = min(boxes[shell, axis], value)
+                boxes[shell, 3 + axis] = max(boxes[shell, 3 + axis], value)
+    return boxes
 
 
 @entry("float64[:, 3], int32[:, 3], float64[:, 3]")

@@ -6,8 +6,9 @@ import shapes
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from proximity.kernels.mesh.edges import connected, sorted_half_edges
+from proximity.kernels.mesh.edges import MANY_NEIGHBORS, NO_NEIGHBOR, face_topology, surface_shells
 from proximity.kernels.mesh.faces import double_areas, shell_sizes, signed_volume, thin_faces
+from proximity.kernels.mesh.positions import merged_faces
 
 SHAPES = {
     "cube": shapes.cube(),
@@ -113,28 +114,55 @@ def test_shells_are_told_apart():
         assert reach[shell] == pytest.approx(np.linalg.norm(first - first[0], axis=1).max())
 
 
-def expected(corners):
+def expected_topology(corners):
+    """Neighbours and counts of edges as sorting all half-edges says."""
     one, other = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
-    low, high, is_backward = np.minimum(one, other), np.maximum(one, other), one > other
-    order = np.lexsort((is_backward, high, low))
-    edges = np.stack([low, high], axis=1)[order]
-    starts = np.flatnonzero(np.concatenate([[True], (edges[1:] != edges[:-1]).any(axis=1)]))
-    counts = np.diff(starts, append=len(order))
-    forward = ~is_backward[order]
-    totals = np.concatenate([[0], np.cumsum(forward)])
-    is_loop = edges[starts, 0] == edges[starts, 1]
-    return order, forward, starts, counts, totals[starts + counts] - totals[starts], is_loop
+    low, high, direction = np.minimum(one, other), np.maximum(one, other), np.sign(other - one)
+    edge, counts = np.unique(np.stack([low, high], axis=1), axis=0, return_inverse=True, return_counts=True)[
+        1:
+    ]
+    edge, balance = edge.ravel(), np.zeros(len(counts), int)
+    np.add.at(balance, edge, direction)
+    is_loop = np.bincount(edge, low == high) > 0
+    is_pair = (counts == 2) & ~is_loop
+    is_opposed = is_pair & (balance == 0)
+    neighbors = np.where((counts == 1) | is_loop, NO_NEIGHBOR, MANY_NEIGHBORS)[edge]
+    for k in np.flatnonzero(is_opposed):
+        pair = np.flatnonzero(edge == k)
+        neighbors[pair] = pair[::-1] // 3
+    numbers = (
+        len(counts),
+        ((counts == 1) | is_loop).sum(),
+        ((counts > 2) & ~is_loop).sum(),
+        (is_pair & ~is_opposed).sum(),
+        (~is_loop & (balance != 0)).sum(),
+    )
+    graph_edges = [np.flatnonzero(edge == k) // 3 for k in np.flatnonzero(is_pair)]
+    is_oriented = (is_loop | (np.abs(balance) <= counts % 2)).all()
+    return neighbors.reshape(-1, 3), numbers, graph_edges, is_oriented
 
 
 @pytest.mark.parametrize("corner_count", [1, 2, 3, 5, 30, 1000])
 @pytest.mark.parametrize("face_count", [1, 2, 7, 200])
-def test_half_edges_are_in_the_order_of_a_sort(corner_count, face_count):
+def test_neighbors_edges_and_shells_are_those_of_a_sort(corner_count, face_count):
     rng = np.random.default_rng(7)
     for _ in range(10):
         corners = rng.integers(0, corner_count, (face_count, 3)).astype(np.int32)
 
-        for found, right in zip(sorted_half_edges(corners), expected(corners), strict=True):
-            np.testing.assert_array_equal(found, right)
+        neighbors, numbers = face_topology(corners)
+        shell_count, is_oriented = surface_shells(corners)
+
+        expected, expected_numbers, links, expected_orientation = expected_topology(corners)
+        np.testing.assert_array_equal(neighbors, expected)
+        np.testing.assert_array_equal(numbers, expected_numbers)
+        assert shell_count == shell_count_of(face_count, links)
+        assert is_oriented == expected_orientation
+
+
+def shell_count_of(face_count, links):
+    one, other = np.array(links, int).reshape(-1, 2).T
+    graph = coo_array((np.ones(len(one), bool), (one, other)), shape=(face_count, face_count))
+    return connected_components(graph, directed=False)[0]
 
 
 def test_corner_that_everything_meets_at_costs_no_more():
@@ -142,32 +170,38 @@ def test_corner_that_everything_meets_at_costs_no_more():
     rim = np.random.default_rng(7).permutation(np.arange(1, 10_001)).astype(np.int32)
     fan = np.stack([np.zeros(10_000, np.int32), rim, np.roll(rim, 1)], axis=1)
 
-    for found, right in zip(sorted_half_edges(fan), expected(fan), strict=True):
-        np.testing.assert_array_equal(found, right)
+    neighbors, numbers = face_topology(fan)
+
+    np.testing.assert_array_equal(neighbors[:, 0], np.roll(np.arange(10_000), -1))
+    np.testing.assert_array_equal(neighbors[:, 2], np.roll(np.arange(10_000), 1))
+    assert numbers.tolist() == [20_000, 10_000, 0, 0, 10_000]
 
 
-@pytest.mark.parametrize(
-    ("count", "links"), [(1, 0), (1, 3), (7, 0), (50, 20), (50, 60), (3000, 2000), (3000, 9000)]
-)
 @pytest.mark.parametrize("seed", range(3))
-def test_labels_are_those_of_scipy(count, links, seed):
-    one, other = np.random.default_rng(seed).integers(count, size=(2, links))
-    graph = coo_array((np.ones(links, bool), (one, other)), shape=(count, count))
-    found, expected = connected_components(graph, directed=False)
-
-    labels = connected(count, one, other)
-
-    assert labels.dtype == np.int32
-    np.testing.assert_array_equal(labels, expected)
-    assert labels.max() + 1 == found
-
-
 @pytest.mark.parametrize("turn", [1, -1])
-def test_long_chains_are_one(turn):
-    row = np.ascontiguousarray(np.arange(100_000)[::turn])
+def test_long_chains_are_one(seed, turn):
+    """A strip of faces, in order from either end and at random."""
+    rows = np.arange(100_000)[::turn]
+    rows = np.random.default_rng(seed).permutation(rows) if seed else rows
+    strip = np.stack([rows, rows + 1, rows + 2], axis=1).astype(np.int32)
+    strip[rows % 2 == 1] = strip[rows % 2 == 1][:, ::-1]
 
-    assert not connected(len(row), row[:-1], row[1:].copy()).any()
+    assert surface_shells(strip) == (1, True)
 
 
-def test_of_nothing_there_is_nothing():
-    assert len(connected(0, np.empty(0, np.int64), np.empty(0, np.int64))) == 0
+@pytest.mark.parametrize("count", [1, 50, 3000])
+@pytest.mark.parametrize("grid", [2, 10, 10**6])
+def test_equal_positions_are_those_of_a_sort(count, grid):
+    rng = np.random.default_rng(7)
+    vertices = rng.integers(-grid, grid, (count, 3)) / 7.0
+    faces = rng.integers(0, count, (count, 3)).astype(np.int32)
+
+    ids, positions = merged_faces(vertices, faces)
+
+    np.testing.assert_array_equal(positions[ids], vertices[faces])
+    assert len(np.unique(positions, axis=0)) == len(positions)
+    # Numbers rise with the first vertex at each position.
+    used = vertices[np.unique(faces)]
+    first = np.unique(used, axis=0, return_index=True)[1]
+    np.testing.assert_array_equal(positions, used[np.sort(first)])
+    assert not np.signbit(positions[positions == 0.0]).any()

@@ -1,0 +1,1 @@
+"""Faces made into bodies: cleaned, connected across edges, welded, nested and turned."""

@@ -1,0 +1,85 @@
+"""Faces that add nothing: without area, or equal to another face.
+
+Such a face goes only where its going leaves no more edges unbalanced (run more often one way than the
+other) than before. A sliver between two rows of faces that meet at different points along a line has no area
+and still closes the surface; the coincident faces of two bodies may run the same way and are both needed.
+Faces are judged in groups connected by edges: a body that occurs twice goes as a whole.
+"""
+
+import numpy as np
+
+from proximity.kernels.mesh.components import join, root_of, unlinked
+from proximity.kernels.mesh.faces import thin_faces
+from proximity.kernels.mesh.positions import first_of_equal_rows, rows_where
+from proximity.native import allocating_kernel
+
+DEGENERATE_HEIGHT = 16.0 * 2.0**-52
+"""A face has no area when its height drowns in the rounding of its coordinates; times the largest of them."""
+LEFT, SLIVER, DUPLICATE = range(3)
+
+
+@allocating_kernel
+def useless_faces(corners, points, edges):
+    """Return which of *corners* (F, 3) stay and which go, and why, (F,) uint8.
+
+    *points* (C, 3): scaled to coordinates of at most 1. *edges*: of the faces. Of equal faces the first
+    stays.
+    """
+    kinds = np.empty(len(corners), np.uint8)
+    for face in range(len(corners)):
+        a, b, c = corners[face, 0], corners[face, 1], corners[face, 2]
+        kinds[face] = LEFT if a != b and b != c and c != a else SLIVER
+    _drop(edges, kinds, _equals_earlier_face(corners, edges, kinds), DUPLICATE)
+    _drop(edges, kinds, thin_faces(points, corners, DEGENERATE_HEIGHT), SLIVER)
+    return kinds
+
+
+@allocating_kernel
+def _equals_earlier_face(corners, edges, kinds):
+    """Whether an earlier face has the same corners in the same winding, (F,) bool."""
+    crowded_sides, is_twin = np.zeros(len(corners), np.uint8), np.zeros(len(corners), np.bool_)
+    # Equal faces run along their edges the same way: only faces at such edges need a look.
+    for edge in range(len(edges.forward_counts)):
+        first, end, forward = edges.starts[edge], edges.starts[edge + 1], edges.forward_counts[edge]
+        if forward > 1 or end - first - forward > 1:
+            for position in range(first, end):
+                crowded_sides[edges.order[position] // 3] += kinds[edges.order[position] // 3] == LEFT
+    rows = rows_where(crowded_sides, 3)
+    wound = np.empty((len(rows), 3))
+    for row in range(len(rows)):
+        a, b, c = corners[rows[row], 0], corners[rows[row], 1], corners[rows[row], 2]
+        lowest = 0 if a < min(b, c) else (1 if b < c else 2)
+        for k in range(3):
+            wound[row, k] = corners[rows[row], (lowest + k) % 3]
+    first_equal = first_of_equal_rows(wound)
+    for row in range(len(rows)):
+        is_twin[rows[row]] = first_equal[row] < row
+    return is_twin
+
+
+@allocating_kernel
+def _drop(edges, kinds, is_candidate, kind):
+    """Give that kind to the candidates (F,) that go: groups without which no more edges are unbalanced."""
+    if len(rows_where(is_candidate, True)) == 0:
+        return
+    links, worse = unlinked(len(kinds)), np.zeros(len(kinds), np.int64)
+    for turn in range(2):
+        for edge in range(len(edges.forward_counts)):
+            first, balance, without, last = edges.starts[edge], 0, 0, -1
+            for position in range(first, edges.starts[edge + 1]):
+                face = edges.order[position] // 3
+                if kinds[face] != LEFT:
+                    continue
+                direction = 1 if position < first + edges.forward_counts[edge] else -1
+                balance += direction
+                if not is_candidate[face]:
+                    without += direction
+                    continue
+                if last >= 0 and turn == 0:
+                    join(links, last, face, 0)
+                last = face
+            if last >= 0 and turn == 1:  # an edge belongs to one group: whatever shares it is connected
+                worse[root_of(links, last) >> 1] += abs(without) - abs(balance)
+    for face in range(len(kinds)):
+        if kinds[face] == LEFT and is_candidate[face] and worse[root_of(links, face) >> 1] <= 0:
+            kinds[face] = kind

@@ -1,0 +1,247 @@
+"""Splitting of faces into bodies: welded, cleaned, and turned outside out; see `mesh.body_split`."""
+
+from math import ldexp
+from typing import NamedTuple
+
+import numpy as np
+
+from proximity.kernels.bodies.cavities import nest_shells, rows_by_label
+from proximity.kernels.bodies.connected_faces import connect_given, scaled, unit_exponent
+from proximity.kernels.bodies.degenerate_faces import LEFT, SLIVER, useless_faces
+from proximity.kernels.bodies.vertex_weld import distance_between, weld_near
+from proximity.kernels.mesh.components import component_labels, join, unlinked
+from proximity.kernels.mesh.edges import sorted_half_edges
+from proximity.kernels.mesh.faces import enclosed_volumes
+from proximity.kernels.mesh.positions import gathered, merged_faces, rows_where
+from proximity.native import allocating_kernel, entry
+
+MERGED, WELDED, WELD_DISTANCE, SLIVERS, DUPLICATES, TURNED, TURNED_INSIDE_OUT = range(7)
+"""Columns of the repairs of a body, see `mesh.body_split.Repairs`."""
+
+
+class Stock(NamedTuple):
+    """The faces given, and what the steps so far have made of them."""
+
+    given: np.ndarray  # (F, 3) int32, rows of vertices
+    merged: np.ndarray  # (F, 3) int32, rows of positions
+    corners: np.ndarray  # (F, 3) int32, likewise, after welding
+    kinds: np.ndarray  # (F,) uint8, see `degenerate_faces`
+    is_turned: np.ndarray  # (F,) bool, to match the orientation of the others
+    is_inside_out: np.ndarray  # (F,) bool, turned (once more) with all others
+    points: np.ndarray  # (C, 3) float64, positions scaled to coordinates of at most 1
+    exponent: int  # of two, by which they are scaled: products of three stay far from over- and underflow
+
+
+@entry(
+    "float64[:, 3], int32[:, 3] -> float64[:, :], int32[:, :], int32[:], int64[:, :], float64[:, :]",
+    makes_arrays=True,
+)
+def split_faces(vertices, faces):
+    """Return the bodies that the faces make up.
+
+    *vertices* (V, 3) m, finite where a face uses them; *faces* (F, 3), F >= 1, rows of *vertices*.
+
+    Returned, body by body in the order of their first faces: vertices (W, 3), no two of one body equal,
+    nowhere -0.0; faces (K, 3), numbered within their body's vertices, and the rows of *faces* that they come
+    from (K,), rising within a body; the ends of each body's vertices and faces, (B, 2); and its repairs,
+    (B, 7), see `MERGED`. B = 0: no face has an area.
+    """
+    merged, positions = merged_faces(vertices, faces)
+    exponent = unit_exponent(positions)
+    points = scaled(positions, exponent)
+    edges = sorted_half_edges(merged)
+    kinds = useless_faces(merged, points, edges)
+    is_turned, is_inside_out = np.zeros(len(faces), np.bool_), np.zeros(len(faces), np.bool_)
+    stock = Stock(faces, merged, merged.copy(), kinds, is_turned, is_inside_out, points, exponent)
+    rows = rows_where(kinds, LEFT)
+    labels, body_count = np.empty(0, np.int64), 0
+    if len(rows) > 0:
+        rows, labels, body_count = _bodies_of_faces(stock, vertices, edges, rows)
+    face_starts, order = rows_by_label(labels, body_count)
+    sources = np.empty(len(rows), np.int32)
+    for row in range(len(rows)):
+        sources[row] = rows[order[row]]
+    split, repairs = gathered(stock.corners, sources), np.zeros((body_count, TURNED_INSIDE_OUT + 1))
+    for row in range(len(rows)):
+        if is_turned[sources[row]] != is_inside_out[sources[row]]:
+            split[row, 1], split[row, 2] = split[row, 2], split[row, 1]
+    uses, vertex_counts = _corner_uses(split, face_starts, len(positions))
+    if body_count > 0:
+        _count_lost_faces(stock, uses, repairs)
+    _count_repairs(stock, sources, face_starts, len(vertices), repairs)
+    ends, end = np.empty((body_count, 2), np.int64), 0
+    for body in range(body_count):
+        end += vertex_counts[body]
+        ends[body, 0], ends[body, 1] = end, face_starts[body + 1]
+    return _number_by_body(split, positions, uses, ends), split, sources, ends, repairs
+
+
+@allocating_kernel
+def _bodies_of_faces(stock, vertices, edges, rows):
+    """Weld and turn the faces; return those left (K,), the body of each (K,), and the number of bodies."""
+    given, corners = gathered(stock.given, rows), gathered(stock.corners, rows)
+    if len(rows) < len(stock.given):
+        edges = sorted_half_edges(corners)
+    pieces = connect_given(given, corners, stock.points, edges, vertices, stock.exponent)
+    if len(rows_where(pieces.is_closed, False)) > 0:
+        welded, is_collapsed = weld_near(corners, stock.points, pieces)
+        for row in range(len(rows)):
+            if is_collapsed[row]:
+                stock.kinds[rows[row]] = SLIVER
+            for k in range(3):
+                stock.corners[rows[row], k] = welded[row, k]
+        rows = rows_where(stock.kinds, LEFT)
+        given, corners = gathered(stock.given, rows), gathered(stock.corners, rows)
+        edges = sorted_half_edges(corners)
+        pieces = connect_given(given, corners, stock.points, edges, vertices, stock.exponent)
+    labels, is_turned, _, is_closed = pieces
+    for row in range(len(rows)):
+        stock.is_turned[rows[row]] = is_turned[row]
+        if is_turned[row]:
+            corners[row, 1], corners[row, 2] = corners[row, 2], corners[row, 1]
+    volumes = enclosed_volumes(stock.points, corners, labels, len(is_closed))
+    for piece in range(len(is_closed)):
+        is_closed[piece] = is_closed[piece] and volumes[piece] != 0.0
+    if len(rows_where(is_closed, False)) > 0:
+        labels, is_closed = _joined_at_corners(corners, labels, is_closed, len(stock.points))
+        volumes = enclosed_volumes(stock.points, corners, labels, len(is_closed))
+    body_of_shell, is_inside_out = nest_shells(stock.points, corners, labels, volumes, is_closed)
+    body_at, body_count = np.full(len(is_closed), -1, np.int64), 0
+    for row in range(len(rows)):
+        stock.is_inside_out[rows[row]] = is_inside_out[labels[row]]
+        body = body_of_shell[labels[row]]
+        if body_at[body] < 0:
+            body_at[body] = body_count
+            body_count += 1
+        labels[row] = body_at[body]
+    return rows, labels, body_count
+
+
+@allocating_kernel
+def _joined_at_corners(corners, labels, is_closed, corner_count):
+    """Make those pieces one that share a corner of faces that are part of no shell with a volume.
+
+    Sides that were meshed without regard for each other fit nowhere and enclose a volume only together; a
+    sheet with two sides falls into flat pieces. Returns the shells of the faces (K,), and which are closed.
+    """
+    links, piece_at = unlinked(len(is_closed)), np.full(corner_count, -1, np.int64)
+    for face in range(len(labels)):
+        piece = labels[face]
+        if is_closed[piece]:
+            continue
+        for k in range(3):
+            corner = corners[face, k]
+            if piece_at[corner] >= 0:
+                join(links, piece_at[corner], piece, 0)
+            piece_at[corner] = piece
+    shells, count = component_labels(links)
+    joined, are_closed = np.empty(len(labels), np.int64), np.empty(count, np.bool_)
+    for piece in range(len(is_closed)):
+        are_closed[shells[piece]] = is_closed[piece]
+    for face in range(len(labels)):
+        joined[face] = shells[labels[face]]
+    return joined, are_closed
+
+
+class Uses(NamedTuple):
+    """The bodies at each corner: at corner c those from ``starts[c]`` to ``starts[c + 1]``, rising."""
+
+    starts: np.ndarray  # (C + 1,) int64
+    bodies: np.ndarray  # (N,) int64
+    numbers: np.ndarray  # (N,) int32, of the corner among those of that body
+
+
+@allocating_kernel
+def _corner_uses(corners, face_starts, corner_count):
+    """Return the bodies at each corner of faces, given body by body; and the corners of each, (B,) int64."""
+    starts, last_body = np.zeros(corner_count + 1, np.int64), np.full(corner_count, -1, np.int64)
+    counts = np.zeros(len(face_starts) - 1, np.int64)
+    for body in range(len(counts)):
+        for face in range(face_starts[body], face_starts[body + 1]):
+            for k in range(3):
+                starts[corners[face, k] + 1] += last_body[corners[face, k]] != body
+                last_body[corners[face, k]] = body
+    for corner in range(corner_count):
+        starts[corner + 1] += starts[corner]
+    ends, bodies = starts.copy(), np.empty(starts[corner_count], np.int64)
+    for body in range(len(counts)):
+        for face in range(face_starts[body], face_starts[body + 1]):
+            for k in range(3):
+                corner = corners[face, k]
+                if ends[corner] == starts[corner] or bodies[ends[corner] - 1] != body:
+                    bodies[ends[corner]] = body
+                    ends[corner] += 1
+    numbers = np.empty(len(bodies), np.int32)
+    for use in range(len(bodies)):
+        numbers[use] = counts[bodies[use]]
+        counts[bodies[use]] += 1
+    return Uses(starts, bodies, numbers), counts
+
+
+@allocating_kernel
+def _number_by_body(corners, positions, uses, ends):
+    """Number *corners* (K, 3), given body by body, within their bodies; return the vertices of the bodies."""
+    vertices, last_use = np.empty((len(uses.bodies), 3)), uses.starts.copy()
+    for corner in range(len(positions)):
+        for use in range(uses.starts[corner], uses.starts[corner + 1]):
+            body = uses.bodies[use]
+            vertex = uses.numbers[use] + (ends[body - 1, 0] if body > 0 else 0)
+            for axis in range(3):
+                vertices[vertex, axis] = positions[corner, axis]
+    for body in range(len(ends)):
+        for face in range(ends[body - 1, 1] if body > 0 else 0, ends[body, 1]):
+            for k in range(3):
+                corner = corners[face, k]
+                while uses.bodies[last_use[corner]] != body:
+                    last_use[corner] += 1
+                corners[face, k] = uses.numbers[last_use[corner]]
+    return vertices
+
+
+@allocating_kernel
+def _count_lost_faces(stock, uses, repairs):
+    """Count the faces that each body lost: one counts for the body with most of its corners."""
+    votes = np.zeros(len(repairs), np.int64)
+    for face in range(len(stock.kinds)):
+        if stock.kinds[face] == LEFT:
+            continue
+        owner, most = 0, 0
+        for k in range(3):
+            corner = stock.corners[face, k]
+            for use in range(uses.starts[corner], uses.starts[corner + 1]):
+                votes[uses.bodies[use]] += 1
+        for k in range(3):
+            corner = stock.corners[face, k]
+            for use in range(uses.starts[corner], uses.starts[corner + 1]):
+                body = uses.bodies[use]
+                if votes[body] > most or (votes[body] == most and body < owner):
+                    owner, most = body, votes[body]
+        for k in range(3):
+            corner = stock.corners[face, k]
+            for use in range(uses.starts[corner], uses.starts[corner + 1]):
+                votes[uses.bodies[use]] = 0
+        repairs[owner, SLIVERS if stock.kinds[face] == SLIVER else DUPLICATES] += 1.0
+
+
+@allocating_kernel
+def _count_repairs(stock, sources, face_starts, vertex_count, repairs):
+    """Count what was done to the faces *sources* (K,), given body by body, apart from those lost."""
+    given_of = np.full(vertex_count, -1, np.int64)
+    merged_of, welded_of = np.full(len(stock.points), -1, np.int64), np.full(len(stock.points), -1, np.int64)
+    for body in range(len(repairs)):
+        given_count, merged_count, welded_count, farthest = 0, 0, 0, 0.0
+        for row in range(face_starts[body], face_starts[body + 1]):
+            face = sources[row]
+            repairs[body, TURNED] += stock.is_turned[face]
+            if stock.is_inside_out[face]:
+                repairs[body, TURNED_INSIDE_OUT] = 1.0
+            for k in range(3):
+                given, merged, welded = stock.given[face, k], stock.merged[face, k], stock.corners[face, k]
+                given_count += given_of[given] != body
+                merged_count += merged_of[merged] != body
+                welded_count += welded_of[welded] != body
+                given_of[given] = merged_of[merged] = welded_of[welded] = body
+                if merged != welded:
+                    farthest = max(farthest, distance_between(stock.points, merged, welded))
+        repairs[body, MERGED], repairs[body, WELDED] = given_count - merged_count, merged_count - welded_count
+        repairs[body, WELD_DISTANCE] = ldexp(farthest, -stock.exponent)

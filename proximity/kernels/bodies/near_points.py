@@ -1,0 +1,115 @@
+"""Pairs of near points, by a k-d tree."""
+
+from math import sqrt
+
+import numpy as np
+
+from proximity.kernels.mesh.edges import sort_run
+from proximity.kernels.stack_arrays import stack_f64, stack_i64
+from proximity.native import allocating_kernel, kernel
+
+NEAR_COUNT = 8
+"""Near points looked at from each; more at one position are found through one another."""
+LEAF_SIZE = 8
+STACK_LENGTH = 96
+"""A level of the tree halves a run, and leaves one half waiting: three numbers, for 2**31 points."""
+
+
+@allocating_kernel
+def near_pairs(points, reach):
+    """Return the points that are among the nearest to each of *points* (N, 3), and how far they are.
+
+    (N, NEAR_COUNT) int32, the nearest first, -1 where fewer are at most *reach* away; and (N, NEAR_COUNT).
+    """
+    order, axes, splits = _tree_over(points)
+    near, distances = np.full((len(points), NEAR_COUNT), -1, np.int32), np.empty((len(points), NEAR_COUNT))
+    for row in range(len(points)):
+        count = _find_near(points, (order, axes, splits), row, reach, near[row], distances[row])
+        for n in range(count):
+            distances[row, n] = sqrt(distances[row, n])
+    return near, distances
+
+
+@allocating_kernel
+def _tree_over(points):
+    """Order points so that each run is halved by its longest axis; return the axes, and where they are cut.
+
+    Both by the position at which the halves meet.
+    """
+    count = len(points)
+    order, axes, splits = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count)
+    keys, other_keys, other_rows = np.empty(count), np.empty(count), np.empty(count, np.int32)
+    for row in range(count):
+        order[row] = row
+    stack, depth = stack_i64(STACK_LENGTH), 2
+    stack[0], stack[1] = 0, count
+    while depth > 0:
+        depth -= 2
+        first, end = stack[depth], stack[depth + 1]
+        if end - first <= LEAF_SIZE:
+            continue
+        axis = _longest_axis(points, order, first, end)
+        for position in range(first, end):
+            keys[position] = points[order[position], axis]
+        sort_run(keys, order, first, end, other_keys, other_rows)
+        middle = (first + end) // 2
+        axes[middle], splits[middle] = axis, keys[middle]
+        stack[depth], stack[depth + 1], stack[depth + 2], stack[depth + 3] = first, middle, middle, end
+        depth += 4
+    return order, axes, splits
+
+
+@kernel
+def _longest_axis(points, order, first, end):
+    longest, extent = 0, -1.0
+    for axis in range(3):
+        low, high = np.inf, -np.inf
+        for position in range(first, end):
+            value = points[order[position], axis]
+            low, high = min(low, value), max(high, value)
+        if high - low > extent:
+            longest, extent = axis, high - low
+    return longest
+
+
+@kernel
+def _find_near(points, tree, row, reach, near, distances_sq):
+    """Fill the points nearest to one, and the squares of their distances; return how many there are."""
+    order, axes, splits = tree
+    x, y, z, count = points[row, 0], points[row, 1], points[row, 2], 0
+    stack, bounds, depth = stack_i64(STACK_LENGTH), stack_f64(STACK_LENGTH), 2
+    stack[0], stack[1], bounds[0] = 0, len(order), 0.0
+    while depth > 0:
+        depth -= 2
+        first, end = stack[depth], stack[depth + 1]
+        if bounds[depth] > reach or (
+            count == NEAR_COUNT and bounds[depth] * bounds[depth] > distances_sq[count - 1]
+        ):
+            continue  # prune
+        if end - first > LEAF_SIZE:
+            middle = (first + end) // 2
+            axis = axes[middle]
+            offset = points[row, axis] - splits[middle]
+            # Push the farther half first, so that the nearer is popped next.
+            for half in range(2):
+                is_upper = (half == 0) != (offset >= 0.0)
+                stack[depth] = middle if is_upper else first
+                stack[depth + 1] = end if is_upper else middle
+                bounds[depth] = abs(offset) if half == 0 else 0.0
+                depth += 2
+            continue
+        for position in range(first, end):
+            other = order[position]
+            dx, dy, dz = points[other, 0] - x, points[other, 1] - y, points[other, 2] - z
+            distance_sq = dx * dx + dy * dy + dz * dz
+            if other == row or sqrt(distance_sq) > reach:
+                continue
+            if count == NEAR_COUNT and distance_sq >= distances_sq[count - 1]:
+                continue
+            at = count if count < NEAR_COUNT else count - 1
+            count = at + 1
+            while at > 0 and distances_sq[at - 1] > distance_sq:
+                distances_sq[at], near[at] = distances_sq[at - 1], near[at - 1]
+                at -= 1
+            distances_sq[at], near[at] = distance_sq, other
+    return count

@@ -1,0 +1,126 @@
+"""Pairing of the faces round an edge, each with the one across its wedge of material."""
+
+from math import atan2, pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from proximity.kernels.geometry.triangle import cross, dot
+from proximity.kernels.mesh.edges import ends_of, sort_run
+from proximity.native import kernel
+
+POSITION_ROUNDING = 2.0**-22
+"""Positions in files are mostly float32: faces that lie on each other differ by some of its rounding.
+Relative to the largest coordinate; seen from an edge it makes an angle that tells nothing."""
+BACKWARD = 2**32
+"""Added to the key of a half-edge that runs backward: of faces at one angle the forward ones come first."""
+
+
+class Wedges(NamedTuple):
+    """The half-edges of one edge that need a partner, and scratch; M rows or more each."""
+
+    half_edges: np.ndarray  # int32
+    is_forward: np.ndarray  # bool, from the lower corner to the higher, after turning
+    partner: np.ndarray  # int64, result: row of the half-edge that a forward one is paired with, or -1
+    angles: np.ndarray  # float64
+    other_angles: np.ndarray
+    keys: np.ndarray  # int64
+    other_keys: np.ndarray
+    rows: np.ndarray  # int64
+    other_rows: np.ndarray
+
+
+@kernel
+def pair_around_edge(corners, points, wedges, count):
+    """Fill the partners of *count* half-edges of one edge; return whether paired ones run the same way.
+
+    As many must run one way as the other. Two that are alone can only belong together, even if one is turned.
+    """
+    forward_count = 0
+    for row in range(count):
+        wedges.partner[row] = -1
+        forward_count += wedges.is_forward[row]
+    if count == 2 and forward_count != 1:
+        wedges.partner[0] = 1
+        return True
+    if count > 0 and 2 * forward_count == count:
+        noise = _fill_angles(corners, points, wedges, count)
+        _sort_by_angle(wedges, count, noise)
+        _match_wedges(wedges, count)
+    return False
+
+
+@kernel
+def _fill_angles(corners, points, wedges, count):
+    """Fill the angle of each face about its edge, from the first face; return the largest rounding of one."""
+    start, end = ends_of(corners, wedges.half_edges[0])
+    foot, tip = min(start, end), max(start, end)
+    x, y, z = points[foot, 0], points[foot, 1], points[foot, 2]
+    ux, uy, uz = points[tip, 0] - x, points[tip, 1] - y, points[tip, 2] - z
+    length = sqrt(dot(ux, uy, uz, ux, uy, uz))
+    if length > 0.0:
+        ux, uy, uz = ux / length, uy / length, uz / length
+    bx, by, bz, noise = 0.0, 0.0, 0.0, 0.0
+    for row in range(count):
+        corner = corners[wedges.half_edges[row] // 3, (wedges.half_edges[row] + 2) % 3]
+        ax, ay, az = points[corner, 0] - x, points[corner, 1] - y, points[corner, 2] - z
+        along = dot(ax, ay, az, ux, uy, uz)
+        ax, ay, az = ax - along * ux, ay - along * uy, az - along * uz
+        if row == 0:
+            bx, by, bz = ax, ay, az
+        nx, ny, nz = cross(bx, by, bz, ax, ay, az)
+        angle = atan2(dot(nx, ny, nz, ux, uy, uz), dot(bx, by, bz, ax, ay, az))
+        wedges.angles[row] = angle + 2.0 * pi if angle < 0.0 else angle
+        height = sqrt(dot(ax, ay, az, ax, ay, az))
+        noise = max(noise, POSITION_ROUNDING / max(height, POSITION_ROUNDING))
+    return noise
+
+
+@kernel
+def _sort_by_angle(wedges, count, noise):
+    """Sort rows by angle about the edge, counter-clockwise along its lower to higher corner.
+
+    Seen so, a forward face has its material before it and a backward face behind it. Of faces at one angle
+    the forward ones come first: the material of the one ends where that of the other begins.
+    """
+    angles, rows, keys = wedges.angles, wedges.other_keys, wedges.keys
+    for row in range(count):
+        rows[row] = row
+    sort_run(angles, rows, 0, count, wedges.other_angles, wedges.other_rows)
+    # Cut the circle open where it is widest, so that no cluster of equal angles is cut.
+    widest, first = angles[0] + 2.0 * pi - angles[count - 1], 0
+    for position in range(1, count):
+        if angles[position] - angles[position - 1] >= widest:
+            widest, first = angles[position] - angles[position - 1], position
+    cluster = 0
+    for n in range(count):
+        position = (first + n) % count
+        before = angles[position - 1] if position > 0 else angles[count - 1] - 2.0 * pi
+        if n > 0 and angles[position] - before > noise:
+            cluster += 2 * BACKWARD
+        # Bodies that overlap with their sides in one plane leave it open which face is whose. Files list a
+        # body's faces together: nesting those of one end in the file is the best guess.
+        half_edge = np.int64(wedges.half_edges[rows[position]])
+        is_forward = wedges.is_forward[rows[position]]
+        keys[n] = cluster + (BACKWARD - 1 - half_edge if is_forward else BACKWARD + half_edge)
+        wedges.rows[n] = rows[position]
+    sort_run(keys, wedges.rows, 0, count, wedges.other_keys, wedges.other_rows)
+
+
+@kernel
+def _match_wedges(wedges, count):
+    """Match faces round the edge as brackets: material begins at a backward face, ends at a forward one.
+
+    In the second round faces whose material began before the cut are matched.
+    """
+    waiting, depth = wedges.other_rows, 0
+    for turn in range(2):
+        for n in range(count):
+            row = wedges.rows[n]
+            if not wedges.is_forward[row]:
+                if turn == 0:
+                    waiting[depth] = row
+                    depth += 1
+            elif wedges.partner[row] < 0 and depth > 0:
+                depth -= 1
+                wedges.partner[row] = waiting[depth]
