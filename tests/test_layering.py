@@ -43,7 +43,7 @@ library_in_c · loop_records · receiver
 cpython · receiver_state
 """,
     "proximity.kernels": """
-tracking
+part · tracking
 pair
 scene
 bodies · point · ray · segment

@@ -36,9 +36,9 @@ from proximity.message.c_header import structure
 from proximity.message.instant_advice import OTHER_CLOCK_NS
 from proximity.native.signature import BUNDLES
 from proximity.pose import ORTHONORMAL_TOLERANCE, SINGLE_TOLERANCE
+from proximity.scene import sign
 from proximity.scene.model.assembly import EXACT_ENOUGH
 from proximity.scene.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE
-from proximity.scene import sign
 from proximity.scene.queries.queries import SORT_RAYS_FROM, SORT_RAYS_IN
 from proximity.scene.saved import archive, stored_model
 from proximity.scene.saved.compiled_scene import LAYOUT

@@ -33,7 +33,7 @@ from proximity.kernels.layout import (
 )
 from proximity.mesh.bvh import Bvh, LocalFrame, local_frame
 from proximity.mesh.part_arrays import PartArrays
-from proximity.mesh.part_memory import WORD_NOTES, PartMemory, aligned_empty
+from proximity.mesh.part_memory import aligned_empty
 from proximity.pose import ROUNDING, Pose
 
 EXACT_ENOUGH = 2.0 * ROUNDING
@@ -215,45 +215,6 @@ def dynamic_rows(parts: np.ndarray) -> np.ndarray:
     *parts*: (P + 1,) PART.
     """
     return np.flatnonzero(parts["is_dynamic"][:-1])
-
-
-def model_of_piece(piece: PartArrays) -> Model:
-    """Return the model of one part at the identity pose; arrays that are in memory for a model stay there."""
-    frames, parts = np.zeros(2, layout.FRAME), np.zeros(2, layout.PART)
-    memory = piece.memory or PartMemory.of_size(
-        piece.bvh.node_count, piece.bvh.block_count, len(piece.corners), len(piece.faces), len(piece.grid)
-    )
-    if piece.memory is None:
-        reals, words = (piece.bvh.blocks, piece.corners, piece.normals), (
-            piece.bvh.nodes, piece.bvh.slot_faces, piece.moments, piece.boxes, piece.faces, piece.neighbors, piece.grid,
-        )  # fmt: skip
-        for number, array in enumerate(reals):
-            memory.real(number, array.size)[:] = array.reshape(-1)
-        for number, array in enumerate(words):
-            memory.word(number, array.size, array.dtype.type)[:] = array.reshape(-1)
-    notes = memory.word(WORD_NOTES, piece.bvh.block_count, np.int32)
-    notes[:] = piece.folded.astype(np.int32) << layout.FOLDED_AT if len(piece.folded) else 0
-    part, starts = parts[0], memory.word_starts
-    part["node_count"], part["block_count"] = piece.bvh.node_count, piece.bvh.block_count
-    part["sign"], parts["is_oblique"] = piece.sign, piece.is_oblique
-    part["grid_x"], part["grid_y"], part["grid_z"] = piece.grid_counts
-    part["corners"], part["corner_normals"] = memory.real_starts[1:3]
-    part["faces"], part["neighbors"], part["grid"] = starts[4:7]
-    part["corner_count"], parts["face_count"] = len(piece.corners), len(piece.faces)
-    if not len(piece.grid):
-        part["grid"] = layout.NO_GRID
-    parts["slot_faces"], parts["moments"], parts["block_boxes"] = starts[1:4]
-    parts["block_notes"], parts["grid"][1] = starts[7:9]
-    parts["first_node"][1] = piece.bvh.node_count
-    frames["own_lower"][0], frames["own_upper"][0] = piece.lower, piece.upper
-    frames["grid_lower"][0], frames["grid_rate"][0] = piece.grid_lower, piece.grid_rate
-    piece.frame.write(frames[0])
-    alone = finished(memory.reals, memory.words, frames, parts)
-    place_part(alone.packed, 0, frames, parts, 0, np.eye(4), EXACT_ENOUGH)
-    if not choose_scene_frame(frames, parts, piece.frame.centre, piece.frame.scale):
-        _refuse_frame(frames)
-    begin_moving(memory.words, frames, parts)
-    return alone
 
 
 def _renumbered(nodes: np.ndarray, node_shift: int, block_shift: int) -> np.ndarray:

@@ -23,7 +23,7 @@ from budgeted import (
     walk,
     without_budget,
 )
-from models import model_of, piece_of
+from models import model_of, model_of_one
 
 import oracle
 from proximity.kernels.layout import (
@@ -39,7 +39,7 @@ from proximity.kernels.point.budgeted_walk import NO_TOLERANCE, nearest_with_bud
 from proximity.kernels.traverse.best_first import MOST_SWEPT_STEPS, MOST_WAITING
 from proximity.kernels.tree.normal_slab import MOMENT_AREA_NORMAL, MOMENT_SLAB_LARGEST, MOMENT_SLAB_LEAST
 from proximity.pose import Pose
-from proximity.scene.model.assembly import assemble, model_of_piece
+from proximity.scene.model.assembly import assemble
 
 pytestmark = pytest.mark.internals
 
@@ -289,7 +289,7 @@ def test_copies_of_one_triangle_give_the_lowest_slot_or_bounds():
 
 def test_thousands_of_parts_are_answered_within_any_budget():
     rng = np.random.default_rng(7)
-    piece = model_of_piece(piece_of(shapes.sphere(1.0, 0)))
+    piece = model_of_one(shapes.sphere(1.0, 0))
     places = rng.uniform(-40, 40, (3000, 3))
     model = assemble([piece] * 3000, [Pose(shapes.rotation(i % 7), place) for i, place in enumerate(places)])
     for point in [*places[:5], *rng.uniform(-60, 60, (15, 3)), [0, 0, 0], [1e7, 0, 0]]:

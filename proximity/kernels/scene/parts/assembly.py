@@ -8,7 +8,6 @@ arrays of each part there, and `finish_scene` writes the rest.
 import numpy as np
 
 from proximity.kernels.geometry.rows import copy_numbers
-from proximity.kernels.scene.inside.part_grid import cells_of_part
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     CELLS_PER_WORD,
@@ -23,6 +22,7 @@ from proximity.kernels.layout import (
     SIGN_NONE,
     ModelArrays,
 )
+from proximity.kernels.scene.inside.part_grid import cells_of_part
 from proximity.kernels.scene.parts.part_trees import (
     begin_moving,
     choose_frame,
@@ -31,6 +31,7 @@ from proximity.kernels.scene.parts.part_trees import (
     write_static,
 )
 from proximity.kernels.scene.parts.placement import update_box, write_pose
+from proximity.kernels.sign.inside_grid import grid_size
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import allocating_kernel, entry, inlined, kernel
 
@@ -86,7 +87,9 @@ def copy_nodes(source, row, nodes, parts, to):
             at = NODE_STRIDE * node + lane
             if words[first + at] <= words[first + at + 24]:
                 child = numbers[first + at + NODE_CHILDREN]
-                copies[target + at + NODE_CHILDREN] = child + node_shift if child >= 0 else child - block_shift
+                copies[target + at + NODE_CHILDREN] = (
+                    child + node_shift if child >= 0 else child - block_shift
+                )
 
 
 @entry("float32[:], Frame[:], Part[:] -> float32[:], int32[:, :], int, int", makes_arrays=True)
@@ -195,32 +198,20 @@ def _plan_lists(frames, parts):
 def _choose_cells(frames, parts, wanted):
     """Write a grid of about *wanted* cells to the scene's row; its cells, 0 for a scene that needs none."""
     scene = len(parts) - 1
-    wanted = wanted if scene > 1 else 0
-    lower, upper = frames[scene].grid_lower, stack_f64(3)
+    lower, extent, row = frames[scene].grid_lower, stack_f64(3), parts[scene]
+    if scene == 1 or wanted == 0:
+        lower[0] = lower[1] = lower[2] = frames[scene].grid_rate = 0.0
+        row.grid_x = row.grid_y = row.grid_z = 0
+        return row.grid_x
     for axis in range(3):
-        lower[axis], upper[axis] = (np.inf, -np.inf) if wanted else (0.0, 0.0)
+        lower[axis], upper = np.inf, -np.inf
         for part in range(scene):
-            if wanted and _is_listed(parts, part):
+            if _is_listed(parts, part):
                 lower[axis] = min(lower[axis], frames[part].box_lower[axis])
-                upper[axis] = max(upper[axis], frames[part].box_upper[axis])
-    rate, nx, ny, nz = grid_size(upper[0] - lower[0], upper[1] - lower[1], upper[2] - lower[2], wanted)
-    frames[scene].grid_rate = rate
-    parts[scene].grid_x, parts[scene].grid_y, parts[scene].grid_z = nx, ny, nz
-    return nx * ny * nz
-
-
-@kernel
-def grid_size(x, y, z, wanted):
-    """Cells a unit of length, and along each axis, of a grid of about *wanted* cells over a box of that size."""
-    thinnest = max(x, y, z) / 64.0
-    volume = max(x, thinnest) * max(y, thinnest) * max(z, thinnest)
-    none = np.int64(0)
-    if wanted == 0:
-        return 0.0, none, none, none
-    if not volume > 0.0:
-        return 1.0, none + 1, none + 1, none + 1
-    rate = (wanted / volume) ** (1.0 / 3.0)
-    return rate, np.int64(x * rate) + 1, np.int64(y * rate) + 1, np.int64(z * rate) + 1
+                upper = max(upper, frames[part].box_upper[axis])
+        extent[axis] = upper - lower[axis]
+    frames[scene].grid_rate, row.grid_x, row.grid_y, row.grid_z = grid_size(extent, wanted)
+    return row.grid_x * row.grid_y * row.grid_z
 
 
 @allocating_kernel
@@ -233,8 +224,13 @@ def _write_lists(words, frames, parts):
     cell_count = _choose_cells(frames, parts, wanted)
     if cell_count == 0:
         return parts[scene].grid
-    listed, ends = np.empty(max(LONGEST * cell_count, CELLS_OF_ONE * count), np.int32), np.zeros(scene, np.int64)
-    while not _collect_cells(words, frames, parts, LONGEST * cell_count if wanted > 1 else len(listed), listed, ends):
+    listed, ends = (
+        np.empty(max(LONGEST * cell_count, CELLS_OF_ONE * count), np.int32),
+        np.zeros(scene, np.int64),
+    )
+    while not _collect_cells(
+        words, frames, parts, LONGEST * cell_count if wanted > 1 else len(listed), listed, ends
+    ):
         wanted = max(wanted // 8, 1)
         cell_count = _choose_cells(frames, parts, wanted)
     numbers, base = words.view(np.int32), parts[scene].grid
@@ -290,13 +286,21 @@ def copy_part(source, row, target, to):
     old, new = source.parts[row], target.parts[to]
     blocks, slots = new.block_count, LANES * new.block_count
     copy_numbers(
-        source.reals, BLOCK_STRIDE * old.first_block, target.reals, BLOCK_STRIDE * new.first_block, BLOCK_STRIDE * blocks
+        source.reals,
+        BLOCK_STRIDE * old.first_block,
+        target.reals,
+        BLOCK_STRIDE * new.first_block,
+        BLOCK_STRIDE * blocks,
     )
     copy_numbers(source.reals, old.corners, target.reals, new.corners, 3 * new.corner_count)
     copy_numbers(source.reals, old.corner_normals, target.reals, new.corner_normals, 3 * new.corner_count)
     numbers, copies = source.words.view(np.int32), target.words.view(np.int32)
     copy_numbers(
-        numbers, old.slot_faces + LANES * old.first_block, copies, new.slot_faces + LANES * new.first_block, slots
+        numbers,
+        old.slot_faces + LANES * old.first_block,
+        copies,
+        new.slot_faces + LANES * new.first_block,
+        slots,
     )
     copy_numbers(
         numbers, old.moments + MOMENT_STRIDE * old.root, copies, new.moments + MOMENT_STRIDE * new.root,
