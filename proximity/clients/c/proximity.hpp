@@ -191,6 +191,12 @@ public:
     {
         return add(Scene(name, vertices, faces), pose);
     }
+    /// Why the distances of a part from a mesh have a sign, or have none; empty for parts of a compiled scene.
+    std::string sign_reason(std::int32_t part) const
+    {
+        const char *found = proximity_sign_reason(scene_, part);
+        return found != nullptr ? found : "";
+    }
     /// Remove a part; those behind it move up by one number.
     void remove(std::int32_t part) { detail::call(proximity_remove, scene_, part); }
 

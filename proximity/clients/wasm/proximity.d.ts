@@ -120,6 +120,7 @@ export class Scene {
   close(): void;
   add(name: string, vertices: Rows, faces?: ArrayLike<number>, matrix?: ArrayLike<number>): number;
   addScene(added: Scene, matrix?: ArrayLike<number>): number;
+  signReason(part: PartName): string;
   remove(part: PartName): void;
   faceCount(part: PartName): number;
   isHidden(part: PartName): boolean;

@@ -275,6 +275,12 @@ export class Scene {
     return engine.view.getInt32(place, true);
   }
 
+  /** Why the distances of a part from a mesh have a sign, or have none; empty for parts of a compiled scene. */
+  signReason(part) {
+    const address = this.#engine.call("sign_reason", this.#open, this.partNumber(part));
+    return address === 0 ? "" : this.#engine.textAt(address);
+  }
+
   /** Remove a part; those behind it move up by one number. */
   remove(part) {
     this.#engine.checked("remove", this.#open, this.partNumber(part));

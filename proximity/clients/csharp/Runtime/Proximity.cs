@@ -184,6 +184,10 @@ namespace Proximity
                 return Add(added, matrix);
         }
 
+        /// <summary>Why the distances of a part from a mesh have a sign, or have none; empty for parts of a compiled
+        /// scene.</summary>
+        public string SignReason(int part) => Native.Text(Native.proximity_sign_reason(Handle, part));
+
         /// <summary>Remove a part; those behind it move up by one number.</summary>
         public void Remove(int part) =>
             Native.Check(Native.proximity_remove(Handle, part, out NativeError error), ref error);
@@ -437,6 +441,7 @@ namespace Proximity
             UIntPtr vertexCount, void* faces, UIntPtr faceCount, IntPtr* scene, out NativeError error);
         [DllImport("proximity")] internal static extern int proximity_add_scene(NativeHandle scene, NativeHandle added,
             double* matrix, int* first, out NativeError error);
+        [DllImport("proximity")] internal static extern byte* proximity_sign_reason(NativeHandle scene, int part);
         [DllImport("proximity")] internal static extern int proximity_remove(NativeHandle scene, int part,
             out NativeError error);
         [DllImport("proximity")] internal static extern void proximity_close(IntPtr scene);
