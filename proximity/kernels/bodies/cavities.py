@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.kernels.geometry.local_frame import frame_of_box
+from proximity.kernels.geometry.rows import copy_numbers
 from proximity.kernels.layout import BLOCK_STRIDE, BOX_STRIDE, FACES_SHIFT, LANES, MOMENT_STRIDE, NODE_STRIDE
 from proximity.kernels.mesh.edges import sort_run
 from proximity.kernels.mesh.faces import shell_boxes
@@ -251,6 +252,6 @@ def _tree_of(shells, shell):
     blocks, slot_faces = np.empty(BLOCK_STRIDE * block_count), np.empty(LANES * block_count, np.int32)
     fill_blocks(local, faces, order, block_first, blocks, slot_faces)
     words = np.empty(node_count * (NODE_STRIDE + MOMENT_STRIDE), np.float32)
-    words[: len(nodes)] = nodes
+    copy_numbers(nodes, 0, words, 0, len(nodes))
     fill_moments(nodes, blocks, node_count, words[len(nodes) :])
     return ShellTree(centre, scale, blocks, words, len(nodes))

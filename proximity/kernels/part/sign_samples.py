@@ -5,6 +5,7 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.mesh.faces import double_area
+from proximity.kernels.mesh.positions import rows_where
 from proximity.native import allocating_kernel, kernel
 
 POINT_SAMPLE_COUNT = 64
@@ -79,7 +80,7 @@ def face_samples(corners, faces, is_left_out):
 
     *is_left_out* (F,): faces on which there are none.
     """
-    among = np.flatnonzero(~is_left_out)
+    among = rows_where(is_left_out, False)
     sample_count = len(FACE_SAMPLE_WEIGHTS) * len(among)
     wanted = min(FACE_SAMPLE_COUNT, sample_count)
     samples, count = np.empty((wanted, 6)), 0
