@@ -10,6 +10,7 @@ import numpy as np
 from proximity import (
     ArgumentError,
     Clearance,
+    MeshError,
     FileVersionError,
     MeshFormatError,
     NotWatertightError,
@@ -23,13 +24,14 @@ from proximity.clients.c_package import library_path
 from proximity.message import CONTACT
 from proximity.scene.queries.results import ClosestPoints, RayHits, SegmentHits
 
-BAD_ARGUMENT, BAD_FILE, BAD_POSE, NO_INSIDE, BAD_VERSION = 1, 4, 5, 6, 9
+BAD_ARGUMENT, BAD_FILE, BAD_POSE, NO_INSIDE, BAD_VERSION, BAD_MESH = 1, 4, 5, 6, 9, 10
 ERRORS = {
     BAD_ARGUMENT: ArgumentError,
     BAD_FILE: MeshFormatError,
     BAD_POSE: PoseError,
     NO_INSIDE: NotWatertightError,
     BAD_VERSION: FileVersionError,
+    BAD_MESH: MeshError,
 }
 WIDTHS = {"closest": 12, "cast": 11, "closest_to_segments": 12}
 ALIGNMENT = 8
@@ -100,7 +102,7 @@ class LibraryScene:
     def of_mesh(cls, vertices: Any, faces: Any, name: str = "mesh", instructions: str = "") -> "LibraryScene":
         """The scene of the bodies of a mesh."""
         scene = cls(instructions=instructions)
-        points, rows = np.array(vertices, np.float64), np.array(faces, np.int32)
+        points, rows = np.array(vertices, np.float64, order="C"), np.array(faces, np.int32, order="C")
         counts = ctypes.c_size_t(len(points)), ctypes.c_size_t(len(rows))
         given = _address(points), counts[0], _address(rows), counts[1]
         made = ctypes.c_void_p()
@@ -148,6 +150,13 @@ class LibraryScene:
         count = self._library.proximity_part_count(self._scene)
         found = (self._library.proximity_part_name(self._scene, part) for part in range(count))
         return [name.decode("utf-8", "surrogatepass") for name in found]
+
+    @property
+    def sign_reasons(self) -> list[str | None]:
+        """Why each part has its sign; None for those of a file."""
+        self._library.proximity_sign_reason.restype = ctypes.c_char_p
+        found = [self._library.proximity_sign_reason(self._scene, part) for part in range(len(self.names))]
+        return [None if reason is None else reason.decode() for reason in found]
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
