@@ -101,10 +101,6 @@ public static class LibraryProgram
             Tell(() => scene.Move(0, new double[16]));
             Tell(() => scene.Post(0, new double[16], 0));
             scene.Take(0);
-            scene.SetLog(Console.WriteLine);
-            for (int k = 0; k < 3; k++) // once
-                scene.Closest(new ProximityVector(0, 0, 50));
-            scene.SetLog(null);
             Tell(() => scene.Distance(points, new double[3]));
             Tell(() => scene.Closest(points[0], -1));
             Tell(() => new ProximityTracker(scene, 0));
