@@ -12,7 +12,8 @@ from proximity import errors
 
 TREE = {
     "ProximityError": Exception, "MeshError": errors.ProximityError, "MeshFormatError": errors.MeshError,
-    "NotWatertightError": errors.MeshError, "ArgumentError": errors.ProximityError,
+    "FileVersionError": errors.MeshFormatError, "NotWatertightError": errors.MeshError,
+    "ArgumentError": errors.ProximityError,
     "PoseError": errors.ArgumentError, "FileError": errors.ProximityError,
     "MissingLibraryError": errors.ProximityError, "SceneError": errors.ProximityError,
     "RecordingError": errors.ProximityError, "PublishError": errors.ProximityError,

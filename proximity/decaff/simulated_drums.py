@@ -32,7 +32,7 @@ from proximity.decaff.glove.glove import CONTACT_BEND, Glove
 from proximity.decaff.motors.motor_drum import MotorDrum
 from proximity.errors import MotorError
 from proximity.message import CONTACT, Mode, State, Surface
-from proximity.message.contact import ContactFlag
+from proximity.message.contact import ContactFlag, Contacts
 from proximity.system.time_units import S_PER_NS
 from proximity.transport import Reading
 
@@ -249,7 +249,7 @@ class DrumBench:
     def warm_up(self) -> None:
         """Compile what a step needs, on a finger that is thrown away."""
         finger = self._finger(self._paths[0], self._plant(self._paths[0]))
-        nothing = Reading(State.STALE, False, 0, -1, None, np.zeros(0, CONTACT))
+        nothing = Reading(State.STALE, False, 0, -1, None, np.zeros(0, CONTACT).view(Contacts))
         finger.step(nothing, 0, 0.0, None, None)
         finger.step(nothing, 1_000_000, 1e-3, None, None)
 

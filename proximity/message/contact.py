@@ -171,7 +171,15 @@ class Contact(np.void):  # type: ignore[misc]  # NumPy's own `record` is made so
         return f"Contact({numbers}, mode={mode}, flags={'|'.join(flags) or 0})"
 
 
-SHOWN_FIELDS = ("finger", "signed_distance", "lower", "upper", "time_to_contact", "part", "face")
+SHOWN_FIELDS: tuple[ContactField, ...] = (
+    "finger",
+    "signed_distance",
+    "lower",
+    "upper",
+    "time_to_contact",
+    "part",
+    "face",
+)
 """Of a record that shows itself; with mode and flags."""
 FEW_CONTACTS = 10
 """Records that an array of them shows."""
@@ -185,7 +193,7 @@ class Contacts(np.ndarray):
 
     if TYPE_CHECKING:
 
-        def __iter__(self) -> Iterator[Contact]: ...
+        def __iter__(self) -> Iterator[Contact]: ...  # type: ignore[override]
 
     @overload  # type: ignore[override]
     def __getitem__(self, key: ContactField) -> np.ndarray: ...

@@ -451,16 +451,14 @@ public:
     /// The name of a part of the newest frame; empty until it is known.
     std::string_view part_name(std::int32_t part) const { return frames_.part_name(part); }
 
-    /// How many messages about parts the service has refused, and the last of them.
-    std::uint64_t refused() const { return frames_.refused(); }
-    std::string_view refusal() const { return frames_.refusal(); }
-
-    /// The newest valid contact of a finger whose pose is no older than that at the last reading, or null.
+    /// Last valid contacts and refusals, as frame_reader describes them.
     const proximity_contact *last_valid(std::uint32_t finger,
                                         std::chrono::nanoseconds at_most = std::chrono::milliseconds(100)) const
     {
         return frames_.last_valid(finger, at_most);
     }
+    std::uint64_t refused() const { return frames_.refused(); }
+    std::string_view refusal() const { return frames_.refusal(); }
 
     const counts &counted() const { return frames_.counted(); }
 

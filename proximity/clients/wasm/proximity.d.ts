@@ -14,11 +14,8 @@ export const Relation: {
 };
 export const Feature: { readonly NONE: -1; readonly FACE: 0; readonly EDGE: 1; readonly VERTEX: 2 };
 
-/** As in proximity.h; BAD_VERSION: a scene of another version, which is to be compiled again. */
-export const ErrorCode: {
-  readonly BAD_ARGUMENT: 1; readonly NO_MEMORY: 2; readonly NO_FILE: 3; readonly BAD_FILE: 4; readonly BAD_POSE: 5;
-  readonly NO_INSIDE: 6; readonly NO_PROCESSOR: 7; readonly BROKEN: 8; readonly BAD_VERSION: 9; readonly BAD_MESH: 10;
-};
+export type ErrorName = "BAD_ARGUMENT" | "NO_MEMORY" | "NO_FILE" | "BAD_FILE" | "BAD_POSE" | "NO_INSIDE" | "NO_PROCESSOR" | "BROKEN" | "BAD_VERSION" | "BAD_MESH";
+export const ErrorCode: Readonly<Record<ErrorName, number>>; // as in proximity.h
 
 export class ProximityError extends Error {
   readonly code: number;

@@ -34,11 +34,10 @@ export const NO_PART = -1, NO_FACE = -1;
 export const Relation = { APART: 0, TOUCHING: 1, CROSSING: 2, FIRST_INSIDE: 3, SECOND_INSIDE: 4 };
 export const Feature = { NONE: -1, FACE: 0, EDGE: 1, VERTEX: 2 };
 
-/** Numbers of errors, as in proximity.h; BAD_VERSION: a scene of another version, which is to be compiled again. */
-export const ErrorCode = Object.freeze({
+export const ErrorCode = { // as in proximity.h; BAD_VERSION: a scene of another version, which is to be compiled again
   BAD_ARGUMENT: 1, NO_MEMORY: 2, NO_FILE: 3, BAD_FILE: 4, BAD_POSE: 5, NO_INSIDE: 6, NO_PROCESSOR: 7, BROKEN: 8, BAD_VERSION: 9,
   BAD_MESH: 10,
-});
+};
 
 /** What cannot be done: what, where, and what was expected. */
 export class ProximityError extends Error {

@@ -101,10 +101,18 @@ public static class LibraryProgram
             Tell(() => scene.Move(0, new double[16]));
             Tell(() => scene.Post(0, new double[16], 0));
             scene.Take(0);
-            scene.SetLog(Console.WriteLine);
-            for (int k = 0; k < 3; k++) // once
-                scene.Closest(new ProximityVector(0, 0, 50));
-            scene.SetLog(null);
+            using (var meshes = new ProximityScene())
+            {
+                ProximityVector[] corners = { default, new ProximityVector(1, 0, 0), new ProximityVector(0, 1, 0) };
+                int[] faces = { 0, 1, 2 };
+                Tell(() => meshes.Distance(points, new double[points.Length]));
+                meshes.Add("sheet", corners, faces);
+                Console.WriteLine(meshes.Add("lid", corners, faces, pose) + " " + meshes.SignReason(0));
+                Tell(() => meshes.Add("lid", corners, faces));
+                Tell(() => meshes.Add("torn", corners, new[] { 0, 1, 9 }));
+                meshes.Remove(0);
+                Console.WriteLine(meshes.PartCount + " " + meshes.NameOf(0));
+            }
             Tell(() => scene.Distance(points, new double[3]));
             Tell(() => scene.Closest(points[0], -1));
             Tell(() => new ProximityTracker(scene, 0));

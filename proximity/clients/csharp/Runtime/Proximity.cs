@@ -129,17 +129,6 @@ namespace Proximity
         /// <summary>Close it; where a tracker of it is left, when that is disposed of.</summary>
         public void Dispose() => Handle.Dispose();
 
-        /// <summary>Pass on notes: a sentence on input that was probably meant otherwise, such as points in millimetres or
-        /// instants of two clocks. Each kind is noted once, in the thread that found it. null: no notes.</summary>
-        public void SetLog(Action<string> log)
-        {
-            GCHandle before = Handle.Log;
-            Handle.Log = log == null ? default : GCHandle.Alloc(log);
-            Native.proximity_set_log(Handle, log == null ? IntPtr.Zero : Native.LogAddress, GCHandle.ToIntPtr(Handle.Log));
-            if (before.IsAllocated)
-                before.Free();
-        }
-
         public int PartCount => Native.proximity_part_count(Handle);
 
         /// <summary>The name of a part; empty where there is no such part.</summary>
@@ -346,7 +335,6 @@ namespace Proximity
     {
         internal GCHandle Content; // bytes of the scene
         internal NativeHandle Scene; // of the tracker
-        internal GCHandle Log; // Action<string> that notes of the scene go to
         internal NativeHandle() : base(IntPtr.Zero, true) { }
         public override bool IsInvalid => handle == IntPtr.Zero;
 
@@ -366,8 +354,6 @@ namespace Proximity
             Scene?.DangerousRelease();
             if (Content.IsAllocated)
                 Content.Free();
-            if (Log.IsAllocated)
-                Log.Free();
             return true;
         }
     }
@@ -407,20 +393,6 @@ namespace Proximity
                 throw new ProximityError(1, "an array has the wrong length, expected a row for each that is asked");
         }
 
-        [AttributeUsage(AttributeTargets.Method)]
-        private sealed class MonoPInvokeCallbackAttribute : Attribute // which IL2CPP knows by its name
-        {
-            internal MonoPInvokeCallbackAttribute(Type type) { }
-        }
-
-        [UnmanagedFunctionPointer(CallingConvention.Cdecl)] private delegate void NativeLog(IntPtr user, byte* sentence);
-        private static readonly NativeLog PassOnKept = PassOn;
-        internal static readonly IntPtr LogAddress = Marshal.GetFunctionPointerForDelegate(PassOnKept);
-
-        [MonoPInvokeCallback(typeof(NativeLog))]
-        private static void PassOn(IntPtr user, byte* sentence) =>
-            ((Action<string>)GCHandle.FromIntPtr(user).Target)(Text(sentence));
-
         internal static byte[] Utf8(string text) => Encoding.UTF8.GetBytes(text + "\0");
 
         internal static string Text(byte* text)
@@ -445,8 +417,6 @@ namespace Proximity
         [DllImport("proximity")] internal static extern int proximity_remove(NativeHandle scene, int part,
             out NativeError error);
         [DllImport("proximity")] internal static extern void proximity_close(IntPtr scene);
-        [DllImport("proximity")] internal static extern void proximity_set_log(NativeHandle scene, IntPtr log,
-            IntPtr user);
         [DllImport("proximity")] internal static extern int proximity_part_count(NativeHandle scene);
         [DllImport("proximity")] internal static extern byte* proximity_part_name(NativeHandle scene, int part);
         [DllImport("proximity")] internal static extern int proximity_find_part(NativeHandle scene, byte* name);
