@@ -257,6 +257,18 @@ def test_table_on_a_narrow_terminal_leaves_out_columns_and_cuts_no_number(
     assert (f"columns are left out ({left_out}); --csv FILE" in result.err) == bool(left_out)
 
 
+def test_pipe_gets_all_columns_of_a_part_with_long_coordinates(run, monkeypatch):
+    """Was: closest points and part were left out of a pipe, and the note said that a pipe shows all."""
+    corners = np.full(3, 1e5), np.full(3, 1e5 + 1.0)  # m
+    monkeypatch.setattr(FakeScene, "bounds", corners)
+
+    result = run("query", "ball.stl", 1, 1, 1, 2, 2, 2)
+
+    title = result.out.splitlines()[0]
+    assert title.split()[-4:] == ["point_x", "point_y", "point_z", "part"] and len(title) > 100
+    assert "narrow" not in result.err
+
+
 def test_long_table_on_a_terminal_stops_and_says_so(run, monkeypatch):
     screen = terminal(monkeypatch, width=200)
 
