@@ -204,6 +204,27 @@ def test_program_in_cpp_of_the_guide_prints_what_is_shown(folder):
 
 
 @has_library
+def test_program_of_the_guide_adds_a_mesh(folder):
+    code = re.search(r"as `imported.cpp`:\n\n```cpp\n(.*?)```", PAGES["guide/c-library.md"], re.DOTALL)[1]
+    printed = re.search(r"\n./imported\n```\n\n```text\n(.*?)```", PAGES["guide/c-library.md"], re.DOTALL)[1]
+    source = folder / "imported.cpp"
+    source.write_text(code)
+    program = linked(folder, source, "-std=c++20", tool=compiler("c++", "g++", "clang++"))
+
+    assert subprocess.run([program], cwd=folder, capture_output=True, text=True, check=True).stdout == printed
+
+
+@has_library
+def test_example_imports_a_part_while_fingers_are_tracked(folder):
+    source = folder / "engine" / "examples" / "imported.cpp"
+    program = linked(folder, source, "-std=c++20", "-pthread", tool=compiler("c++", "g++", "clang++"))
+
+    done = subprocess.run([program, MESHES / "bracket.stl"], capture_output=True, text=True, check=True)
+
+    assert re.fullmatch(r"came within -?[\d.]+ mm of 'imported', now 1 part\n", done.stdout)
+
+
+@has_library
 @pytest.mark.skipif(sys.platform != "linux", reason="numbered names of libraries are of Linux")
 def test_programs_need_the_numbered_library_or_none(folder):
     """A library of another interface was loaded in place of the one that a program was linked with."""
@@ -286,7 +307,7 @@ def test_example_that_is_there_is_left_alone(folder, tmp_path):
 
     assert (tmp_path / "examples" / "moving.c").read_text() == "mine"
     assert [path for path, is_written in written.items() if not is_written] == [
-        str(tmp_path / "examples" / name) for name in ("distances.c", "moving.c")
+        str(tmp_path / "examples" / name) for name in ("distances.c", "moving.c", "imported.cpp")
     ]
 
 

@@ -85,6 +85,15 @@ def test_a_thread_that_posts_and_one_that_ticks_have_no_race(tmp_path):
 
 
 @pytest.mark.slow
+def test_scenes_of_meshes_lose_and_overrun_nothing(tmp_path):
+    program = built(tmp_path, "meshes_driver.c", OPTIONS)
+
+    added, refused = opened_and_refused(program, [])
+
+    assert added > 50 and refused > 10
+
+
+@pytest.mark.slow
 def test_sanitizers_find_nothing(driver, tmp_path):
     paths = [tmp_path / f"{name}.prox" for name in mutated_scenes.SCENES]
     for path in paths:
