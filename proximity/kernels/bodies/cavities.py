@@ -251,6 +251,8 @@ def _tree_of(shells, shell):
     blocks, slot_faces = np.empty(BLOCK_STRIDE * block_count), np.empty(LANES * block_count, np.int32)
     fill_blocks(local, faces, order, block_first, blocks, slot_faces)
     words = np.empty(node_count * (NODE_STRIDE + MOMENT_STRIDE), np.float32)
-    words[: len(nodes)] = nodes
+    bits, node_bits = words.view(np.int32), nodes.view(np.int32)
+    for word in range(len(nodes)):
+        bits[word] = node_bits[word]
     fill_moments(nodes, blocks, node_count, words[len(nodes) :])
     return ShellTree(centre, scale, blocks, words, len(nodes))
