@@ -167,6 +167,24 @@ def test_near_vertices_are_pulled_together_where_that_closes_the_body(scale):
     assert 1e-10 * scale < body.repairs.weld_distance < 4e-9 * scale
 
 
+def test_thousands_of_vertices_at_one_tip_are_pulled_together():
+    """A double cone as triangles without common vertices: a tip is as many vertices as it has faces."""
+    ring = np.arange(2000)
+    angle = 2.0 * np.pi * ring / len(ring)
+    vertices = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    vertices = np.concatenate([vertices, [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]])
+    after = np.roll(ring, -1)
+    below, above = (
+        np.stack([*pair, 0 * ring + tip], axis=1)
+        for pair, tip in (((after, ring), 2000), ((ring, after), 2001))
+    )
+    loosened, faces = shapes.soup(vertices, np.concatenate([below, above]))
+    loosened = loosened + np.random.default_rng(7).uniform(-1e-9, 1e-9, loosened.shape)
+    (body,) = split_bodies(loosened, faces)
+    assert is_watertight(body)
+    assert body.repairs.welded_vertex_count == len(loosened) - len(vertices)
+
+
 def test_face_that_a_weld_collapses_is_counted():
     vertices, faces = shapes.cube()
     vertices = np.concatenate([vertices, vertices[[7]] + 1e-9])

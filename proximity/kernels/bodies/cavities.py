@@ -252,6 +252,6 @@ def _tree_of(shells, shell):
     blocks, slot_faces = np.empty(BLOCK_STRIDE * block_count), np.empty(LANES * block_count, np.int32)
     fill_blocks(local, faces, order, block_first, blocks, slot_faces)
     words = np.empty(node_count * (NODE_STRIDE + MOMENT_STRIDE), np.float32)
-    copy_numbers(nodes, 0, words, 0, len(nodes))
+    copy_numbers(nodes.view(np.int32), 0, words.view(np.int32), 0, len(nodes))
     fill_moments(nodes, blocks, node_count, words[len(nodes) :])
     return ShellTree(centre, scale, blocks, words, len(nodes))
