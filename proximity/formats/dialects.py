@@ -1,8 +1,8 @@
-"""Dialects of STL, PLY and OBJ that our own readers refuse, read by trimesh.
+"""Dialects of STL, PLY and OBJ that the readers of this package refuse, read by trimesh.
 
-trimesh passes over much that it does not know: of 56 damaged files that our readers refuse in the tests, it
-reads 19 as something else (5.2, November 2026). A reader therefore hands over a file for its grammar alone,
-never for numbers that are missing or contradict each other, and says how many faces trimesh has to find.
+trimesh ignores much that it does not know: of 56 damaged files that the tests expect to be refused, it reads
+19 with other contents (5.2, November 2026). A reader therefore passes on a file for its grammar alone, never
+for missing or contradictory numbers, with the number of faces that trimesh has to find.
 
 On some files its time grows with the square of their size.
 """
@@ -18,7 +18,7 @@ _MOST_SECONDS, _MOST_BYTES = 60, 4 << 30
 
 
 class DialectError(MeshFormatError):
-    """A refusal for the grammar alone, of a file with so many faces."""
+    """A refusal for the grammar alone, with the number of faces in the file."""
 
     def __init__(self, message: str, face_count: int) -> None:
         super().__init__(message)
@@ -26,17 +26,17 @@ class DialectError(MeshFormatError):
 
 
 def read_dialect(data: bytes, kind: str, refusal: DialectError) -> RawFile:
-    """Read a refused file, of *kind* stl, ply or obj, or raise the refusal where trimesh misses a face."""
+    """Read a refused file, of *kind* stl, ply or obj, or raise the refusal if trimesh misses a face."""
     try:
         vertices, faces = _read(data, kind)
-    except Exception:  # whatever it is, the file was not read
+    except Exception:  # any failure: the file was not read
         raise MeshFormatError(str(refusal)) from None
     is_mesh = faces.shape == (refusal.face_count, 3) and 0 <= faces.min() <= faces.max() < len(vertices)
-    # Facets of STL were counted corner by corner; of the others no other proof is at hand.
+    # The facets of STL were counted corner by corner; the other formats offer no further check.
     if not is_mesh or not (kind == "stl" or _is_closed(vertices, faces)):
         raise MeshFormatError(str(refusal))
     rows = np.arange(len(faces), dtype=np.int32)
-    note = f"trimesh read it, and numbered its faces; our own reader refuses it: {refusal}"
+    note = f"trimesh read it, and numbered its faces; the reader of this package refuses it:  {refusal}"
     return RawFile(kind.upper(), [RawMesh("", vertices, faces, rows)], notes=[note])
 
 
@@ -49,7 +49,7 @@ def _read(data: bytes, kind: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _is_closed(vertices: np.ndarray, faces: np.ndarray) -> bool:
-    """Whether every edge between two positions is run through as often in one direction as in the other."""
+    """Return whether every edge between two positions is used equally often in both directions."""
     positions = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)
     starts = positions[faces].ravel()
     ends = positions[faces[:, [1, 2, 0]]].ravel()

@@ -1,4 +1,4 @@
-"""Split of scene-graph matrices into rigid poses and a remainder that goes into the vertices."""
+"""Decomposition of scene-graph matrices into rigid poses and a remainder applied to the vertices."""
 
 from dataclasses import dataclass
 
@@ -8,8 +8,8 @@ from proximity.errors import MeshFormatError
 from proximity.pose import Pose
 
 RIGID_TOLERANCE = 4 * float(np.finfo(np.float32).eps)
-"""How far stretches may be from one another, or from 1, and still count as equal: scene graphs are written in
-single precision. A rotation within it is replaced by the nearest exact one."""
+"""Maximum difference of stretches from one another, or from 1, that count as equal: scene graphs are written
+in single precision. A rotation within it is replaced by the nearest exact one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,7 +23,7 @@ class Placement:
 
     @property
     def is_mirrored(self) -> bool:
-        """Whether faces must be turned to keep looking outward."""
+        """Return whether faces must be reversed to keep facing outward."""
         return self.scale < 0.0 or (self.stretch is not None and bool(np.linalg.det(self.stretch) < 0.0))
 
     def part_vertices(self, vertices: np.ndarray, metres_per_number: float) -> np.ndarray:
