@@ -34,7 +34,7 @@ SMALL_CONTENDERS = (Proximity, ProximityTree, Trimesh, Embreex)
 TIMES = ("min", "max", "mean", "median", "stddev", "iqr")
 PAIR_COUNT, SMALL_PAIR_COUNT = 2_000_000, 20_000  # queries times faces that the oracle computes
 ROUND_S = 20e-6  # a shorter call is repeated within a round
-MOST_ROUNDS = 1000
+MAX_ROUNDS = 1000
 SLOW_S = 0.5  # a longer call is timed once
 
 left_out: dict[str, str] = {}
@@ -151,13 +151,13 @@ def timed(benchmark, request):
         if benchmark.disabled:
             return benchmark.pedantic(run, setup=arguments)
         if arguments is not None:  # other ones each time
-            return benchmark.pedantic(run, setup=arguments, rounds=MOST_ROUNDS, warmup_rounds=20)
+            return benchmark.pedantic(run, setup=arguments, rounds=MAX_ROUNDS, warmup_rounds=20)
         seconds = _seconds(run)
         if seconds < SLOW_S:
             seconds = min(seconds, _seconds(run))
         budget = float(request.config.option.benchmark_max_time)
         iterations = max(1, round(ROUND_S / seconds))
-        rounds = min(MOST_ROUNDS, max(3, round(budget / (seconds * iterations))))
+        rounds = min(MAX_ROUNDS, max(3, round(budget / (seconds * iterations))))
         return benchmark.pedantic(run, rounds=1 if seconds > SLOW_S else rounds, iterations=iterations)
 
     return time_it

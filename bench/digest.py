@@ -30,7 +30,7 @@ from benchmarks.support.project import MESHES, SHARED_PARTS
 from proximity import Tracker
 
 PART_FILES = {".stl", ".ply", ".glb", ".gltf", ".obj", ".off", ".3mf", ".step", ".stp"}
-SCENE_POINTS, SOLID_POINTS, MOST_SOLIDS = 8000, 400, 6
+SCENE_POINTS, SOLID_POINTS, MAX_SOLIDS = 8000, 400, 6
 WORK_CASE = "/work"
 
 
@@ -102,7 +102,7 @@ def _of_file(name: str, path: Path, options: argparse.Namespace) -> Iterator[tup
     yield from queries.digests_of(name, _asked(scene, options), triangles, SCENE_POINTS, options.workers)
     saved = _asked(scenes.open_saved(scene), options)
     yield from queries.digests_of(f"{name} saved", saved, triangles, SOLID_POINTS, options.workers)
-    for part in scene.parts[:MOST_SOLIDS] if options.library is None and not options.program else ():
+    for part in scene.parts[:MAX_SOLIDS] if options.library is None and not options.program else ():
         solid = part.solid
         solid_name = f"{name} solid {part.name}"
         triangles = queries.triangles_of(solid)

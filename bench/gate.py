@@ -28,7 +28,7 @@ from benchmarks.support.output import open_console, table_of
 from proximity.system.memory import collector_paused
 
 ROUNDS, MORE_ROUNDS, TURN_NS = 60, 200, 4_000_000
-MOST_SECONDS = 3.0  # a case of long calls has fewer rounds, a third as many at least
+MAX_SECONDS = 3.0  # a case of long calls has fewer rounds, a third as many at least
 HEADINGS = ("case", "ours / yardstick", "measured", "limit", "verdict")
 
 
@@ -67,7 +67,7 @@ def measure(case: GateCase, round_count: int) -> float:
         started, ratios = time.perf_counter(), []
         while len(ratios) < round_count:
             ratios.append(ours() / theirs())
-            is_late = time.perf_counter() - started > MOST_SECONDS
+            is_late = time.perf_counter() - started > MAX_SECONDS
             if is_late and 3 * len(ratios) >= round_count:
                 break
         gc.collect()

@@ -26,7 +26,7 @@ PHASES = 16  # of the encoder, at random
 SETTLING = 0.060  # s after the touch, from which on single steps are looked for
 SLOW = 0.010  # s: what changes more slowly is no step
 STILL = 1e-4  # N p-p, that has no frequency
-LEAST_FREQUENCY = 50.0  # Hz: below, there is one step, not a swing to and fro
+MIN_FREQUENCY = 50.0  # Hz: below, there is one step, not a swing to and fro
 SPEED_CUTOFF = 300.0  # Hz, of the speed that is smoothed
 COMPENSATED = 8  # samples after a count, for which friction is made up for
 
@@ -82,7 +82,7 @@ def markdown(phases: int = PHASES) -> str:
 
 def cell(found: Rest) -> str:
     """Return what the table says of one drum with one cure."""
-    often = f"{found.frequency:.0f} Hz" if found.frequency > LEAST_FREQUENCY else "once"
+    often = f"{found.frequency:.0f} Hz" if found.frequency > MIN_FREQUENCY else "once"
     swing = "still" if math.isnan(found.frequency) else f"{_short(found.swing)} mN, {often}"
     return f"{swing}; {_short(found.step)} mN; {100.0 * found.error:.1f} %"
 

@@ -16,7 +16,7 @@ import numpy as np
 FEWEST, MOST = 1e3, 1e6  # faces
 SIZES = (20.0, 200.0)  # mm
 ROUNDS = 3  # of adjusting the segments
-MOST_SEGMENTS = 1024  # a ball has a million faces then; where it is hidden, flat faces are divided instead
+MAX_SEGMENTS = 1024  # a ball has a million faces then; where it is hidden, flat faces are divided instead
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -47,7 +47,7 @@ def sized(seed: int, faces: float) -> manifold3d.Manifold:
     segments = 64
     solid = part(seed, segments)
     for _ in range(ROUNDS):
-        segments = min(max(8, round(segments * math.sqrt(faces / solid.num_tri()))), MOST_SEGMENTS)
+        segments = min(max(8, round(segments * math.sqrt(faces / solid.num_tri()))), MAX_SEGMENTS)
         solid = part(seed, segments)
     divided = round(math.sqrt(faces / solid.num_tri()))
     return solid.refine(divided) if divided > 1 else solid

@@ -7,7 +7,7 @@ import numpy as np
 from proximity.errors import MeshFormatError
 from proximity.pose import Pose
 
-MOST_PARTS = 20_000
+MAX_PARTS = 20_000
 """Maximum number of parts in one file. A scene of this size takes ten seconds, and a small file can declare
 millions."""
 
@@ -85,5 +85,5 @@ class Source:
 
 def check_part_count(count: int) -> None:
     """Raise if a file places more than the maximum number of parts, before they are made."""
-    if count > MOST_PARTS:
-        raise MeshFormatError(f"it places {count} parts, expected at most {MOST_PARTS}")
+    if count > MAX_PARTS:
+        raise MeshFormatError(f"it places {count} parts, expected at most {MAX_PARTS}")

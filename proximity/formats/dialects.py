@@ -14,7 +14,7 @@ import numpy as np
 from proximity.errors import MeshFormatError
 from proximity.formats.contents import RawFile, RawMesh
 
-_MOST_SECONDS, _MOST_BYTES = 60, 4 << 30
+_MAX_SECONDS, _MAX_BYTES = 60, 4 << 30
 
 
 class DialectError(MeshFormatError):
@@ -43,7 +43,7 @@ def read_dialect(data: bytes, kind: str, refusal: DialectError) -> RawFile:
 def _read(data: bytes, kind: str) -> tuple[np.ndarray, np.ndarray]:
     from proximity.formats.libraries import run_library  # few files need a process
 
-    done = run_library("trimesh", data, seconds=_MOST_SECONDS, byte_count=_MOST_BYTES, kind=kind)
+    done = run_library("trimesh", data, seconds=_MAX_SECONDS, byte_count=_MAX_BYTES, kind=kind)
     arrays = np.load(io.BytesIO(done.output))
     return arrays["vertices"].astype(np.float64).reshape(-1, 3), arrays["faces"].astype(np.int64)
 

@@ -14,9 +14,9 @@ import numpy as np
 from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
 
-MOST_CORNERS = 20_000
+MAX_CORNERS = 20_000
 """Maximum size of a polygon. Cutting takes up to the square of it: a second for a star of this size."""
-_LARGE, _MOST_IN_LARGE = 1000, 10 * MOST_CORNERS  # corners: of a large one, and of all of them
+_LARGE, _MAX_IN_LARGE = 1000, 10 * MAX_CORNERS  # corners: of a large one, and of all of them
 
 Piece = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Polygons of rows of one width: polygon rows (n,), corner counts (n,), the rows (n, width)."""
@@ -54,15 +54,15 @@ def check_polygons(
     small = np.flatnonzero(sizes < 3)
     if len(small):
         raise MeshFormatError(f"{locate(int(small[0]))} has {sizes[small[0]]} corners, expected at least 3")
-    large = np.flatnonzero(sizes > MOST_CORNERS)
+    large = np.flatnonzero(sizes > MAX_CORNERS)
     if len(large):
         raise MeshFormatError(
-            f"{locate(int(large[0]))} has {sizes[large[0]]} corners, expected at most {MOST_CORNERS}"
+            f"{locate(int(large[0]))} has {sizes[large[0]]} corners, expected at most {MAX_CORNERS}"
         )
-    if sizes[sizes > _LARGE].sum() > _MOST_IN_LARGE:
+    if sizes[sizes > _LARGE].sum() > _MAX_IN_LARGE:
         raise MeshFormatError(
             f"its polygons of more than {_LARGE} corners have {sizes[sizes > _LARGE].sum()} together, "
-            f"expected at most {_MOST_IN_LARGE}"
+            f"expected at most {_MAX_IN_LARGE}"
         )
     outside = np.flatnonzero((corners < 0) | (corners >= vertex_count))
     if len(outside):

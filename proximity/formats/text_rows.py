@@ -16,7 +16,7 @@ LARGEST_EXACT_INTEGER = 2.0**53
 PADDING = b"\0\x1a \t\r\n"
 """Allowed after the end of a file: blanks, the end-of-file mark of CP/M and DOS, full blocks."""
 
-MOST_COUNT_DIGITS = 18
+MAX_COUNT_DIGITS = 18
 """Digits of the number of rows that a file declares: these fit into 64 bits."""
 
 
@@ -78,7 +78,7 @@ def _not_a_number(rows: list[str], locate: Callable[[int], str]) -> MeshFormatEr
 
 def as_count(word: str) -> int | None:
     """Return a number of rows, or None if *word* is not one or has too many digits."""
-    return int(word) if word.isdecimal() and len(word) <= MOST_COUNT_DIGITS else None
+    return int(word) if word.isdecimal() and len(word) <= MAX_COUNT_DIGITS else None
 
 
 def as_text(data: bytes) -> str:

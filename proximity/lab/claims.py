@@ -85,7 +85,7 @@ def _stiffest() -> Claim:
     )
 
 
-def _most_damping() -> Claim:
+def _max_damping() -> Claim:
     largest = largest_damping(sampled_mass.SampledMass())
     return Claim(
         "60 N s/m is the largest damping",
@@ -311,7 +311,7 @@ def _load() -> Claim:
 
 
 _CLAIMS: tuple[Callable[[], Claim], ...] = (
-    _exact_match, _exact_match_by_cable, _gearing, _delay, _transparency, _load, _stiffest, _most_damping,
+    _exact_match, _exact_match_by_cable, _gearing, _delay, _transparency, _load, _stiffest, _max_damping,
     _love_and_book, _steady_excess, _energy, _late_force, _penetration, _longer, _operator, _soft, _slow,
 )  # fmt: skip
 

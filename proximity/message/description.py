@@ -15,7 +15,7 @@ from proximity.message.changes import NAME_BYTES
 from proximity.message.envelope import PREFIX_FIELDS, Defect, Kind, parts_of
 from proximity.message.fields import Field, dtype_of, reserved
 
-MOST_LABELS = 64
+MAX_LABELS = 64
 """Names in one message: a datagram of 5184 bytes at most."""
 
 DESCRIPTION_FIELDS = (

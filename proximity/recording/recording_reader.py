@@ -22,7 +22,7 @@ METRES_IN = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 OF_A_LOG = "`proximity view LOG PARTS` plays it back, `proximity export LOG` makes a table of it"
 SEPARATORS = ",;\t"
 COMMA_SEPARATORS = ";\t"  # where fields stand between these, 0,5 is a number
-FEWEST_FINGERS = 3
+MIN_FINGERS = 3
 """Of a hand that is lost where they coincide; two may be a pinch."""
 LARGEST_HAND_COUNT = 32  # a sensor numbers a hand anew when it has lost it; more than this are no hands
 LARGEST_HAND = 2**31 - 1
@@ -90,7 +90,7 @@ def _drop_lost_hands(positions: np.ndarray, hands: np.ndarray) -> int:
     for hand in np.unique(hands):
         fingers = np.flatnonzero(hands == hand)
         together = positions[:, fingers]
-        is_lost = (together == together[:, :1]).all(axis=(1, 2)) & (len(fingers) >= FEWEST_FINGERS)
+        is_lost = (together == together[:, :1]).all(axis=(1, 2)) & (len(fingers) >= MIN_FINGERS)
         positions[np.ix_(is_lost, fingers)] = np.nan
         count += int(is_lost.sum()) * len(fingers)
     return count

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from proximity.message import DESCRIPTION, Message
-from proximity.message.description import MOST_LABELS, encoded_name
+from proximity.message.description import MAX_LABELS, encoded_name
 from proximity.system.time_units import NS_PER_S
 
 APART_NS = NS_PER_S // 10
@@ -17,7 +17,7 @@ PartLabels = tuple[Sequence[str], np.ndarray]
 class Describer:
     """Makes the messages of a description: again and again, at each change of the epoch, and when asked.
 
-    At most one a tick: a tick encodes no more than `MOST_LABELS` names.
+    At most one a tick: a tick encodes no more than `MAX_LABELS` names.
     """
 
     def __init__(self, finger_names: Sequence[str], radii: Sequence[float]) -> None:
@@ -45,8 +45,8 @@ class Describer:
         names, is_hidden = labels()
         total = len(names) + len(self._fingers)
         if self._next == 0:
-            self._due_ns = now_ns + min(-(-total // MOST_LABELS) * APART_NS, NS_PER_S)
-        first, end = self._next, min(self._next + MOST_LABELS, total)
+            self._due_ns = now_ns + min(-(-total // MAX_LABELS) * APART_NS, NS_PER_S)
+        first, end = self._next, min(self._next + MAX_LABELS, total)
         self._next = None if end == total else end
         message = self._message_for(end - first)
         header, records = message.header, message.records

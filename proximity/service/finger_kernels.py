@@ -64,7 +64,7 @@ REFUSED = 255
 """Defect of a sample that was refused before: it is not counted again."""
 LOST = 254
 """Defect of a sample of a hand all fingers of which are at one position, as many programs send a lost one."""
-HAND, FEWEST_FINGERS = 5, 3
+HAND, MIN_FINGERS = 5, 3
 """Fingers in a row that are a hand; of fewer nobody can say that they are lost: two may touch."""
 
 
@@ -73,7 +73,7 @@ def _is_lost(fingers, positions, row_of, given, count):
     """Whether all fingers of the hand of row *given*, three or more, are given at one position."""
     first = fingers[given] - fingers[given] % HAND
     last = min(first + HAND, count)
-    if positions.shape[1] != 3 or last - first < FEWEST_FINGERS:
+    if positions.shape[1] != 3 or last - first < MIN_FINGERS:
         return False
     for finger in range(first, last):
         row = row_of[finger]

@@ -9,7 +9,7 @@ import numpy as np
 
 from proximity.errors import PublishError
 from proximity.message import DESCRIPTION, FRAME, MEASURED, PATH_POSES
-from proximity.message.description import MOST_LABELS
+from proximity.message.description import MAX_LABELS
 from proximity.message.envelope import unpack_prefix
 from proximity.service.inputs.sources import PolledInput
 from proximity.service.realtime import RealTime, sharp_timers
@@ -103,7 +103,7 @@ class FrameBridge(Worker):
         self.first_failure = ""
         self._publisher, self._outlet = publisher, outlet_of(publisher)
         self._sent = 0  # frames, also those that failed
-        self._buffer = np.zeros(max(size, DESCRIPTION.size(MOST_LABELS)), np.uint8)
+        self._buffer = np.zeros(max(size, DESCRIPTION.size(MAX_LABELS)), np.uint8)
         self._mailbox = PrivateMailbox(len(self._buffer))
         self.writer = self._mailbox.writer
 

@@ -21,7 +21,7 @@ KEY_BYTES = 32
 TAG_BYTES = 16
 """Of a tag: one that is guessed is right once in 3e38 times."""
 _DIGITS = 2 * KEY_BYTES
-_MOST_READ = 1024
+_MAX_READ = 1024
 _READ_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 _WRITE_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
@@ -62,7 +62,7 @@ def key_of(address: Address) -> Key | None:
         ) from failure
     try:
         _check_file(address, path, os.fstat(number))
-        text = os.read(number, _MOST_READ)
+        text = os.read(number, _MAX_READ)
     finally:
         os.close(number)
     digits = text.rstrip(b"\r\n")

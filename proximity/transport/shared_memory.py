@@ -32,7 +32,7 @@ SYSTEM = 7
 FIRST_BYTES = 8192
 """Of a message at first: the ring holds 15, or 74 frames of five fingers. A longer one enlarges it."""
 HEADER_BYTES = 128
-FEWEST_PRIVATE, FEWEST_IN_ANY_CASE, MOST_RING_BYTES = 64, 8, 1 << 26
+MIN_PRIVATE, MIN_SLOT_COUNT, MAX_RING_BYTES = 64, 8, 1 << 26
 """Messages that a private mailbox has room for, also of thousands of fingers, and bytes that they take."""
 SLICE = 0.1
 """s: who waits looks up so often, for signals and for a file that was removed by hand."""
@@ -246,9 +246,9 @@ class PrivateMailbox:
     *size*: of the messages that it has room for, of some dozens at least. *most*: bytes of all of them.
     """
 
-    def __init__(self, size: int, count: int = FEWEST_PRIVATE, most: int = MOST_RING_BYTES) -> None:
+    def __init__(self, size: int, count: int = MIN_PRIVATE, most: int = MAX_RING_BYTES) -> None:
         self._call: Any = _Functions()
-        needed = max(min(count * (size + 32), most), FEWEST_IN_ANY_CASE * (size + 32))
+        needed = max(min(count * (size + 32), most), MIN_SLOT_COUNT * (size + 32))
         ring = 1 << (needed - 1).bit_length()
         self._memory = np.zeros(HEADER_BYTES + ring, np.uint8)
         self._memory.fill(0)  # here, and not page by page in the loop

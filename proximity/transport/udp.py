@@ -31,11 +31,11 @@ from proximity.transport.address import Address
 from proximity.transport.link import NOTHING
 from proximity.transport.message_key import TAG_BYTES, Key, key_of
 
-MOST_DATAGRAM_BYTES = 65507
+MAX_DATAGRAM_BYTES = 65507
 """That a datagram of IPv4 carries."""
-MOST_STRANGERS = 64
+MAX_STRANGERS = 64
 """Datagrams of others that are left out in one go: a flood of them must not keep a reader from its work."""
-MOST_FORGED_BYTES = 1 << 17
+MAX_FORGED_BYTES = 1 << 17
 """In datagrams that the key does not verify, in one go: some 0.3 ms."""
 LARGEST_DATAGRAM = 1 << 16
 """Bytes: no datagram has as many."""
@@ -103,7 +103,7 @@ class UdpOutlet:
 
     def send(self, data: np.ndarray) -> None:
         """Send one datagram."""
-        most = MOST_DATAGRAM_BYTES if self._key is None else MOST_DATAGRAM_BYTES - TAG_BYTES
+        most = MAX_DATAGRAM_BYTES if self._key is None else MAX_DATAGRAM_BYTES - TAG_BYTES
         if len(data) > most:
             raise PublishError(
                 f"{self._text}: a message of {len(data)} bytes does not fit into a datagram "
@@ -184,7 +184,7 @@ class UdpInlet:
         """Take the next datagram of the one to listen to."""
         if self._key is not None:
             return self._receive_verified(buffer, self._key)
-        for _ in range(MOST_STRANGERS):
+        for _ in range(MAX_STRANGERS):
             size, is_expected = self._receive_from(buffer.data)
             if is_expected or size == NOTHING:
                 return size
@@ -193,7 +193,7 @@ class UdpInlet:
     def _receive_verified(self, buffer: np.ndarray, key: Key) -> int:
         """Take the next datagram that the key verifies, without its tag."""
         forged_bytes = 0
-        for _ in range(MOST_STRANGERS):
+        for _ in range(MAX_STRANGERS):
             size, is_expected = self._receive_from(self._datagram)
             if size == NOTHING:
                 return NOTHING
@@ -206,7 +206,7 @@ class UdpInlet:
                 return size
             self.unverified += 1
             forged_bytes += size
-            if forged_bytes > MOST_FORGED_BYTES:
+            if forged_bytes > MAX_FORGED_BYTES:
                 break
         return NOTHING
 

@@ -22,10 +22,10 @@ from proximity.web.sources import LiveFrames, LoggedFrames, Shown
 LOOK_S = 0.001
 """Between two looks for a new frame, while a page is there."""
 IDLE_LOOK_S = 0.05
-MOST_PAGES = 8
+MAX_PAGES = 8
 LATEST_MS = 1e12
 """That a clock of a page shows."""
-MOST_IN_FLIGHT = 2
+MAX_IN_FLIGHT = 2
 """Frames that were sent and that the page has not said to have shown: a slow page skips, and never lags."""
 ANSWER_GAP_S = 0.004
 """Between two frames of new poses; 250 a second are more than any screen shows."""
@@ -68,7 +68,7 @@ class PageClient:
             data, self._frame = self._frame, None
             if data is None:
                 continue
-            if self._in_flight >= MOST_IN_FLIGHT:
+            if self._in_flight >= MAX_IN_FLIGHT:
                 self._frame = data  # or a newer one, when the page has shown one
                 continue
             self._in_flight += 1
@@ -105,8 +105,8 @@ class Bridge:
                 client.offer(new.data, is_answer=new.is_answer)
 
     async def _serve_page(self, connection: ServerConnection, token: str) -> None:
-        if len(self._clients) >= MOST_PAGES:
-            await connection.close(TOO_MUCH, f"there are {MOST_PAGES} pages connected already")
+        if len(self._clients) >= MAX_PAGES:
+            await connection.close(TOO_MUCH, f"there are {MAX_PAGES} pages connected already")
             return
         client = PageClient(connection)
         sending = asyncio.create_task(client.send_frames())

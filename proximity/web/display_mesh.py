@@ -9,7 +9,7 @@ import numpy as np
 
 SHARP_DEGREES = 30.0
 """Two faces that turn by more against each other meet in an edge that is seen."""
-MOST_CELLS = 1024
+MAX_CELLS = 1024
 """Along an axis, of the grid in which corners of an open surface are put together."""
 
 
@@ -97,7 +97,7 @@ def _clustered(
     vertices: np.ndarray, faces: np.ndarray, target: int, extent: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Corners in one cell become their mean; faces that lose an edge by that go."""
-    lower, cells = vertices[np.unique(faces)].min(axis=0), MOST_CELLS
+    lower, cells = vertices[np.unique(faces)].min(axis=0), MAX_CELLS
     while True:
         cell = np.floor((vertices - lower) * (cells / extent)).astype(np.int64)
         _, group = np.unique(cell, axis=0, return_inverse=True)

@@ -15,9 +15,9 @@ from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 from proximity.web.display_mesh import coarser, display_mesh
 
-MOST_FACES = 500_000
+MAX_FACES = 500_000
 """Of a scene, that are drawn: a browser turns as many smoothly."""
-FEWEST_FACES = 200
+MIN_FACES = 200
 """Of a part of a larger scene."""
 COLOURS = (
     (0.32, 0.42, 0.55), (0.78, 0.31, 0.07), (0.10, 0.49, 0.29), (0.56, 0.19, 0.52), (0.61, 0.59, 0.09),
@@ -34,19 +34,19 @@ _HEADER = struct.Struct("<III")
 _CHUNK = struct.Struct("<II")
 
 
-def scene_glb(scene: Scene, *, most_faces: int = MOST_FACES) -> bytes:
+def scene_glb(scene: Scene, *, max_faces: int = MAX_FACES) -> bytes:
     """Return a scene as GLB, metres, in the scene's own axes (z up).
 
-    *most_faces*: that are drawn; a larger scene is made coarser, each part by its share.
+    *max_faces*: that are drawn; a larger scene is made coarser, each part by its share.
     """
     total = sum(part.solid.mesh.face_count for part in scene.parts)
-    share = min(1.0, most_faces / total)
+    share = min(1.0, max_faces / total)
     made = _Glb()
     shown = 0
     for number, part in enumerate(scene.parts):
         target = part.solid.mesh.face_count
         if share < 1.0:
-            target = max(int(share * target), FEWEST_FACES)
+            target = max(int(share * target), MIN_FACES)
         shown += made.add_part(number, part, target)
     return made.data({"face_count": total, "shown_count": shown, "part_count": len(scene.parts)})
 

@@ -304,7 +304,7 @@ def test_what_trimesh_would_take_for_something_else_stays_refused(tmp_path, name
 @pytest.mark.processes
 @pytest.mark.parametrize(
     ("where", "name", "value"),
-    [(dialects, "_MOST_SECONDS", 0), (dialects, "_MOST_BYTES", 1 << 20), (sys, "executable", "no-python")],
+    [(dialects, "_MAX_SECONDS", 0), (dialects, "_MAX_BYTES", 1 << 20), (sys, "executable", "no-python")],
     ids=["time", "memory", "no process"],
 )
 def test_trimesh_that_takes_too_much_or_cannot_be_started_leaves_the_refusal(

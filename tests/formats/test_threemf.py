@@ -326,7 +326,7 @@ def test_settings_without_other_volumes_change_nothing(tmp_path):
 
 
 def test_subtractions_that_would_take_hours_are_left_with_a_note(tmp_path, monkeypatch):
-    monkeypatch.setattr(volumes, "_MOST_WORK", 1023)
+    monkeypatch.setattr(volumes, "_MAX_WORK", 1023)
     path = write(tmp_path, SLOTTED, **IN_MESH)
     assert formats.read_geometries(path).notes[0].startswith("not all negative volumes could be subtracted")
 

@@ -26,7 +26,7 @@ from proximity.service.config import (
     scene_builder,
     scene_file_reader,
 )
-from proximity.service.config.toml_document import MOST_FILE_BYTES, MOST_LINES, Document
+from proximity.service.config.toml_document import MAX_FILE_BYTES, MAX_LINES, Document
 from proximity.tracker.tracker import Tracker
 from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
 
@@ -308,7 +308,7 @@ def test_lines_of_many_mistakes_are_not_all_named(refusal):
 
 def test_scene_file_that_cannot_be_read_is_named(tmp_path):
     large = tmp_path / "large.toml"
-    large.write_bytes(b"#" * (MOST_FILE_BYTES + 1))
+    large.write_bytes(b"#" * (MAX_FILE_BYTES + 1))
 
     with pytest.raises(ServiceError, match=r"^none\.toml: cannot be read \(No such file or directory\)$"):
         read_scene_file("none.toml")
@@ -361,7 +361,7 @@ def test_values_are_found_on_their_lines(path, line, ends):
 
 
 def test_statement_that_is_too_long_ends_the_telling_of_lines():
-    long = "a = [\n" + "1,\n" * (MOST_LINES + 1) + "]\nb = 1\n"
+    long = "a = [\n" + "1,\n" * (MAX_LINES + 1) + "]\nb = 1\n"
 
     assert Document("\nc = 1\n" + long, "a").line_of(("c",)) == 2
     assert Document(long, "a").line_of(("b",)) == 1

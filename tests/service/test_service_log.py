@@ -115,9 +115,9 @@ def test_frames_of_a_skin_wait_within_some_megabytes():
     gate.set()
     writer.finish()
 
-    room = shared_memory.MOST_RING_BYTES / size
+    room = shared_memory.MAX_RING_BYTES / size
     assert (
-        shared_memory.FEWEST_IN_ANY_CASE < writer.written <= room + 1 and writer.lost == 100 - writer.written
+        shared_memory.MIN_SLOT_COUNT < writer.written <= room + 1 and writer.lost == 100 - writer.written
     )
 
 

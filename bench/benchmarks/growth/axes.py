@@ -18,8 +18,8 @@ ON_SURFACE = 1e-6  # of the diagonal
 MOVING_SHARE = 10  # one part in so many
 ONE_MESH = 100_000  # faces, where something else grows
 KEPT_SHARE = 0.9  # a point counts whose distance is at least this share of the wanted one
-FEWEST_POINTS = 50
-FEWEST_BATCHES = 5
+MIN_POINTS = 50
+MIN_BATCHES = 5
 BRACKET = "bracket", "% of the distance"
 BRACKET_INSIDE = "finger inside a full ball", *BRACKET
 
@@ -123,7 +123,7 @@ def measure_points(sizes: GrowthSizes) -> Curve:
     points = inputs.near(mesh, -(-total // FINGERS)).reshape(-1, 3)
     origins, directions = (each.reshape(-1, 3) for each in inputs.rays(mesh, -(-total // FINGERS)))
     for count in sizes.points:
-        calls = range(max(FEWEST_BATCHES, min(sizes.calls, total // count)))
+        calls = range(max(MIN_BATCHES, min(sizes.calls, total // count)))
         rows = [np.arange(k * count, (k + 1) * count) % total for k in calls]
         asked = {
             "signed_distance": _calls(scene.signed_distance, [points[own] for own in rows]),
@@ -150,7 +150,7 @@ def measure_distance(sizes: GrowthSizes) -> Curve:
             points = points[sign * scene.signed_distance(points) >= KEPT_SHARE * wanted][
                 : FINGERS * sizes.calls
             ]
-            if len(points) < FEWEST_POINTS:
+            if len(points) < MIN_POINTS:
                 curve.left_out.append(
                     f"Distances from {share:.2g} diagonals on {side} are left out: "
                     f"only {len(points)} of the points are that far from the surface."

@@ -20,8 +20,8 @@ from proximity import Scene, Tracker
 
 PEAK_BYTES_PER_FACE = 900
 """While a part is made, its mesh included: 580 were measured on 3 M faces (2026-11-21)."""
-MOST_BUILD_S = 300.0
-FEWEST_FOR_P99 = 100
+MAX_BUILD_S = 300.0
+MIN_FOR_P99 = 100
 NS_PER_US, NS_PER_S = 1e3, 1e9
 BUILD_ROUNDS, BUILD_S = 7, 3.0
 TIME, WORK = "time", "nodes and leaves"
@@ -52,7 +52,7 @@ class Curve:
     def add(self, series: str, quantity: str, unit: str, x: float, values: np.ndarray) -> None:
         """Take the samples of one point."""
         count = int(np.size(values))
-        p99 = float(np.percentile(values, 99.0)) if count >= FEWEST_FOR_P99 else None
+        p99 = float(np.percentile(values, 99.0)) if count >= MIN_FOR_P99 else None
         row = GrowthRow(self.axis, series, quantity, unit, float(x), float(np.median(values)), p99, count)
         self.rows.append(row)
 
@@ -108,7 +108,7 @@ def time_builds(make: Callable[[], Scene]) -> tuple[Scene, np.ndarray]:
 
 
 def sizes_that_fit(curve: Curve, sizes: tuple[int, ...]) -> Iterator[int]:
-    """Yield numbers of faces that fit the free memory and take no longer than `MOST_BUILD_S` to build.
+    """Yield numbers of faces that fit the free memory and take no longer than `MAX_BUILD_S` to build.
 
     The time of a size is estimated from the time that the previous one took.
     """
@@ -118,8 +118,8 @@ def sizes_that_fit(curve: Curve, sizes: tuple[int, ...]) -> Iterator[int]:
         expected = taken * size / last if last else 0.0
         if needed > free:
             reason = f"making them takes about {needed / 1e9:.1f} GB, and {free / 1e9:.1f} GB are free"
-        elif expected > MOST_BUILD_S:
-            reason = f"they would take about {expected:.0f} s, more than {MOST_BUILD_S:g} s"
+        elif expected > MAX_BUILD_S:
+            reason = f"they would take about {expected:.0f} s, more than {MAX_BUILD_S:g} s"
         else:
             start = time.monotonic()
             yield size

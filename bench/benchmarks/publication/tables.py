@@ -4,7 +4,7 @@ import itertools
 from typing import Any
 
 from benchmarks.growth.fit import Fit
-from benchmarks.growth.samples import FEWEST_FOR_P99, TIME, WORK
+from benchmarks.growth.samples import MIN_FOR_P99, TIME, WORK
 from benchmarks.publication.wording import (
     amount,
     count_words,
@@ -227,7 +227,7 @@ def _percentiles(row, kind):
     figures = row and row.get(kind)
     if not figures:
         return ""
-    names = SHARES if row.get("tick_count", FEWEST_FOR_P99) >= FEWEST_FOR_P99 else SHARES[:1]
+    names = SHARES if row.get("tick_count", MIN_FOR_P99) >= MIN_FOR_P99 else SHARES[:1]
     return ", ".join(figure(figures[name]) for name in names if figures[name] is not None)
 
 

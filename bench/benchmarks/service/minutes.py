@@ -18,7 +18,7 @@ from benchmarks.ticks.timing import Figures
 from proximity.recording import FrameReader
 
 RATE_HZ = 1000
-MOST_GROWTH = 2 << 20  # bytes, after the first minute: what the allocator may still move
+MAX_GROWTH = 2 << 20  # bytes, after the first minute: what the allocator may still move
 WARM_UP_SHARE = 0.1  # share of the time after which memory should not grow any more
 SCENE = """
 [service]
@@ -97,9 +97,9 @@ def measure_memory(options) -> tuple[list[ServiceRow], list[Verdict]]:
     sizes_after = np.array(sizes[int(WARM_UP_SHARE * len(sizes)) :])
     growth = int(sizes_after[-1] - sizes_after[0])
     verdict = Verdict(
-        f"memory over {seconds / 60:.3g} minutes of serving: grows by at most {MOST_GROWTH >> 20} MiB",
+        f"memory over {seconds / 60:.3g} minutes of serving: grows by at most {MAX_GROWTH >> 20} MiB",
         f"{sizes_after[0] / 2**20:.1f} MiB, then {growth / 2**20:+.2f} MiB in {report['ticks']} ticks",
-        growth <= MOST_GROWTH,
+        growth <= MAX_GROWTH,
     )
     return [], [verdict]
 

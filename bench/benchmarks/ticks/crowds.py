@@ -20,7 +20,7 @@ from proximity import Tracker
 SHOWN_SHARE = 10  # times fewer ticks for cases that are not judged
 SKIN_RADIUS = 0.001  # m
 ANYWHERE = 1000  # positions in the cavity
-MOST_WIDTH = 0.05  # of a bracket, of the distance
+MAX_WIDTH = 0.05  # of a bracket, of the distance
 CHECKED_TICKS = 40  # whose bounds are compared with exact distances
 SKIN_SETTINGS = {
     "default": {},
@@ -156,7 +156,7 @@ def _measure_cavity_anywhere(scene, options):
                 positions[first : first + 5], k * scenes.PERIOD_NS, (k + 1) * scenes.PERIOD_NS
             )
             widths[k, first : first + 5] = (contacts["upper"] - contacts["lower"]) / contacts["lower"]
-    shares = [float((width >= MOST_WIDTH).mean()) for width in widths]
+    shares = [float((width >= MAX_WIDTH).mean()) for width in widths]
     verdict = Verdict(
         "cavity, anywhere within 10 mm of the centre: bracket below 5 % of the distance",
         f"wider at {shares[0]:.1%} of {count} places at the first tick, {shares[-1]:.1%} at the fifth; "
@@ -187,7 +187,7 @@ def _measure_cavity(scene, name, radii, speed, options):
         Verdict(
             f"{case}: bracket below 5 % of the distance",
             f"{widths.max():.2%} at most",
-            bool(widths.max() < MOST_WIDTH),
+            bool(widths.max() < MAX_WIDTH),
         ),
     ]
     remarks = [remark_on(log), f"widest bracket by distance from the centre: {widest}"]

@@ -9,7 +9,7 @@ from benchmarks.ticks.timing import TickRow
 from proximity import Scene, Solid, Tracker
 
 LATENCY_NS = 9_000_000
-MOST_ERROR = 2.6e-3  # m
+MAX_ERROR = 2.6e-3  # m
 MOVING = 0.1  # m/s
 LONGEST_STEP_NS = 30_000_000
 WALL_DISTANCE = 1.0  # m
@@ -35,9 +35,9 @@ def measure_prediction(options) -> list[TickRow]:
         for values, share in ((held, 95), (errors, 95), (errors, 50))
     )
     verdict = Verdict(
-        f"prediction: p95 of the error 9 ms ahead at most {1e3 * MOST_ERROR:g} mm",
+        f"prediction: p95 of the error 9 ms ahead at most {1e3 * MAX_ERROR:g} mm",
         f"{1e3 * error_p95:.2f} mm; holding the pose {1e3 * held_p95:.2f} mm",
-        error_p95 <= MOST_ERROR,
+        error_p95 <= MAX_ERROR,
     )
     count = sum(map(len, errors))
     remark = f"{count} poses of fingers faster than {MOVING} m/s; half of the errors below {1e3 * p50:.2f} mm"

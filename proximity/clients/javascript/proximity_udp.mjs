@@ -10,7 +10,7 @@ import { timingSafeEqual } from "node:crypto";
 import { FrameReader, encode } from "./proximity_client.mjs";
 
 const TAG_BYTES = 16;
-const MOST_BYTES = 65507; // that a datagram of IPv4 carries
+const MAX_BYTES = 65507; // that a datagram of IPv4 carries
 const isLoopback = (host) => /^127\.\d+\.\d+\.\d+$/.test(host);
 const isAddress = (host) => /^\d{1,3}(\.\d{1,3}){3}$/.test(host);
 
@@ -108,7 +108,7 @@ export class Publisher {
     this.#awake = awake;
     const sequence = this.#sequences.get(kind) ?? 0n;
     const message = encode(kind, { send_ns: clockNs(), session: this.#session, sequence }, records);
-    const most = MOST_BYTES - (this.#key === null ? 0 : TAG_BYTES);
+    const most = MAX_BYTES - (this.#key === null ? 0 : TAG_BYTES);
     if (message.length > most) {
       throw new RangeError(`a message of ${message.length} bytes does not fit into a datagram (expected at most ${most} bytes)`);
     }

@@ -24,14 +24,14 @@ COASTING = 5.0  # times a push, that the drum coasts
 OVER_FRICTION = 5.0  # times the friction is the free chirp: then the drum hardly ever sticks
 HELD_FORCE = 3.0  # N at the fingertip that the held chirp swings about
 HELD_SHARE = 1.0 / 6.0  # of that, by which it swings
-MOST_SHARE = 0.6  # of the motor's torque
+MAX_SHARE = 0.6  # of the motor's torque
 SECONDS, RISE = 1.0, 0.1  # s, of a chirp, and of the force before it
 LONGEST_STEP = 2.5e-5  # s, of the simulated swing
 WEAKEST_ANSWER = 4.0  # encoder steps from end to end that a swing must reach
-MOST_MISFIT = 0.15  # of the swing, that the model may leave unexplained
-MOST_TORQUE_OFF = 0.3  # share of the chirp by which the motor's own torque may differ from the command
+MAX_MISFIT = 0.15  # of the swing, that the model may leave unexplained
+MAX_TORQUE_OFF = 0.3  # share of the chirp by which the motor's own torque may differ from the command
 LATEST_CURRENT = 0.01  # s that the current may be read behind the command
-LEAST_CYCLES = 6.0  # samples to a cycle of the fastest swing
+MIN_CYCLES = 6.0  # samples to a cycle of the fastest swing
 DIFFERENCES = (0.02, 0.005)  # shares; over less, friction that holds and lets go hides where the misfit falls
 SEARCHED = np.geomspace(0.25, 4.0, 33)  # times the modelled inertia or stiffness, where the search begins
 
@@ -48,7 +48,7 @@ class Chirp:
 
     def torques(self, rate: float) -> np.ndarray:
         """Return its samples, N m, (N,)."""
-        last = min(self.last, rate / LEAST_CYCLES)
+        last = min(self.last, rate / MIN_CYCLES)
         times = np.arange(round(SECONDS * rate)) / rate
         phase = 2.0 * math.pi * (self.first * times + (last - self.first) / (2.0 * SECONDS) * times**2)
         # Begins with all its torque: so the speed swings about nothing, and a free drum stays where it is.
@@ -61,7 +61,7 @@ class Chirp:
 
 def free_chirp(drum: Drum) -> Chirp:
     """Return the chirp for a drum that nothing touches: some times its friction, 0.6 rad from end to end."""
-    friction, most = drum.friction * drum.lever, MOST_SHARE * drum.force_limit * drum.lever
+    friction, most = drum.friction * drum.lever, MAX_SHARE * drum.force_limit * drum.lever
     amplitude = min(max(OVER_FRICTION * friction, 0.01 * most), most)
     first = math.sqrt(amplitude / (FREE_SWING * inertia(drum))) / (2.0 * math.pi)
     # In a swing alone friction looks like latency: both make it late. Coasting shows the friction.
@@ -71,7 +71,7 @@ def free_chirp(drum: Drum) -> Chirp:
 
 def held_chirp(glove: Glove, drum: Drum) -> Chirp:
     """Return the chirp for a drum that presses on a held finger's replica, about where they ring."""
-    most = MOST_SHARE * drum.force_limit * drum.lever
+    most = MAX_SHARE * drum.force_limit * drum.lever
     wanted = HELD_FORCE * float(glove.replica_torque(HELD_BEND, 1.0))
     mean = min(wanted, most / (1.0 + HELD_SHARE))
     ringing = math.sqrt(drum_stiffness(glove, glove.cable.stiffness) / inertia(drum)) / (2.0 * math.pi)
@@ -188,10 +188,10 @@ def _fitted(
         best = found.x
     swung = float(np.sqrt(np.mean(angles**2)))
     left = float(np.sqrt(np.mean(found.fun**2)))
-    if not left <= math.hypot(MOST_MISFIT * swung, 0.5 * step if step == step else 0.0):
+    if not left <= math.hypot(MAX_MISFIT * swung, 0.5 * step if step == step else 0.0):
         raise DecaffError(
             f"the chirp's answer is no such drum's: {100 * left / swung:.0f} % of it cannot be explained, "
-            f"expected {100 * MOST_MISFIT:.0f} % at most: is something in the way, or not held?"
+            f"expected {100 * MAX_MISFIT:.0f} % at most: is something in the way, or not held?"
         )
     return [float(value) for value in found.x * scale]
 
@@ -205,10 +205,10 @@ def _check_motor(record: DrumRecord) -> None:
         float(np.median(np.abs(record.torques[lag:] - record.commanded[: count - lag])))
         for lag in range(late + 1)
     )
-    if not off <= MOST_TORQUE_OFF * swung:
+    if not off <= MAX_TORQUE_OFF * swung:
         raise DecaffError(
             f"the motor's torque is {off:.3g} N m off its command, expected "
-            f"{MOST_TORQUE_OFF * swung:.3g} N m at most: look at its torque constant and limits"
+            f"{MAX_TORQUE_OFF * swung:.3g} N m at most: look at its torque constant and limits"
         )
 
 

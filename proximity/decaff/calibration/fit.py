@@ -33,7 +33,7 @@ from proximity.decaff.glove.calibrated_glove import TOUCH_TOLERANCE
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 
-LEAST_TOUCHES = 3
+MIN_TOUCHES = 3
 """Angles at which the drum is driven to touch, slowly and with little force."""
 STEP_SHARE = 0.1
 """Of a step: an answer that has come so far has begun."""
@@ -46,10 +46,10 @@ def touch_offset(glove: Glove, counts: ArrayLike, drum_angles: ArrayLike) -> flo
     """
     replica = glove.potentiometer.angle(_measured("counts", counts))
     reported = _measured("drum_angles", drum_angles)
-    if len(replica) != len(reported) or len(reported) < LEAST_TOUCHES:
+    if len(replica) != len(reported) or len(reported) < MIN_TOUCHES:
         raise DecaffError(
             f"{len(replica)} counts and {len(reported)} drum angles at touches, "
-            f"expected {LEAST_TOUCHES} or more of each"
+            f"expected {MIN_TOUCHES} or more of each"
         )
     offsets = reported - glove.drum.drum_angle(replica)
     scale = glove.tip_per_radian(glove.bend(replica))

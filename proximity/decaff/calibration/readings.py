@@ -21,7 +21,7 @@ from proximity.system.whole_file import whole_file
 
 FORMAT, FILE_VERSION = "proximity glove readings", 1
 LARGEST_FILE = 50_000_000  # bytes; a calibration's have some 2 million
-MOST_TRIES = 4  # times the repeats of a task: then its readings are said to disagree
+MAX_TRIES = 4  # times the repeats of a task: then its readings are said to disagree
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class Readings:
         counts = {task.key: len(self.agreeing(task, bench)) for task in tasks}
         left = [task for task in tasks if counts[task.key] < task.repeats]
         for task in left:
-            if len(self.of(task)) >= MOST_TRIES * task.repeats:
+            if len(self.of(task)) >= MAX_TRIES * task.repeats:
                 raise DecaffError(
                     f"{task.key}: of {len(self.of(task))} readings no {task.repeats} agree: {task.advice}; "
                     f"then measure it again with --again {task.key.split()[0]!r}"

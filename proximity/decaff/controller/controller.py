@@ -18,7 +18,7 @@ from proximity.decaff.controller.compiled import ACTION, CONTROLLER, OBSERVATION
 from proximity.decaff.controller.settings import CableRule, ControllerSettings, Limits
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import SERVO_RATE, DriveMode, DrumCommand
-from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
+from proximity.decaff.glove.finger_path import MIN_BEND, MAX_BEND, FingerPath
 from proximity.message import CONTACT, State
 
 
@@ -279,7 +279,7 @@ class FingerController:
     def _sentence(self, seen: Observation) -> str:
         """Why the motor is off, by the sample that showed it."""
         late_ns, (least, most) = seen.sample_ns - self._sample_ns, self._path.drum_angles
-        bends = f"expected {LEAST_BEND:g} to {MOST_BEND:g}"
+        bends = f"expected {MIN_BEND:g} to {MAX_BEND:g}"
         return {
             WATCHDOG: f"the servo was {1e-6 * late_ns:.1f} ms from its last sample",
             NO_BEND: "the potentiometer gives no bend",

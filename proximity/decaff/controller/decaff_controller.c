@@ -47,11 +47,11 @@ static decaff_real or_zero(decaff_real number)
     return is_finite(number) ? number : 0.0;
 }
 
-static int64_t within_ns(int64_t time_ns, int64_t most_ns)
+static int64_t within_ns(int64_t time_ns, int64_t max_ns)
 {
     int64_t positive_ns = (time_ns > 0) ? time_ns : 0;
 
-    return (positive_ns < most_ns) ? positive_ns : most_ns;
+    return (positive_ns < max_ns) ? positive_ns : max_ns;
 }
 
 static decaff_real seconds(int64_t time_ns)
@@ -341,7 +341,7 @@ static bool locate(const proximity_contact *c, const decaff_path *path, decaff_l
     if (is_finite(bend)) {
         travel = position_of_bend(path, contact_bend) - position_of_bend(path, bend);
     }
-    found->incidence = ((travel > DECAFF_MIN_TRAVEL) && (distance < (decaff_real)INFINITY))
+    found->incidence = ((travel > DECAFF_LEAST_TRAVEL) && (distance < (decaff_real)INFINITY))
                            ? lesser(greater(distance / travel, 0.0), 1.0)
                            : (decaff_real)NAN;
     found->bend = contact_bend;

@@ -10,7 +10,7 @@ import numpy as np
 
 from proximity.message.c_header import comment_lines
 
-MOST_STEADY = 1024
+MAX_STEADY = 1024
 """Samples that a steady force is looked back on in the package; a chip has as many as its settings need."""
 HEADER = Path(__file__).with_name("decaff_controller.h.in")
 
@@ -167,7 +167,7 @@ RECORDS = {
     "steady": (
         Member("once", "real", "N, low-passed once"),
         Member("twice", "real", "N, low-passed twice"),
-        Member("window", "real", "", MOST_STEADY),
+        Member("window", "real", "", MAX_STEADY),
         Member("count", "uint32_t", "samples so far, no more than the window has"),
         Member("next", "uint32_t", "row of the window that is the oldest"),
         Member("slow_count", "uint32_t"),
@@ -256,9 +256,9 @@ TYPES = _types()
 """The same, as NumPy has them."""
 
 
-def controller_header(most_steady: int = MOST_STEADY) -> str:
-    """Return the text of ``decaff_controller.h``; *most_steady* samples are looked back on."""
-    text = HEADER.read_text(encoding="ascii").replace("@MOST_STEADY@", str(most_steady))
+def controller_header(max_steady: int = MAX_STEADY) -> str:
+    """Return the text of ``decaff_controller.h``; *max_steady* samples are looked back on."""
+    text = HEADER.read_text(encoding="ascii").replace("@MAX_STEADY@", str(max_steady))
     for name, members in RECORDS.items():
         lines = [f"typedef struct decaff_{name} {{", *(line for each in members for line in _lines(each))]
         text = text.replace(f"@{name.upper()}@", "\n".join([*lines, f"}} decaff_{name};"]))

@@ -8,7 +8,7 @@ import numpy as np
 
 from proximity.checks import not_negative, positive
 from proximity.decaff.controller.compiled import SETTINGS, memory
-from proximity.decaff.controller.records import MOST_STEADY
+from proximity.decaff.controller.records import MAX_STEADY
 from proximity.decaff.drum.drum_model import USUAL_GEAR, Drum
 from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
 from proximity.decaff.glove.glove import DRUMS
@@ -17,7 +17,7 @@ from proximity.system.time_units import NS_PER_MS
 
 TOUCH_GAP = 30e-6  # m, of finger or link and drum: nearer is touching; assumed
 RELEASE_GAP = 1e-3  # m, farther is released; assumed
-LEAST_WINDOW = 2  # samples
+MIN_WINDOW = 2  # samples
 NEAR_SHARE = 0.35  # of the energy near the finger, planned with: servo and gear's play bring more; assumed
 
 
@@ -103,11 +103,11 @@ def _unit(name: str) -> str:
 def steady_numbers(rate: float, rule: SteadyRule) -> dict[str, float]:
     """Return a rule at a rate in hertz, as the settings in C have it."""
     period = 1.0 / positive("rate", rate, "hertz")
-    samples = max(LEAST_WINDOW, round(rule.window * rate))
-    if samples > MOST_STEADY:
+    samples = max(MIN_WINDOW, round(rule.window * rate))
+    if samples > MAX_STEADY:
         raise ArgumentError(
             f"a steady force is looked back on for {samples} samples ({rule.window:g} s at {rate:g} Hz), "
-            f"expected at most {MOST_STEADY}"
+            f"expected at most {MAX_STEADY}"
         )
     numbers = {
         f"steady_{name}": getattr(rule, name) for name in ("ripple", "ripple_share", "least", "slow_speed")

@@ -16,7 +16,7 @@ from proximity.errors import ArgumentError
 
 REFERENCE_SHARE = 0.5  # of the force limit, that the reference's acceleration may ask for; assumed
 PLANNED_SPEED_SHARE = 0.7  # of the motor's speed, that the servo plans with; assumed
-MOST_LATENCY = 0.020  # s, of a motor: later, its servo is softer than a fingertip; assumed
+MAX_LATENCY = 0.020  # s, of a motor: later, its servo is softer than a fingertip; assumed
 PHASE_SEED = 29  # of walls that lie at random within an encoder count
 STICTION = 1.5  # of the friction of a rotor that turns, where it stands; assumed
 PAD_STIFFNESS = 200.0  # N/m, of a fingertip; the paper's
@@ -47,7 +47,7 @@ class Motor:
     duty_bits: int = 0  # of the pulse width, either way; 0: continuous
     electrical_time: float = 0.103e-3  # s, 0.238 mH over 2.32 ohm; 0: the current follows at once
     current_bandwidth: float = 1000.0  # Hz, of the current's loop; assumed
-    latency: float = 0.0  # s, from a torque that is commanded to one that acts; `MOST_LATENCY` at most
+    latency: float = 0.0  # s, from a torque that is commanded to one that acts; `MAX_LATENCY` at most
 
     def __post_init__(self) -> None:
         positive("inertia", self.inertia, "kilogram square metres")
@@ -60,8 +60,8 @@ class Motor:
         whole("duty_bits", self.duty_bits, 0)
         not_negative("electrical_time", self.electrical_time, "seconds")
         positive("current_bandwidth", self.current_bandwidth, "hertz")
-        if not_negative("latency", self.latency, "seconds") > MOST_LATENCY:
-            raise ArgumentError(f"latency is {self.latency:g} seconds, expected {MOST_LATENCY:g} at most")
+        if not_negative("latency", self.latency, "seconds") > MAX_LATENCY:
+            raise ArgumentError(f"latency is {self.latency:g} seconds, expected {MAX_LATENCY:g} at most")
 
 
 @dataclass(frozen=True, slots=True)

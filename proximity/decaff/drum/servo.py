@@ -53,7 +53,7 @@ class DrumCommand:
 
 SERVO_RATE = 3000.0  # Hz, where nothing else is said; assumed
 DEADBAND_COUNTS = 0.5  # of the encoder
-MOST_LAG = 5e-3  # m, by which a drum with a latency may be behind its reference as that speeds up; assumed
+MAX_LAG = 5e-3  # m, by which a drum with a latency may be behind its reference as that speeds up; assumed
 INTEGRAL_TURN = 4.0  # rad of the servo's own swing, that the integral of such a drum takes; assumed
 FORCE_DAMPING_SHARE = 0.25  # of mass over latency, with which such a drum is damped in force mode; assumed
 WELL_DAMPED_SHARE = 0.2  # of the largest stiffness, at which a servo is damped well
@@ -126,7 +126,7 @@ def servo_for(drum: Drum, rate: float) -> Servo:
     swing = math.sqrt(gains.stiffness / drum.mass)  # rad/s
     return replace(
         servo,
-        acceleration=min(servo.acceleration, MOST_LAG * swing**2),
+        acceleration=min(servo.acceleration, MAX_LAG * swing**2),
         integral_time=max(servo.integral_time, INTEGRAL_TURN / swing),
         force_damping=min(servo.force_damping, FORCE_DAMPING_SHARE * drum.mass / latency),
     )

@@ -35,9 +35,9 @@ TOUCH_TOLERANCE = 0.3e-3
 """m at the fingertip that a touch may be off."""
 RANGE_MARGIN = 0.05
 """Share of the table's range that counts may lie beyond it: a hand bends farther when it is warm. Assumed."""
-MOST_OFF = 0.5
+MAX_OFF = 0.5
 """Share of the design's range of counts that the table may be off it: hands and mountings differ. Assumed."""
-MOST_UNEVEN = 5.0
+MAX_UNEVEN = 5.0
 """By how many times counts may go up faster, or slower, than by the design, between two points. Assumed."""
 INVERSE = np.linspace(0.0, 1.0, 4097)
 """Bends at which the table is inverted; lines in between are off by less than a hundredth of a count."""
@@ -141,7 +141,7 @@ def _check_table(glove: Glove, calibration: Calibration) -> None:
     """Refuse counts that are not those of the glove's potentiometer and linkage, nor nearly so."""
     counts, bends = calibration.counts, calibration.bends
     designed = glove.potentiometer.counts(glove.replica_angle(bends))
-    most = MOST_OFF * abs(designed[-1] - designed[0])
+    most = MAX_OFF * abs(designed[-1] - designed[0])
     off = np.abs(counts - designed)
     row = int(np.argmax(off))
     if not off[row] <= most:
@@ -150,7 +150,7 @@ def _check_table(glove: Glove, calibration: Calibration) -> None:
             f"give or take {most:.0f}, from the design of this glove"
         )
     steps, expected = np.diff(counts), np.diff(designed)
-    uneven = np.flatnonzero((MOST_UNEVEN * steps < expected) | (steps > MOST_UNEVEN * expected))
+    uneven = np.flatnonzero((MAX_UNEVEN * steps < expected) | (steps > MAX_UNEVEN * expected))
     if len(uneven):
         row = int(uneven[0])
         raise DecaffError(
@@ -162,25 +162,25 @@ def _check_table(glove: Glove, calibration: Calibration) -> None:
 # --- read from a file ---
 
 
-def read_glove(path: str | os.PathLike[str], most_days: float | None = None) -> CalibratedGlove:
+def read_glove(path: str | os.PathLike[str], max_days: float | None = None) -> CalibratedGlove:
     """Return a glove as it was measured, unless that was too long ago.
 
     A calibration of a simulated glove is warned of, once for each file.
     """
-    return _worn(path, read_calibration(path), most_days)
+    return _worn(path, read_calibration(path), max_days)
 
 
-def read_any_glove(path: str | os.PathLike[str], most_days: float | None = None) -> Glove | CalibratedGlove:
+def read_any_glove(path: str | os.PathLike[str], max_days: float | None = None) -> Glove | CalibratedGlove:
     """Return a glove as it was measured, as of `read_glove`, or as designed where nobody has measured it."""
     found = read_glove_file(path)
-    return found if isinstance(found, Glove) else _worn(path, found, most_days)
+    return found if isinstance(found, Glove) else _worn(path, found, max_days)
 
 
-def _worn(path: str | os.PathLike[str], calibration: Calibration, most_days: float | None) -> CalibratedGlove:
+def _worn(path: str | os.PathLike[str], calibration: Calibration, max_days: float | None) -> CalibratedGlove:
     if calibration.is_simulated:
         _warn_of_simulated(os.fsdecode(path))
     try:
-        check_age(calibration, most_days=most_days)
+        check_age(calibration, max_days=max_days)
         return CalibratedGlove(calibration.design, calibration)
     except (ArgumentError, DecaffError) as unfit:
         raise DecaffError(f"{os.fsdecode(path)}: {unfit}") from unfit

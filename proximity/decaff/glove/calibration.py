@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import as_float64, finite, not_negative, positive
-from proximity.decaff.drum.drum_model import MOST_LATENCY as MOST_DRUM_LATENCY
+from proximity.decaff.drum.drum_model import MAX_LATENCY as MAX_DRUM_LATENCY
 from proximity.decaff.drum.drum_model import Gear, Motor, gear_named
 from proximity.decaff.glove.drum_geometry import ArmDrum
 from proximity.decaff.glove.finger import Finger
@@ -91,17 +91,17 @@ FILE_VERSION = 1
 """Of the file. Another one is refused: what it says may mean something else."""
 TABLE_SIZE = 7
 """Points of the table, flat hand and fist among them."""
-MOST_AGE_DAYS = 30.0
+MAX_AGE_DAYS = 30.0
 """A hand and a strap change. Assumed."""
 SLACK_DAYS = 1.0
 """By which a date may lie ahead: two machines whose clocks differ."""
-MOST_TOUCH_OFFSET = 0.5
+MAX_TOUCH_OFFSET = 0.5
 """rad, either way: an encoder that is mounted farther off was not set to zero, or tells degrees. Assumed."""
-MOST_COMPLIANCE = 1.0 / 500.0
+MAX_COMPLIANCE = 1.0 / 500.0
 """m/N: a softer cable would be felt as a spring, whatever the drum does. Assumed."""
-MOST_BACKLASH = 10e-3
+MAX_BACKLASH = 10e-3
 """m of cable, a third of a replica's radian. Assumed."""
-MOST_LATENCY = 1.0
+MAX_LATENCY = 1.0
 """s; after that no frame is valid. Assumed."""
 LARGEST_FILE = 100_000
 """Bytes; a calibration has some 700."""
@@ -134,14 +134,14 @@ class Calibration:
         if not (self.bends[0] == 0.0 and self.bends[-1] == 1.0):
             raise DecaffError(f"bends go from {self.bends[0]:g} to {self.bends[-1]:g}, expected 0 to 1")
         offset = finite("touch_offset", self.touch_offset, "radians")
-        if abs(offset) > MOST_TOUCH_OFFSET:
+        if abs(offset) > MAX_TOUCH_OFFSET:
             raise DecaffError(
-                f"touch_offset is {offset:g} radians, expected {MOST_TOUCH_OFFSET:g} at most, either way"
+                f"touch_offset is {offset:g} radians, expected {MAX_TOUCH_OFFSET:g} at most, either way"
             )
         for name, most, unit in (
-            ("cable_compliance", MOST_COMPLIANCE, "metres a newton"),
-            ("backlash", MOST_BACKLASH, "metres"),
-            ("latency", MOST_LATENCY, "seconds"),
+            ("cable_compliance", MAX_COMPLIANCE, "metres a newton"),
+            ("backlash", MAX_BACKLASH, "metres"),
+            ("latency", MAX_LATENCY, "seconds"),
         ):
             value = not_negative(name, getattr(self, name), unit)
             if value > most:
@@ -155,10 +155,10 @@ class Calibration:
         if self.drum_friction is not None:
             not_negative("drum_friction", self.drum_friction, "newton metres")
         if self.drum_latency is not None and (
-            not_negative("drum_latency", self.drum_latency, "seconds") > MOST_DRUM_LATENCY
+            not_negative("drum_latency", self.drum_latency, "seconds") > MAX_DRUM_LATENCY
         ):
             raise DecaffError(
-                f"drum_latency is {self.drum_latency:g} seconds, expected {MOST_DRUM_LATENCY:g} at most"
+                f"drum_latency is {self.drum_latency:g} seconds, expected {MAX_DRUM_LATENCY:g} at most"
             )
 
 
@@ -190,9 +190,9 @@ def read_glove_file(path: str | os.PathLike[str]) -> Calibration | Glove:
         raise DecaffError(f"{path}: {unfit}") from unfit
 
 
-def check_age(calibration: Calibration, *, most_days: float | None = None) -> None:
+def check_age(calibration: Calibration, *, max_days: float | None = None) -> None:
     """Refuse a calibration that was made too long ago, or will be made."""
-    most = positive("most_days", MOST_AGE_DAYS if most_days is None else most_days, "days")
+    most = positive("max_days", MAX_AGE_DAYS if max_days is None else max_days, "days")
     age = (datetime.now(UTC) - calibration.made) / timedelta(days=1)
     date = f"{calibration.made:%Y-%m-%d}"
     if age > most:

@@ -17,7 +17,7 @@ from proximity.errors import ArgumentError
 BENDS = np.linspace(-0.05, 1.05, 2201)
 """A line between two neighbours is off by less than a micrometre."""
 
-LEAST_BEND, MOST_BEND = -0.1, 1.1
+MIN_BEND, MAX_BEND = -0.1, 1.1
 """A hand that is warm bends a little farther than when it was measured; no hand bends farther. Assumed."""
 
 

@@ -23,7 +23,7 @@ HEARTBEAT, ESTOP, SET_STATE, ESTIMATES = 0x01, 0x02, 0x07, 0x09
 SET_MODE, INPUT_POSITION, INPUT_TORQUE, SET_LIMITS, GET_CURRENT = 0x0B, 0x0C, 0x0E, 0x0F, 0x14
 STATE_IDLE, STATE_CLOSED_LOOP = 1, 8
 CONTROL_TORQUE, CONTROL_POSITION, INPUT_PASSTHROUGH = 1, 3, 1
-MOST_WAITING = 200  # messages that one reading takes in: a flooded bus must not hold the controller
+MAX_WAITING = 200  # messages that one reading takes in: a flooded bus must not hold the controller
 HEARTBEAT_AGE = 0.5  # s; an ODrive sends one each 0.1 s
 SPEED_LIMIT = 160.0  # turns/s: beyond, the ODrive switches itself off
 
@@ -43,7 +43,7 @@ class ODriveCan:
 
     def read(self) -> MotorReading:
         """Take in what has come, and ask for encoder and current."""
-        for _ in range(MOST_WAITING):
+        for _ in range(MAX_WAITING):
             message = self._received()
             if message is None:
                 break

@@ -13,8 +13,8 @@ from proximity.formats.gltf.accessors import read_matrices
 from proximity.formats.gltf.buffers import Document, entries, extension, integer, numbers
 
 NO_MESH = -1
-_MOST_NODES = 200_000
-_MOST_LEVELS = 16  # maximum, whose names are kept for a part, 60 letters of each
+_MAX_NODES = 200_000
+_MAX_LEVELS = 16  # maximum, whose names are kept for a part, 60 letters of each
 _JOINT_ROUNDING = 1e-5  # of the largest entry: chains of joints are written in single precision
 _Above = tuple[np.ndarray, bool, tuple[str, ...]]
 """State inherited by a node's children: placement, whether it is hidden, names down to it."""
@@ -44,8 +44,8 @@ def walk(document: Document) -> list[Node]:
     """Return the nodes of the default scene, parents before children, in the order of the file."""
     given = entries(document.json, "nodes")
     check_part_count(sum(isinstance(node, dict) and "mesh" in node for node in given))
-    if len(given) > _MOST_NODES:
-        raise MeshFormatError(f"it has {len(given)} nodes, expected at most {_MOST_NODES}")
+    if len(given) > _MAX_NODES:
+        raise MeshFormatError(f"it has {len(given)} nodes, expected at most {_MAX_NODES}")
     nodes: list[Node] = []
     seen: set[int] = set()
     top = np.eye(4), False, ()
@@ -61,7 +61,7 @@ def walk(document: Document) -> list[Node]:
         node.is_hidden, node.above = is_hidden or not is_shown, above
         nodes.append(node)
         children = [integer(child, f"the children of node {index}") for child in entries(entry, "children")]
-        own = node.matrix, node.is_hidden, (*above, node.name[:60])[-_MOST_LEVELS:] if node.name else above
+        own = node.matrix, node.is_hidden, (*above, node.name[:60])[-_MAX_LEVELS:] if node.name else above
         waiting += [(child, own) for child in reversed(children)]
     joints = {node.index: node.matrix for node in nodes}
     for node in nodes:

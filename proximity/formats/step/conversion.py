@@ -24,18 +24,18 @@ from proximity.system.file_cache import FileCache
 STEP_ANGLE = 0.25
 """Maximum angle between neighbouring triangles, radians: keeps fillets round whose radius is hardly larger
 than the tolerance (cascadio's default, 0.5, makes them rings of thirteen sides)."""
-MOST_TRIANGLES = 5_000_000
-MOST_OF_FACE = 150_000
+MAX_TRIANGLES = 5_000_000
+MAX_FACE_TRIANGLES = 150_000
 """Maximum number of triangles of one CAD face: OpenCASCADE takes 4 s for 100 000, and 4 times as long for
 twice as many."""
-MOST_SECONDS, MOST_BYTES = 600, 8 << 30
+MAX_SECONDS, MAX_BYTES = 600, 8 << 30
 """Limits of one conversion."""
 CACHE = FileCache("step", 1 << 30)
 """Triangles of files; the least recently used are removed beyond a gigabyte."""
 _CONVERSION = 1  # another number where `worker` converts otherwise
 _FIRST_SHARE = 1e-3
 """Tolerance of the first conversion, as a share of the file's size, if triangles have to be estimated."""
-_ROUND_SHARE, _FREE_SHARE = 0.7 * MOST_OF_FACE / 10.1, 1e5
+_ROUND_SHARE, _FREE_SHARE = 0.7 * MAX_FACE_TRIANGLES / 10.1, 1e5
 """Radii and sizes that are checked, in tolerances. A sphere takes 10.1 triangles a tolerance."""
 
 _NUMBER = re.compile(r"(?<![\w.#+-])[-+]?\d+\.\d*(?:E[-+]?\d+)?")
@@ -58,7 +58,7 @@ _shared = threading.local()
 def converter() -> Iterator[Library]:
     """Yield the process that converts; the first file starts it, and blocks within share it."""
     outer = getattr(_shared, "library", None)
-    with nullcontext(outer) if outer else Library("step", MOST_SECONDS, MOST_BYTES) as library:
+    with nullcontext(outer) if outer else Library("step", MAX_SECONDS, MAX_BYTES) as library:
         _shared.library = library
         try:
             yield library
@@ -86,7 +86,7 @@ def mesh_within_limits(
             return _mesh_by_and_by(mesh, tolerance, max(tolerance, size * _FIRST_SHARE))
         with suppress(_LimitError):
             raw = mesh(tolerance)
-            if _triangle_counts(raw)[0] <= MOST_TRIANGLES:
+            if _triangle_counts(raw)[0] <= MAX_TRIANGLES:
                 return raw, tolerance
         size = _largest(_NUMBER.findall(text.blank)) * metres
         return _mesh_by_and_by(mesh, tolerance, max(10 * tolerance, size * _FIRST_SHARE))
@@ -98,12 +98,12 @@ def _mesh_by_and_by(mesh: _Mesher, tolerance: float, coarse: float) -> tuple[Raw
     while coarse > tolerance:
         total, most = _triangle_counts(raw)
         # Triangles grow with 1 / tolerance on doubly curved surfaces, more slowly elsewhere.
-        finer = max(tolerance, coarse * max(total / MOST_TRIANGLES, most / MOST_OF_FACE))
+        finer = max(tolerance, coarse * max(total / MAX_TRIANGLES, most / MAX_FACE_TRIANGLES))
         factor = coarse / tolerance
         excess = (
             f"not {tolerance * 1e3:g} mm: it would take up to {total * factor:.2g} triangles, "
-            f"{most * factor:.2g} of them on one CAD face, expected at most {MOST_TRIANGLES:,} and "
-            f"{MOST_OF_FACE:,}"
+            f"{most * factor:.2g} of them on one CAD face, expected at most {MAX_TRIANGLES:,} and "
+            f"{MAX_FACE_TRIANGLES:,}"
         )
         if finer > 1.5 * coarse:
             raise MeshFormatError(
@@ -168,7 +168,7 @@ def _convert(data: bytes, tolerance: float, is_cached: bool) -> bytes:
         raise MeshError("STEP files need the package cascadio, which cannot be imported")
     if done.returncode == TOO_MUCH or "alloc" in printed:
         raise _LimitError(
-            f"OpenCASCADE takes more than {MOST_SECONDS} s or {MOST_BYTES >> 30} GB to mesh it within "
+            f"OpenCASCADE takes more than {MAX_SECONDS} s or {MAX_BYTES >> 30} GB to mesh it within "
             f"{tolerance * 1e3:g} mm, expected less"
         )
     if done.returncode or complaint or not done.output:

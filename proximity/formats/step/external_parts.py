@@ -19,7 +19,7 @@ from proximity.system.regular_file import open_regular
 _END = re.compile(rb"END-ISO-10303-21\s*+;")
 _END_OF_SECTION = re.compile(rb"ENDSEC\s*+;")
 _MARK = b"\xef\xbb\xbf"
-_MOST_FILES = 1000
+_MAX_FILES = 1000
 _EXTENSIONS = (".stp", ".step", ".p21")
 
 _TOKEN = re.compile(rf"{QUOTED}|#\d+")
@@ -105,8 +105,8 @@ class _Merge:
         beside = (path.parent / name.replace("\\", "/")).resolve()
         if not beside.is_relative_to(self.folder):
             raise MeshFormatError(f"{what} is not in the folder of this file or below: it is not read")
-        if beside in self.open_paths or len(self.roots) >= _MOST_FILES:
-            raise MeshFormatError(f"{what} is part of itself, or one of more than {_MOST_FILES} files")
+        if beside in self.open_paths or len(self.roots) >= _MAX_FILES:
+            raise MeshFormatError(f"{what} is part of itself, or one of more than {_MAX_FILES} files")
         if beside not in self.roots:
             try:
                 with open_regular(beside) as file:

@@ -23,7 +23,7 @@ _KINDS = {
     **dict.fromkeys(("SupportEnforcer", "support_enforcer"), "support enforcer"),
 }
 """Slicers' names of volumes that are not parts."""
-_MOST_WORK, _WORK_OF_VOLUME = 5_000_000, 1000
+_MAX_WORK, _WORK_OF_VOLUME = 5_000_000, 1000
 """Limits of the subtractions for a file, in faces met, repetitions included: about ten seconds; and the cost
 of a volume in faces."""
 _ROUNDING = 1e-13
@@ -73,7 +73,7 @@ def subtract(
 ) -> Arrays:
     """Return a part without negative volumes, each with its matrix; *done* counts "cut" and "failed"."""
     done["work"] += len(part[1]) + sum(len(held[1]) + _WORK_OF_VOLUME for held, _ in negatives)
-    solid = _solid(part, np.eye(4)) if done["work"] <= _MOST_WORK else None
+    solid = _solid(part, np.eye(4)) if done["work"] <= _MAX_WORK else None
     if solid is None:
         done["failed"] += 1
         return part

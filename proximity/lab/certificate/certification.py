@@ -14,7 +14,7 @@ from proximity.errors import ServiceError
 from proximity.lab.certificate.measurement import MotionTiming, measure, run_loop
 from proximity.lab.certificate.subject import Subject
 from proximity.lab.certificate.times import (
-    FEWEST_TICKS,
+    MIN_TICKS,
     Times,
     count_of,
     microseconds,
@@ -128,8 +128,8 @@ def certify(
 
 def check_request(tick_count: int, seconds: float, seed: int) -> None:
     """Refuse what cannot be measured, before it takes time."""
-    if tick_count < FEWEST_TICKS:
-        raise ServiceError(f"{tick_count} ticks are too few for p99.9, expected {FEWEST_TICKS} or more")
+    if tick_count < MIN_TICKS:
+        raise ServiceError(f"{tick_count} ticks are too few for p99.9, expected {MIN_TICKS} or more")
     if not 0.0 < seconds <= LONGEST_LOOP:
         raise ServiceError(f"the loop cannot run for {seconds:g} s, expected up to {LONGEST_LOOP:g} s")
     if not 0 <= seed < 2**63:

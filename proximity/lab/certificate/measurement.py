@@ -34,7 +34,7 @@ REPEATS = 3
 interrupts. The times that are reported are those of the first."""
 EXACT_STEPS = 30_000_000
 """Nodes and leaves that ticks without a budget may visit: some seconds, and fewer ticks of costly scenes."""
-FEWEST_EXACT = 20
+MIN_EXACT = 20
 PASSING, COLD_START, EXACT = "worst, passing", "worst, cold start", "worst, exact"
 ADDRESS = "mailbox:proximity-certificate"
 """Where the loop publishes: inside this process, sealed as for others."""
@@ -117,7 +117,7 @@ class MotionTiming:
     thread_ns: np.ndarray  # (T,) int64, of the processor for this thread
     wall_ns: np.ndarray  # (T,) int64, from call to answer
     best_ns: np.ndarray  # (T,) int64, as `thread_ns`, of each tick the shortest of several runs
-    most_work: int  # nodes and leaves of the costliest tick, all fingers
+    max_work: int  # nodes and leaves of the costliest tick, all fingers
     shares: dict[str, float]  # of finger-ticks: exact, bounded, skipped
     counts: bool = True  # False: to compare with; a service never does so
 
@@ -164,7 +164,7 @@ def motion_rows(subject: Subject, found: Results, tick_count: int, seed: int) ->
     rows[PASSING] = worst_passing(subject, found, tick_count, seed)
     rows[COLD_START] = motions.resting(_positions(found, cold), fingers, tick_count)
     costliest = max(1, fingers * found[exact].positions[0].work)
-    exact_count = int(np.clip(EXACT_STEPS // costliest, FEWEST_EXACT, tick_count))
+    exact_count = int(np.clip(EXACT_STEPS // costliest, MIN_EXACT, tick_count))
     rows[EXACT] = motions.resting(_positions(found, exact), fingers, exact_count)
     return rows
 

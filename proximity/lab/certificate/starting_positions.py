@@ -20,7 +20,7 @@ CLOSE = 1e-9
 """Share of a ball's radius by which it may still be too large."""
 SAME = 1e-9
 """Share of the scene's diagonal within which two points of the surface are one."""
-MOST_MIDDLES = 200
+MAX_MIDDLES = 200
 """Whose middles are looked at."""
 MEDIAL_BUDGET = 500
 """For the nearest face of a ball's centre: near enough shrinks it as well."""
@@ -94,7 +94,7 @@ def nearest_points(subject: Subject, positions: np.ndarray) -> np.ndarray:
 def centres(scene: Scene) -> np.ndarray:
     """Return middles of parts, means of their corners, and centres of balls fitted to them, (K, 3) m."""
     found = [np.mean(scene.bounds, axis=0)]
-    for part in _shown(scene)[:MOST_MIDDLES]:
+    for part in _shown(scene)[:MAX_MIDDLES]:
         corners = part.pose.point(part.solid.mesh.vertices)
         found += [
             0.5 * (corners.min(axis=0) + corners.max(axis=0)),

@@ -14,7 +14,7 @@ from proximity.service.loop_memory import LONGEST_PERIOD, SHORTEST_PERIOD
 
 UNKNOWN = "–"
 SHARES = {"p50": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}
-FEWEST_TICKS = 1000  # that p99.9 asks for
+MIN_TICKS = 1000  # that p99.9 asks for
 TAIL_POINTS = 120  # of a plot
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 RATES = {"hz": 1.0, "khz": 1e3}

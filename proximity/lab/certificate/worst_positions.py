@@ -19,7 +19,7 @@ START_COUNTS = (4000, 4000, 1000)
 CLIMBS = 24  # for each goal
 FIRST_RADIUS = 0.02  # share of the scene's diagonal: where neighbours of a position are looked for first
 APART = 0.03  # share of the diagonal by which starts are apart at least: the costliest are often neighbours
-MOST_STEPS = 25_000_000
+MAX_STEPS = 25_000_000
 """Nodes and leaves visited for a goal, a few seconds; then the search for it ends with what it has."""
 POSITIONS_PER_CHECK = 100  # between two looks at how many steps are left
 NEIGHBOURS = 20  # that are looked at in a round of a climb
@@ -59,7 +59,7 @@ def search(
     seed: int,
     *,
     counts: tuple[int, int, int] | None = None,
-    most_steps: float = MOST_STEPS,
+    max_steps: float = MAX_STEPS,
     progress: Progress = lambda _, __: None,
 ) -> dict[SearchGoal, SearchResult]:
     """Return the worst positions for each of `GOALS`, from *counts* starts, or `START_COUNTS`."""
@@ -69,7 +69,7 @@ def search(
     for number, goal in enumerate(GOALS):
         progress(f"searching: {goal}", number / len(GOALS))
         rng = np.random.default_rng([seed, 1 + number])
-        found[goal] = _search_one(subject, goal, positions, origins, rng, most_steps)
+        found[goal] = _search_one(subject, goal, positions, origins, rng, max_steps)
         # What is costly in one mode may be in another.
         worst = found[goal].positions
         positions = np.concatenate([positions, [each.position for each in worst]])
@@ -83,17 +83,17 @@ def _search_one(
     positions: np.ndarray,
     origins: np.ndarray,
     rng: np.random.Generator,
-    most_steps: float,
+    max_steps: float,
 ) -> SearchResult:
     probe = Probe(subject, goal)
-    contacts, rows = _look(probe, positions, origins == "centre", rng, 0.5 * most_steps)
+    contacts, rows = _look(probe, positions, origins == "centre", rng, 0.5 * max_steps)
     work, begun = contacts["work"], origins[rows]
     typical = work[(begun == "random") & in_range(contacts)]
     diagonal = float(np.linalg.norm(np.diff(subject.scene.bounds, axis=0)))
     climbed = []
     for k in _apart(positions[rows], worth(contacts), APART * diagonal):
         start, radius = positions[rows[k]], FIRST_RADIUS * diagonal
-        position, gained = ascend(probe, start, radius, rng, most_steps=most_steps)
+        position, gained = ascend(probe, start, radius, rng, max_steps=max_steps)
         (at,) = probe.contacts(position[None])
         bounds = int(at["work"]), float(at["lower"]), float(at["upper"])
         climbed.append((gained[-1], WorstPosition(position, *bounds, str(begun[k]), int(work[k]))))
@@ -108,16 +108,16 @@ def _search_one(
 
 
 def ascend(
-    probe: Probe, start: np.ndarray, radius: float, rng: np.random.Generator, *, most_steps: float
+    probe: Probe, start: np.ndarray, radius: float, rng: np.random.Generator, *, max_steps: float
 ) -> tuple[np.ndarray, list[float]]:
     """Return where a climb from a position (3,) ends, m, and its worth at the start and after each round.
 
-    Neighbours are drawn in a ball that shrinks when none costs more, until the probe has made *most_steps*.
+    Neighbours are drawn in a ball that shrinks when none costs more, until the probe has made *max_steps*.
     """
     position = np.asarray(start, np.float64)
     gained = [float(worth(probe.contacts(position[None]))[0])]
     for _ in range(ROUNDS):
-        if radius < SMALLEST or probe.steps >= most_steps:
+        if radius < SMALLEST or probe.steps >= max_steps:
             break
         around = position + radius * _in_ball(NEIGHBOURS, rng)
         found = worth(probe.contacts(around))
@@ -138,14 +138,14 @@ def _in_ball(count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def _look(
-    probe: Probe, positions: np.ndarray, is_centre: np.ndarray, rng: np.random.Generator, most_steps: float
+    probe: Probe, positions: np.ndarray, is_centre: np.ndarray, rng: np.random.Generator, max_steps: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Contacts at positions, and which these are: all, or as many as the steps allow, centres first."""
     order = rng.permutation(len(positions))
     order = np.concatenate([order[is_centre[order]], order[~is_centre[order]]])
     found: list[np.ndarray] = []
     for first in range(0, len(order), POSITIONS_PER_CHECK):
-        if found and probe.steps >= most_steps:
+        if found and probe.steps >= max_steps:
             break
         found.append(probe.contacts(positions[order[first : first + POSITIONS_PER_CHECK]]))
     contacts = np.concatenate(found)

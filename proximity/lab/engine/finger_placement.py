@@ -24,7 +24,7 @@ FARTHEST_OFF = 0.020  # m, of the fingertip from where it was to touch: what is 
 AS_ASKED = 1e-5  # m, likewise: no other attitude needs to be tried
 ROLLS = 24  # attitudes of the hand about the way at the touch that are tried, evenly
 CONTACT_TOLERANCE = 1e-9  # m, at which the search for the touch ends
-MOST_APPROACH_STEPS = 20_000  # of that search: a finger that slides along a surface never gets there
+MAX_APPROACH_STEPS = 20_000  # of that search: a finger that slides along a surface never gets there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +115,7 @@ def first_touch(scene: Scene, finger: Finger, world_from_hand: Pose) -> float:
     """
     fastest = float(finger.speed(np.linspace(0.0, 1.0, 101)).max()) * 1.001
     bend = 0.0
-    for _ in range(MOST_APPROACH_STEPS):
+    for _ in range(MAX_APPROACH_STEPS):
         point = world_from_hand.point(finger.point_hand(bend))
         distance = float(scene.signed_distance(point)) - finger.pad_radius
         if distance <= CONTACT_TOLERANCE:

@@ -13,7 +13,7 @@ from typing import Any
 
 from proximity.lab.simulation.simulated_press import (
     LONGEST_LATENCY,
-    MOST_DAMPED,
+    MAX_DAMPED,
     SPEEDS_ALLOWED,
     STIFFEST,
     Wall,
@@ -26,7 +26,7 @@ COUNT = Range("", 1, 1000)
 NONE_OR_MORE = Range("", 0, 1000)
 LATENCY = Range("s", 0.0, LONGEST_LATENCY)
 STIFFNESS = Range("N/m", 0.0, STIFFEST, is_above=True)
-DAMPING = Range("N s/m", 0.0, MOST_DAMPED)
+DAMPING = Range("N s/m", 0.0, MAX_DAMPED)
 LEVEL = Range("", 0.0, 1e3, is_above=True)
 SHARE = Range("", 0.0, 1.0)
 FORCE = Range("N", 0.0, 20.0, is_above=True)  # no drum gives more, whatever a design says

@@ -19,7 +19,7 @@ from proximity.decaff.drum import drum_kernels as drums
 from proximity.decaff.drum.drum_kernels import push_drum, rounded
 from proximity.native import bundle, entry, inlined, record
 
-LEAST_DAMPING = 1.0  # N s/m, of a surface that goes back: its spring alone would be there at once
+MIN_DAMPING = 1.0  # N s/m, of a surface that goes back: its spring alone would be there at once
 TOUCHING = 1e-9  # m; so near is touching: the positions of an approach add up with rounding
 
 BODY = record(
@@ -184,7 +184,7 @@ def meet_surface(press: PressArrays, i: int) -> None:
         force = pad - body.pad_damping * sink
     if not force > 0.0:  # it goes back by itself
         force = 0.0
-        sink = -wall.stiffness * surface / max(wall.damping, LEAST_DAMPING) if is_soft else 0.0
+        sink = -wall.stiffness * surface / max(wall.damping, MIN_DAMPING) if is_soft else 0.0
     press.force[i] = press.contact[i] = force
     press.link[i] = press.thimble[i] = max(surface, min(finger, 0.0)) if is_soft else min(finger, 0.0)
     press.where[i + 1] = surface + sink * body.step

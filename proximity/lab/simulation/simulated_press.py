@@ -27,7 +27,7 @@ RATES_ALLOWED = (5.0, 50_000.0)  # Hz
 LONGEST_LATENCY = 1.0  # s
 CABLES_ALLOWED = (10.0, 1e6)  # N/m at the fingertip
 IMPULSE_TIME = 0.005  # s after the touch
-STIFFEST, MOST_DAMPED = 1e6, 1e4  # N/m and N s/m, of a coupled wall; beyond, what is unstable overflows
+STIFFEST, MAX_DAMPED = 1e6, 1e4  # N/m and N s/m, of a coupled wall; beyond, what is unstable overflows
 POLICIES = {
     "naive": Target.NAIVE,
     "latched": Target.LATCHED,
@@ -79,7 +79,7 @@ class Setup:
             raise ArgumentError("stiffness and damping belong together: expected both or neither")
         if self.stiffness is not None and self.damping is not None:
             _within("stiffness", self.stiffness, (0.0, STIFFEST), "newtons a metre")
-            _within("damping", self.damping, (0.0, MOST_DAMPED), "newton seconds a metre")
+            _within("damping", self.damping, (0.0, MAX_DAMPED), "newton seconds a metre")
 
     @property
     def drum(self) -> Drum:

@@ -18,7 +18,7 @@ from proximity.lab.simulation.devices import HOLD_TIME, CoupledWall, Decaff, Han
 from proximity.lab.simulation.metrics import deviation
 from proximity.lab.simulation.simulated_press import (
     LONGEST_LATENCY,
-    MOST_DAMPED,
+    MAX_DAMPED,
     POLICIES,
     RATES_ALLOWED,
     SPEEDS_ALLOWED,
@@ -35,7 +35,7 @@ RANGES = {
     "latency": Range("s", 0.0, LONGEST_LATENCY),
     "rate": Range("Hz", *RATES_ALLOWED),
     "stiffness": Range("N/m", 0.0, STIFFEST),
-    "damping": Range("N s/m", 0.0, MOST_DAMPED),
+    "damping": Range("N s/m", 0.0, MAX_DAMPED),
     "encoder_counts": Range("a turn", 1, 10**9),
     "motor_friction": Range("N m", 0.0, 10.0),
     "servo_rate": Range("Hz", 100.0, 50_000.0),

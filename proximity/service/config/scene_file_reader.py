@@ -36,7 +36,7 @@ KEYS = {
 SOURCES = ("recording", "poses", "sensor")
 EITHER = "recording, poses or sensor"
 WITHOUT_GEOMETRY = "cannot be used: distances are measured by input.sensor, there is no geometry"
-MOST_NAMES = 12
+MAX_NAMES = 12
 """Of parts, in a message."""
 
 
@@ -185,6 +185,6 @@ def check_held(settings: SceneFile, scene: Scene) -> None:
     for row, entry in enumerate(settings.held):
         for name in entry.part:
             if name not in names:
-                known = ", ".join(names[:MOST_NAMES]) + (", …" if len(names) > MOST_NAMES else "")
+                known = ", ".join(names[:MAX_NAMES]) + (", …" if len(names) > MAX_NAMES else "")
                 sentence = f"held[{row}].part is {name!r}, expected one of {known}"
                 raise settings.error(("held", row, "part"), sentence)

@@ -13,16 +13,16 @@ from typing import Any
 from proximity.errors import ServiceError
 from proximity.system.regular_file import open_regular
 
-MOST_FILE_BYTES = 1 << 20
+MAX_FILE_BYTES = 1 << 20
 """A scene of thousands of parts has less; what is larger is another file."""
-MOST_LINES = 200
+MAX_LINES = 200
 """Of one statement: behind a longer one no line is named, but that of the statement."""
-MOST_LINES_NAMED = 8
+MAX_LINES_NAMED = 8
 """Of further mistakes, in one message."""
-MOST_DOTS = 32
+MAX_DOTS = 32
 """In a key: none that we know has more than two."""
 _WORD = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
-LONG_KEY = re.compile(rf"(?:^|[{{,])[ \t\[]*(?:{_WORD}[ \t]*\.[ \t]*){{{MOST_DOTS + 1}}}", re.MULTILINE)
+LONG_KEY = re.compile(rf"(?:^|[{{,])[ \t\[]*(?:{_WORD}[ \t]*\.[ \t]*){{{MAX_DOTS + 1}}}", re.MULTILINE)
 """Such a key where one can begin: on a line, behind brackets, or in an inline table."""
 POSITION_IN_MESSAGE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 
@@ -46,7 +46,7 @@ class Document:
         self._complaints: list[tuple[int, str]] = []
         if long_key := LONG_KEY.search(text):  # tomllib takes minutes and gigabytes for thousands
             line = text.count("\n", 0, long_key.end()) + 1
-            raise ServiceError(f"{self._prefix(line)}a key has more than {MOST_DOTS} dots, expected fewer")
+            raise ServiceError(f"{self._prefix(line)}a key has more than {MAX_DOTS} dots, expected fewer")
         try:
             self.data = tomllib.loads(text)
         except RecursionError as deep:
@@ -100,7 +100,7 @@ class Document:
                 else:
                     _note(content, table, lines, begins)
                 statement = []
-            elif len(statement) > MOST_LINES:
+            elif len(statement) > MAX_LINES:
                 break
         return lines
 
@@ -121,8 +121,8 @@ class Document:
 def _other_mistakes(numbers: list[int]) -> str:
     """How many there are, and on which lines: ``2 more mistakes, on lines 4 and 9``."""
     *lines, last = dict.fromkeys(map(str, numbers))
-    if len(lines) >= MOST_LINES_NAMED:
-        lines, last = lines[:MOST_LINES_NAMED], "others"
+    if len(lines) >= MAX_LINES_NAMED:
+        lines, last = lines[:MAX_LINES_NAMED], "others"
     where = f"lines {', '.join(lines)} and {last}" if lines else f"line {last}"
     return f"{len(numbers)} more {'mistake' if len(numbers) == 1 else 'mistakes'}, on {where}"
 
@@ -132,11 +132,11 @@ def read_document(path: str | os.PathLike[str], what: str = "a scene file") -> D
     name = os.fsdecode(path)
     try:
         with open_regular(path) as file:
-            content = file.read(MOST_FILE_BYTES + 1)
+            content = file.read(MAX_FILE_BYTES + 1)
     except (OSError, ValueError) as failed:  # a name with a zero in it is a ValueError
         raise ServiceError(f"{name}: cannot be read ({getattr(failed, 'strerror', failed)})") from failed
-    if len(content) > MOST_FILE_BYTES:
-        raise ServiceError(f"{name}: larger than {MOST_FILE_BYTES >> 20} MiB, expected {what} in TOML")
+    if len(content) > MAX_FILE_BYTES:
+        raise ServiceError(f"{name}: larger than {MAX_FILE_BYTES >> 20} MiB, expected {what} in TOML")
     try:
         text = content.decode("utf-8-sig")  # some editors begin a file with a mark
     except UnicodeDecodeError as unfit:

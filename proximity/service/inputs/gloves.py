@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND
+from proximity.decaff.glove.finger_path import MIN_BEND, MAX_BEND
 
 ROTATION_ERROR = 1e-3
 """By which rows of a rotation may differ from such of unit length at right angles: what a sender that keeps
@@ -31,7 +31,7 @@ class GloveChoices:
         for i in np.flatnonzero(np.isnan(bends)):
             row = rows[i]
             bends[i] = np.interp(counts[i], self.counts[row], self.bends[row], left=np.nan, right=np.nan)
-        bends[~((bends >= LEAST_BEND) & (bends <= MOST_BEND))] = np.nan
+        bends[~((bends >= MIN_BEND) & (bends <= MAX_BEND))] = np.nan
         return bends
 
     def paths(self, rows: np.ndarray, rotations: np.ndarray, knuckles: np.ndarray) -> np.ndarray:

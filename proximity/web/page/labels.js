@@ -5,7 +5,7 @@ import * as THREE from "three";
 const HEIGHT = 44; // pixels of a line
 const FONT = "600 34px system-ui, 'Segoe UI', Roboto, Arial, sans-serif";
 const GAP = 2; // pixels between labels
-const MOST_STEPS = 12;
+const MAX_STEPS = 12;
 const avoiding = new Set(); // labels that are not to cover each other
 
 export class Label {
@@ -99,7 +99,7 @@ export function separate(camera, width, height) {
     each.left += shift;
     each.right += shift;
     const covers = (other) => each.left < other.right && other.left < each.right && each.bottom < other.top && other.bottom < each.top;
-    for (let step = 0, other; step < MOST_STEPS && (other = placed.find(covers)); step++) {
+    for (let step = 0, other; step < MAX_STEPS && (other = placed.find(covers)); step++) {
       each.top = other.bottom - GAP;
       each.bottom = each.top - each.size[1];
     }

@@ -2,7 +2,7 @@
 
 import { hasRelaxed, load } from "./proximity.mjs";
 
-const MOST_AT_ONCE = 3000; // points of a slice, before hands have their turn
+const MAX_AT_ONCE = 3000; // points of a slice, before hands have their turn
 const SAME = 1e-12;
 
 export class LocalScene {
@@ -42,7 +42,7 @@ export class LocalScene {
     const scene = await this.open();
     this.follow(scene, parts);
     const values = new Float64Array(width * height);
-    const rows = Math.max(Math.floor(MOST_AT_ONCE / width), 1);
+    const rows = Math.max(Math.floor(MAX_AT_ONCE / width), 1);
     for (let row = 0; row < height; row += rows) {
       if (!isWanted()) return null;
       const points = new Float64Array(3 * width * Math.min(rows, height - row));

@@ -16,13 +16,13 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from proximity.web.server.access import HELD_UP, HELLO_S, MOST_BYTES, WRONG_TOKEN, Access, UnfitError
+from proximity.web.server.access import HELD_UP, HELLO_S, MAX_BYTES, WRONG_TOKEN, Access, UnfitError
 from proximity.web.server.page_files import PageFiles
 
 LIVE = "/live"
 """Where the live connection is asked for."""
 WITHOUT_TOKEN = "The address has no token: open the address that was printed."
-MOST_DIGITS = 20
+MAX_DIGITS = 20
 """Of a whole number in a document, its sign included: 64 bits."""
 LOGGER = logging.getLogger("proximity.web")
 QUIET = logging.getLogger("proximity.web.connections")
@@ -65,7 +65,7 @@ class PageServer:
             ssl=ssl,
             process_request=self._request,
             compression=None,
-            max_size=MOST_BYTES,
+            max_size=MAX_BYTES,
             max_queue=64,
             open_timeout=HELLO_S,
             logger=QUIET,
@@ -156,8 +156,8 @@ def document(data: str | bytes) -> dict[str, Any]:
 
 
 def _whole(text: str) -> int:
-    if len(text) > MOST_DIGITS:
-        raise UnfitError(f"a number has {len(text)} digits, expected at most {MOST_DIGITS}")
+    if len(text) > MAX_DIGITS:
+        raise UnfitError(f"a number has {len(text)} digits, expected at most {MAX_DIGITS}")
     return int(text)
 
 

@@ -24,14 +24,14 @@
 
 #include "proximity_message.h"
 
-#define MOST_FINGERS 64
+#define MAX_FINGERS 64
 #define LOOK_MS 10             /* look at what is known, at least so often */
 #define MAX_SPEED 3.0          /* m/s, and */
 #define MAX_ACCELERATION 120.0 /* m/s2, of a finger */
 
 struct frame {
     proximity_frame_header header;
-    proximity_contact contacts[MOST_FINGERS];
+    proximity_contact contacts[MAX_FINGERS];
     char beyond[PROXIMITY_TAG_BYTES + 8]; /* a message that reaches in here is too large */
 };
 
@@ -60,7 +60,7 @@ static int take(size_t size, int is_from_sender)
     int reason = is_from_sender ? (int)UNVERIFIED : (int)STRANGER;
 
     if (is_from_sender && (!receiver.is_keyed || (size = proximity_verified(key, &arrived, size)) > 0))
-        reason = (int)proximity_take_frame(&receiver, &arrived, size, MOST_FINGERS, clock_ns());
+        reason = (int)proximity_take_frame(&receiver, &arrived, size, MAX_FINGERS, clock_ns());
     if (reason == (int)PROXIMITY_FLAW_MAGIC && arrived.header.magic == PROXIMITY_DESCRIPTION_MAGIC)
         return 0; /* names of parts and fingers, of which nothing is needed here */
     counts[reason]++;

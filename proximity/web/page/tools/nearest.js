@@ -9,7 +9,7 @@ const MOST = 3; // connections, at most one a part
 const APART = 0, TOUCHING = 1; // relations, see proximity.mjs
 const TOLERANCE = 0.01; // of what is shown
 const STEP_TOLERANCE = 0.2; // of how far the part may go
-const MOST_STEPS = 40;
+const MAX_STEPS = 40;
 const GAP = 1e-5; // m, below which a part comes no nearer
 const NEARER = 0.999;
 const MEETING = 0xa00000;
@@ -91,7 +91,7 @@ export class Nearest {
     const length = from.place.distanceTo(to.place) + from.turn.angleTo(to.turn) * this.reachOf(part);
     if (length === 0 || this.free(part, Infinity) === 0) return matrix;
     let share = 0, before = 0;
-    for (let step = 0; step < MOST_STEPS && share < 1; step++) {
+    for (let step = 0; step < MAX_STEPS && share < 1; step++) {
       const lower = this.free(part, 2 * (1 - share) * length);
       if (lower < GAP && lower < NEARER * before) break;
       before = lower;

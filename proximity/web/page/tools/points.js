@@ -6,12 +6,12 @@ import { mm } from "../frames.js";
 import { byId, made, offer, setText } from "../panel.js";
 import { niceStep } from "../stage.js";
 
-const MOST_AT_ONCE = 4000; // points, before pictures have their turn
+const MAX_AT_ONCE = 4000; // points, before pictures have their turn
 const WAIT_MS = 150; // until parts that move stand still
 const UNITS = { m: 1, cm: 1e-2, mm: 1e-3, um: 1e-6, in: 0.0254, ft: 0.3048 };
 const ROWS = ["points", "min", "max", "mean", "RMS", "50 % within", "95 % within", "99 % within"];
 const NEAR = 14; // half pixels from the mouse, that a point is taken
-const MOST_TRIED = 8;
+const MAX_TRIED = 8;
 const DEEPEST = 0.1; // below a surface, of the parts' size, that points are seen through it
 const isNumber = (word) => word !== "" && (Number.isFinite(Number(word)) || /^[+-]?(nan|inf)/i.test(word));
 
@@ -66,10 +66,10 @@ export class PointCloud {
     const ticket = ++this.ticket, { local, coordinates, count } = this;
     const scene = await local.open();
     const [distances, part, isSigned] = [new Float64Array(count), new Int32Array(count), new Int32Array(count)];
-    for (let first = 0; first < count; first += MOST_AT_ONCE) {
+    for (let first = 0; first < count; first += MAX_AT_ONCE) {
       if (ticket !== this.ticket) return;
       local.follow(scene, this.parts.list);
-      const found = scene.closest(coordinates.subarray(3 * first, 3 * (first + MOST_AT_ONCE)));
+      const found = scene.closest(coordinates.subarray(3 * first, 3 * (first + MAX_AT_ONCE)));
       distances.set(found.signedDistance, first);
       part.set(found.part, first);
       isSigned.set(found.isSigned, first);
@@ -119,7 +119,7 @@ export class PointCloud {
       if (free <= 0) return true;
       return this.local.scene.cast(at.addScaledVector(way, this.before.value).toArray(), way.toArray(), { maxDistance: free }).part[0] < 0;
     };
-    return found.sort(([one], [other]) => one - other).slice(0, MOST_TRIED).find(isSeen)?.[1] ?? -1;
+    return found.sort(([one], [other]) => one - other).slice(0, MAX_TRIED).find(isSeen)?.[1] ?? -1;
   }
 
   /** Colour the points: *range*, m, is at the ends of the bar. */

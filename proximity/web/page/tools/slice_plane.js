@@ -6,7 +6,7 @@ import { mm } from "../frames.js";
 import { byId, makeChoice, showChoice } from "../panel.js";
 import { niceStep } from "../stage.js";
 
-const MOST_POINTS = 26_000;
+const MAX_POINTS = 26_000;
 const MARGIN = 0.35; // beyond the parts, of their size
 const WAIT_MS = 60;
 const ASIDE = 1e-4; // of the parts' size, that the view is clipped beside the plane: what lies in it is cut off
@@ -104,8 +104,8 @@ export class SlicePlane {
     const v = [0, 0, 0];
     u[i] = side(i);
     v[j] = side(j);
-    const width = Math.max(Math.round(Math.sqrt((MOST_POINTS * side(i)) / side(j))), 2);
-    const height = Math.max(Math.floor(MOST_POINTS / width), 2);
+    const width = Math.max(Math.round(Math.sqrt((MAX_POINTS * side(i)) / side(j))), 2);
+    const height = Math.max(Math.floor(MAX_POINTS / width), 2);
     const ticket = ++this.ticket, plane = { origin, u, v, width, height };
     const isWanted = () => this.slices && ticket === this.ticket;
     const values = await this.local.sliced(plane, this.parts.list, isWanted);
