@@ -1,4 +1,4 @@
-"""Curves of one simulated press: positions and forces next to those of the real wall."""
+"""Curves of a simulated press: positions and forces next to those of the real wall."""
 
 from proximity.lab.figures.style import SAMPLING, Table
 from proximity.lab.simulation.closed_loop import Response
@@ -6,12 +6,12 @@ from proximity.lab.simulation.simulated_press import Simulation, Wall
 
 
 def numbers(simulation: Simulation) -> Table:
-    """Return a press about every 0.1 ms, and the same on a real wall."""
+    """Return a press every 0.1 ms or so, and the same on a real wall."""
     return curves(simulation.response, simulation.real, has_drum=simulation.setup.wall == Wall.DECAFF)
 
 
 def curves(response: Response, real: Response, *, has_drum: bool, ideal: Response | None = None) -> Table:
-    """Return a press about every 0.1 ms, in whole steps, beside others at the same instants."""
+    """Return a press every 0.1 ms or so, in whole steps, with another at the same instants."""
     stride = max(round(SAMPLING / response.step), 1)
     every = slice(response.zero % stride, None, stride)  # the contact among them
     times = response.times[every]

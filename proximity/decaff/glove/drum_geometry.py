@@ -1,8 +1,8 @@
 """Geometry of the contact drum: the angle at which its roller touches the replica's link.
 
-The replica is a straight link of some width that turns about the potentiometer, the origin. The roller
-stands on the side that the link turns to as the finger bends. Angles count from the same axis: ``replica``
-of the link, ``drum`` of the arm that carries the roller, as it would touch.
+The replica is a straight link of some width that turns about the potentiometer, the origin. The roller is on
+the side to which the link turns as the finger bends. Angles count from the same axis: ``replica`` of the
+link, ``drum`` of the arm that carries the roller, as it would touch.
 """
 
 import math
@@ -34,7 +34,7 @@ class ArmDrum:
 
     @property
     def clearance(self) -> float:
-        """Between the link's middle and the roller's centre as they touch, m."""
+        """Distance of the link's middle from the roller's centre as they touch, m."""
         return self.roller_radius + 0.5 * self.link_width
 
     @property
@@ -43,9 +43,9 @@ class ArmDrum:
         return math.asin(self.clearance / self.arm)
 
     def drum_angle(self, replica: ArrayLike) -> np.ndarray:
-        """Return where the drum stands as it touches the link, (...), rad."""
+        """Return the angle of the drum as it touches the link, (...), rad."""
         return np.asarray(replica, np.float64) + self.alpha
 
     def lever(self, replica: ArrayLike) -> np.ndarray:
-        """Return how far from the potentiometer the roller touches, (...), m."""
+        """Return the distance of the roller's contact from the potentiometer, (...), m."""
         return np.full(np.shape(replica), self.arm * math.cos(self.alpha))

@@ -52,7 +52,7 @@ WORDS = {"wall": tuple(Wall), "drum": tuple(GEARS), "policy": tuple(POLICIES), "
 class PressFactors:
     """Factors of the job, with their defaults; SI units.
 
-    None: the best gains of a coupled wall, no integral, a rigid cable. *seed*: where the wall lies between
+    None: the best gains of a coupled wall, no integral, a rigid cable. *seed*: of the wall's position between
     two counts of the drum's encoder.
     """
 
@@ -86,7 +86,10 @@ class PressFactors:
 
 
 def press(**values: Any) -> dict[str, Any]:
-    """Return the measures of one press, as of `metrics.Deviation`; SI units. *values*: of `PressFactors`."""
+    """Return the measures of one press, as in `metrics.Deviation`; SI units.
+
+    *values*: of `PressFactors`.
+    """
     factors = PressFactors(**values)
     hand, coupled = Hand(), None
     motion = hand.press(factors.speed, hold=factors.hold)
