@@ -159,7 +159,7 @@ def _fitted(
     starts: list[np.ndarray],
     span: int = 0,
 ) -> list[float]:
-    """Fit angles about their mean, or turns within *span* samples, by least squares from the best of *starts*.
+    """Fit angles about their mean, or turns within *span* samples, from the best of *starts*.
 
     A free drum drifts with each disturbance of its torque, which hardly affects a turn within a short span.
     """

@@ -132,7 +132,7 @@ class Readings:
 
 
 def _largest_cluster(values: Sequence[float], tolerance: float) -> list[int]:
-    """Return the rows of the largest set of values within *tolerance* of each other; of several, the newest."""
+    """Return the rows of the largest, newest set of values within *tolerance* of each other."""
     order = np.argsort(values, kind="stable")
     ordered = np.asarray(values, np.float64)[order]
     best: list[int] = []

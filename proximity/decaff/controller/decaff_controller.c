@@ -993,8 +993,8 @@ static decaff_real force_wanted(decaff_controller *finger, const decaff_observat
     if (!reading->is_known || ((finger->trust != DECAFF_TRUST_FRESH) && !has_served)) {
         /* an uncertain contact starts no force */
     } else if (reading->surface == (uint8_t)PROXIMITY_SURFACE_DEFORMABLE) {
-        /* A drum that came too near: the force of a surface not yet reached would not hold it. Its hysteresis is
-         * nearer, so that position and force do not alternate. */
+        /* A drum that came too near: the force of a surface not yet reached would not hold it. The limit for leaving
+         * the force is nearer, so that position and force do not alternate. */
         if (!(drum < (sent(finger) - (set->late_gap * (has_served ? 1.0 : 0.5))))) {
             finger->serves_force = true;
             force = surface_force(set, reading, finger->finger - finger->target, finger->speed,

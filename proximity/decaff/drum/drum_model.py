@@ -102,7 +102,7 @@ are typical values for this size.
 """
 USUAL_GEAR = "gear51"
 FORMER_NAMES = {"direct": "gear14", "gear4": "gear51", "gear10": "gear111"}
-"""Former drums, for which a metre of rim was a metre of fingertip, and their nearest equivalents on a hand.
+"""Former drums, for which a metre of rim was a metre of fingertip, and their nearest equivalents.
 """
 
 
