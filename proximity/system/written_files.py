@@ -1,4 +1,4 @@
-"""Folders of files that are written at once: sources of programs, packages."""
+"""Folders of files written together: sources of programs, packages."""
 
 import os
 from collections.abc import Collection, Mapping
@@ -11,10 +11,10 @@ from proximity.system.whole_file import whole_file
 def write_files(
     contents: Mapping[str, str | bytes], folder: str | os.PathLike[str], kept: Collection[str] = ()
 ) -> dict[str, bool]:
-    """Write files into a folder, which is made where it is not there.
+    """Write files into a folder, created if needed.
 
-    *kept*: files that are left alone where they are there already. A package of Python is no such folder:
-    they would be imported with it.
+    *kept*: existing files that are left unchanged. A package of Python is not such a folder: they would be
+    imported with it.
     """
     if Path(folder, "__init__.py").is_file():
         raise ProximityError(f"{folder}: is a package of Python, expected another folder, such as engine")

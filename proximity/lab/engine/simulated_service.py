@@ -121,7 +121,7 @@ class SimulatedService:
         return (self._feed.samples(now_ns, **self._known),)
 
     def close(self) -> None:
-        """Release no resources: it has none."""
+        """No-op."""
 
 
 DRAWS = 1024  # latencies drawn together
@@ -169,7 +169,7 @@ class DelayedLink:
         return bool(self._in_flight)
 
     def close(self) -> None:
-        """Release no resources: it has none."""
+        """No-op."""
 
     def _next_ns(self) -> int:
         if len(self._latencies_ns) == 1:
