@@ -1,8 +1,9 @@
-"""The description of a service: names of parts and fingers, published beside frames; put together on arrival.
+"""Description of a service: names of parts and fingers, published next to frames, and its assembly on
+arrival.
 
 It is sent every tenth of a second (of more than 640 names every second), whenever the epoch changes, and when
-a ``changes`` message asks for it. A description of many names is several messages, which the epoch and the
-numbers of their first records hold together.
+a ``changes`` message requests it. A description of many names is several messages, matched by the epoch and
+the numbers of their first records.
 """
 
 from dataclasses import dataclass
@@ -24,9 +25,9 @@ DESCRIPTION_FIELDS = (
     Field("count", "<u4", "", "records that follow"),
     Field("first", "<u4", "", "number of the first record, parts and then fingers counted from 0"),
     Field(
-        "part_count", "<u4", "", "of the scene: that many records are of parts, in the order of scene.parts"
+        "part_count", "<u4", "", "of the scene: the number of records of parts, in the order of scene.parts"
     ),
-    Field("finger_count", "<u4", "", "of a frame: that many records, behind those of parts, are of fingers"),
+    Field("finger_count", "<u4", "", "of a frame: the number of records of fingers, after those of parts"),
     Field("epoch", "<u8", "", "of the frames whose parts these are"),
 )
 DESCRIPTION_HEADER = dtype_of(DESCRIPTION_FIELDS)
@@ -45,14 +46,14 @@ DESCRIPTION = Kind("description", 0x44434544, DESCRIPTION_HEADER, LABEL, sent="s
 
 
 def encoded_name(name: str) -> bytes:
-    """Return a name as messages hold it: cut between two characters where it is too long."""
+    """Return a name for messages: truncated at a character boundary if it is too long."""
     data = name.encode("utf-8", "replace")
     return data if len(data) <= NAME_BYTES else data[:NAME_BYTES].decode("utf-8", "ignore").encode()
 
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """Names of what a service publishes frames of.
+    """Names of a service's parts and fingers.
 
     Frames of another ``session`` or ``epoch`` number other parts.
     """
@@ -60,7 +61,7 @@ class Description:
     session: int
     epoch: int
     part_names: tuple[str, ...]  # in the order of scene.parts; cut to 64 bytes each
-    hidden_parts: tuple[str, ...]  # of these, those that no question finds
+    hidden_parts: tuple[str, ...]  # of these, the hidden ones
     finger_names: tuple[str, ...]
     finger_radii: tuple[float, ...]  # m; nan: not known
 
@@ -75,13 +76,13 @@ class DescriptionMessages:
 
     def __init__(self) -> None:
         self.newest = None
-        self._key: tuple[int, ...] = ()  # session, epoch, numbers of parts and fingers of the one collected
+        self._key: tuple[int, ...] = ()  # session, epoch, numbers of parts and fingers of the incomplete one
         self._labels: dict[int, tuple[str, bool, float]] = {}
 
     def add(self, data: np.ndarray) -> Defect | None:
-        """Add one message, and return what is wrong inside of it; None: nothing.
+        """Add one message, and return the defect of its content, or None.
 
-        *data*: a message of kind `DESCRIPTION` that is whole and new.
+        *data*: a complete, new message of kind `DESCRIPTION`.
         """
         header, records = parts_of(data, DESCRIPTION)
         of = tuple(int(header[name]) for name in ("session", "epoch", "part_count", "finger_count"))
