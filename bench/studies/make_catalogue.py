@@ -16,12 +16,12 @@ import numpy as np
 FEWEST, MOST = 1e3, 1e6  # faces
 SIZES = (20.0, 200.0)  # mm
 ROUNDS = 3  # of adjusting the segments
-MAX_SEGMENTS = 1024  # a ball has a million faces then; where it is hidden, flat faces are divided instead
+MAX_SEGMENTS = 1024  # a ball has a million faces then; inside others, flat faces are divided instead
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def part(seed: int, segments: int) -> manifold3d.Manifold:
-    """The part of a seed; circles have so many *segments*."""
+    """Return the part of a seed; circles have *segments* segments."""
     rng = np.random.default_rng(seed)
     length = rng.uniform(*SIZES)
     width, height = length * rng.uniform(0.2, 1.0, 2)
@@ -43,7 +43,7 @@ def part(seed: int, segments: int) -> manifold3d.Manifold:
 
 
 def sized(seed: int, faces: float) -> manifold3d.Manifold:
-    """The part of a seed with about so many *faces*; those of balls grow with the square of the segments."""
+    """Return the part of a seed with about *faces* faces; those of balls grow quadratically."""
     segments = 64
     solid = part(seed, segments)
     for _ in range(ROUNDS):

@@ -1,4 +1,4 @@
-"""Tables, the sentence and the picture of whole VR applications, from the JSON of ``vr.py``."""
+"""Tables, sentence and picture of whole VR applications, from the JSON of ``vr.py``."""
 
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ def libraries_table(document: Document) -> list[str]:
 
 
 def vr_sentence(document: Document) -> str:
-    """What answers the paper's sentence on the cost of a complete VR application."""
+    """Return the answer to the paper's sentence on the cost of a complete VR application."""
     rows = [row for row in _rows(document) if not row.case.is_moving]
     largest = max(row.face_count for row in rows)
     native, page = (

@@ -37,7 +37,7 @@ class ServiceRow:
 
 
 def measure_publishing(options) -> tuple[list[ServiceRow], list[Verdict]]:
-    """Publish to a reader in another process: at 1 kHz at each kind of address, at one without pauses."""
+    """Publish to a reader in another process: at 1 kHz to each kind of address, to one without pauses."""
     count = 200 if options.small else 20_000
     rows: list[ServiceRow] = []
     for scheme in SCHEMES:
@@ -84,12 +84,12 @@ def _verdicts(rows):
 
 
 def _published(read_at, publish_at, count, is_spinning, period_s=PERIOD_S):
-    """Times of publishing and of being seen, ns."""
+    """Return times of publishing and of being seen, ns."""
     message = proximity.Message(proximity.FRAME, FINGERS)
     message.records["normal"] = (0.0, 0.0, 1.0)
     sent = np.zeros(count, np.int64)
     with _reader(read_at, is_spinning) as reader, proximity.open_publisher(publish_at) as publisher:
-        for _ in range(300):  # until the reader is there, and all is warm
+        for _ in range(300):  # until the reader is connected, and caches are warm
             stamp(message)
             publisher.publish(message)
             time.sleep(PERIOD_S)
@@ -109,7 +109,7 @@ def _published(read_at, publish_at, count, is_spinning, period_s=PERIOD_S):
 
 
 def stamp(message: proximity.Message) -> None:
-    """Give a frame the present instant, so that it is valid for `VALID_NS`."""
+    """Stamp a frame with the present instant, so that it is valid for `VALID_NS`."""
     now = time.monotonic_ns()
     header = message.header
     header["pose_ns"] = header["start_ns"] = header["publish_ns"] = now

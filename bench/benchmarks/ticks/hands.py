@@ -1,4 +1,4 @@
-"""Ticks of recorded hands: five fingers at one part, and a track kept against one that is reset."""
+"""Ticks of recorded hands: five fingers at one part, and a kept track against one that is reset."""
 
 from collections.abc import Iterator
 
@@ -31,8 +31,8 @@ def blocks(
 ) -> Iterator[tuple[int, str, int, np.ndarray]]:
     """Yield blocks of the motions of all hands in turn, until there are ticks enough.
 
-    Gives the number of the hand, its name, the number of its first tick, and (T, 5, 3) positions; the time of
-    a repeated hand goes on. Only ticks with all fingers count; *only_whole*: no others are given.
+    Yields the number of the hand, its name, the number of its first tick, and (T, 5, 3) positions; the time
+    of a repeated hand goes on. Only ticks with all fingers count; *only_whole*: no others are given.
     """
     found = [(hand.name, motions.ticks_of(hand, scene)) for hand in motions.hands()]
     left, turn = options.ticks, 0
@@ -97,7 +97,7 @@ def _measure_fingers(case, mesh, options):
 
 
 def _run_fingers(scene, options, other):
-    """All blocks once: the ticks, the other's times at the same positions, and the ratio of each block."""
+    """Run all blocks once: return the ticks, the other's times there, and the ratio of each block."""
     log, others, ratios, trackers = TickLog(), TickLog(), [], {}
     with without_collector():
         for number, _, first, positions in blocks(scene, options):
@@ -125,8 +125,8 @@ def measure_warm(options) -> list[TickRow]:
 
 
 def _measure_warm(case, scene, options, rise=0.0):
-    """Inside the working range both are given velocities, so that both predict: a tracker that was reset has
-    none. Outside neither predicts."""
+    """Inside the working range both get velocities, so that both predict: a reset tracker has none. Outside
+    neither predicts."""
     names = ("warm", "cold", "closest")
     logs = {name: TickLog() for name in names}
     trackers = {name: {} for name in names[:2]}

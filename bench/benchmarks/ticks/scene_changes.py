@@ -63,7 +63,7 @@ def measure_open(options) -> list[TickRow]:
 
 
 def measure_deform(options) -> list[TickRow]:
-    """Deform a part, against making it anew."""
+    """Deform a part, compared with building it again."""
     vertices, faces = scenes.plate(options.sizes.large_plate)
     scene = scenes.scene_of((vertices, faces))
     refits, builds, ratios = TickLog(), TickLog(), []
