@@ -3,8 +3,9 @@
 Runs numbered trials of `tests/trials/bound_trials.py` until the given number of finger-ticks was checked.
 Prints the number of checks of each guarantee and its margin: *worst* is the largest excess, in tolerances for
 rounding (1 would be broken), *closest* the smallest distance to the bound without an excess. At the first
-violation it stops, with exit code 1 and the option that repeats the trial: ``--trial N``. With ``--program`` a program with the engine for browsers ticks: ``"node --experimental-wasm-relaxed-simd
-tests/support/clients/module_server.mjs FOLDER plain"``.
+violation it stops, with exit code 1 and the option that repeats the trial: ``--trial N``. With ``--program``
+a program with the engine for browsers ticks:
+``"node --experimental-wasm-relaxed-simd tests/support/clients/module_server.mjs FOLDER plain"``.
 
 With ``--parts --ticks 1e6`` the trials are those of `tests/trials/part_trials.py`: a part that moves among
 others, with bounds, flags and certified times compared with `Scene.clearance` at one tick in ten; and every

@@ -31,7 +31,7 @@ from benchmarks.support.project import BENCH, PROJECT, environment
 from proximity.recording import Recording, read_recording
 from proximity.web.running_page import Addresses
 
-SECTIONS = {3_000: (60, 25), 100_000: (360, 139), 1_000_000: (1100, 455)}  # of tori, with about these numbers of faces
+SECTIONS = {3_000: (60, 25), 100_000: (360, 139), 1_000_000: (1100, 455)}  # of tori, by number of faces
 BASE, BASE_FACES = VrCase(), 100_000
 POSE_RATES_HZ, FINGER_COUNTS = (90.0, 120.0), (5, 10)
 RIVALS = (Open3D, Fcpw, Trimesh)

@@ -168,7 +168,7 @@ def _scene_file(folder: Path, files: list[str], units: str, finger_count: int) -
 
 @dataclass(slots=True)
 class _Application:
-    """A running application: how poses go in, and how frames come out."""
+    """A running application: how to send poses and receive frames."""
 
     send: Callable[[Message], None]
     receive: Callable[[float], list[np.ndarray]]  # frames, as bytes; waits for a time, s, at most

@@ -44,7 +44,7 @@ def print_verdicts(console: Console, verdicts: list[Verdict]) -> None:
 
 
 def write_json(path: Path, machine: dict[str, str], **records: Any) -> None:
-    """Write a document: the machine, and *records*, of which lists of dataclasses become lists of objects."""
+    """Write a document: the machine, and *records*, with dataclasses in lists converted to objects."""
     document = {"machine": machine, **{key: _plain(value) for key, value in records.items()}}
     path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
