@@ -42,9 +42,7 @@ left_out: dict[str, str] = {}
 
 def pytest_addoption(parser):
     """Add the option of these suites."""
-    parser.addoption(
-        "--small", action="store_true", help="smoke test: small meshes, no figures"
-    )
+    parser.addoption("--small", action="store_true", help="smoke test: small meshes, no figures")
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -59,9 +59,7 @@ def _parse(arguments):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--only", nargs="+", metavar="AXIS", default=list(MEASURES), help=", ".join(MEASURES))
     parser.add_argument("--quick", action="store_true", help="shorter, in less than a minute")
-    parser.add_argument(
-        "--small", action="store_true", help="smoke test: figures are meaningless"
-    )
+    parser.add_argument("--small", action="store_true", help="smoke test: figures are meaningless")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all results to FILE")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="write plots and CSV to FOLDER")
     options = parser.parse_args(arguments)

@@ -73,9 +73,7 @@ def _parse(arguments):
     )
     parser.add_argument("--seconds", type=float, default=60.0, help="of the minute")
     parser.add_argument("--minutes", type=float, default=10.0, help="over which the memory is watched")
-    parser.add_argument(
-        "--small", action="store_true", help="smoke test: requirements are not checked"
-    )
+    parser.add_argument("--small", action="store_true", help="smoke test: requirements are not checked")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write all results to OUT")
     options = parser.parse_args(arguments)
     refuse_unknown(parser, "case", options.cases, CASES)

@@ -84,9 +84,7 @@ def _parse(arguments):
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}; all by default")
     parser.add_argument("--ticks", type=int, default=TICKS, help="of each case, at least one")
     parser.add_argument("--quick", action="store_true", help=f"{QUICK_TICKS} ticks of each case")
-    parser.add_argument(
-        "--small", action="store_true", help="smoke test: small scenes, few ticks"
-    )
+    parser.add_argument("--small", action="store_true", help="smoke test: small scenes, few ticks")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write all results to OUT")
     options = parser.parse_args(arguments)
     refuse_unknown(parser, "case", options.cases, CASES)

@@ -26,7 +26,7 @@ from proximity.decaff.controller.controller import (
 from proximity.decaff.controller.records import controller_header
 from proximity.decaff.controller.settings import CableRule, ControllerSettings, Limits
 from proximity.decaff.drum.servo import DriveMode
-from proximity.decaff.glove.finger_path import MIN_BEND, MAX_BEND, FingerPath
+from proximity.decaff.glove.finger_path import MAX_BEND, MIN_BEND, FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.message import ContactFlag, Defect, Mode, Source, Surface
 from proximity.transport import Subscriber

@@ -82,9 +82,7 @@ def on_page_markdown(markdown, page, **_):
     """Append the layouts to the page on messages, the programs to that on examples, and the link."""
     if page.file.src_uri == "index.md":
         assert LIVE in markdown, "the first page names the page"
-        return markdown.replace(
-            LIVE, f"{LIVE} **[Try it here]({RUNNING})**: one file with its own engine."
-        )
+        return markdown.replace(LIVE, f"{LIVE} **[Try it here]({RUNNING})**: one file with its own engine.")
     if page.file.src_uri == "reference/messages.md":
         return f"{markdown}\n{message_tables.records()}"
     return PROGRAM.sub(lambda link: _program(link[1]), markdown)

@@ -31,8 +31,8 @@ def blocks(
 ) -> Iterator[tuple[int, str, int, np.ndarray]]:
     """Yield blocks of the motions of all hands in turn, until there are ticks enough.
 
-    Yields the number of the hand, its name, the number of its first tick, and (T, 5, 3) positions; the time of a
-    repeated hand continues. Only ticks with all fingers count; *only_whole*: no others are given.
+    Yields the number of the hand, its name, the number of its first tick, and (T, 5, 3) positions; the time
+    of a repeated hand continues. Only ticks with all fingers count; *only_whole*: no others are given.
     """
     found = [(hand.name, motions.ticks_of(hand, scene)) for hand in motions.hands()]
     left, turn = options.ticks, 0

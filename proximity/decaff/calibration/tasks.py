@@ -92,9 +92,7 @@ def _steady_counts(bench: Bench) -> float:
     read = bench.instruments.hand.counts()
     wandered = float(read.max() - read.min())
     if not wandered <= STEADY_SHARE * _count_range(bench):
-        raise DecaffError(
-            f"the potentiometer wandered by {wandered:.0f} counts: hold the hand still"
-        )
+        raise DecaffError(f"the potentiometer wandered by {wandered:.0f} counts: hold the hand still")
     return float(read.mean())
 
 

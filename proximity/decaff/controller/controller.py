@@ -17,7 +17,7 @@ from proximity.decaff.controller.compiled import ACTION, CONTROLLER, OBSERVATION
 from proximity.decaff.controller.settings import CableRule, ControllerSettings, Limits
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import SERVO_RATE, DriveMode, DrumCommand
-from proximity.decaff.glove.finger_path import MIN_BEND, MAX_BEND, FingerPath
+from proximity.decaff.glove.finger_path import MAX_BEND, MIN_BEND, FingerPath
 from proximity.message import CONTACT, State
 
 

@@ -62,15 +62,11 @@ RECORDS = {
         Member("speed_decay", "real", "1/s, of the low-pass of the finger's speed"),
         Member("braking", "real", "m/s2, braking of the drum near the finger"),
         Member("unbraked_speed", "real", "m/s: braked too late, in a sample and the servo's lag"),
-        Member(
-            "shorted_rate", "real", "1/s: loss of the drum's speed per metre, with its windings shorted"
-        ),
+        Member("shorted_rate", "real", "1/s: loss of the drum's speed per metre, with its windings shorted"),
         Member("shorted_late", "real", "m/s, that it gains before, where its chip hangs"),
         Member("cable_stiffness", "real", "N/m at the fingertip; inf: stretch is not compensated"),
         Member("cable_decay", "real", "1/s, of two low-passes of the force that stretches it"),
-        Member(
-            "steady_samples", "uint32_t", "window of a steady force; DECAFF_MOST_STEADY at most"
-        ),
+        Member("steady_samples", "uint32_t", "window of a steady force; DECAFF_MOST_STEADY at most"),
         Member("steady_share", "real", "of two low-passes in a row"),
         Member("steady_ripple", "real", "N that it may vary by"),
         Member("steady_ripple_share", "real", "of the force, if that is more"),
@@ -219,9 +215,7 @@ RECORDS = {
         Member("force_slew", "real", "N/s, of the force; 0: the servo's default, inf: a step"),
         Member("heat", "real", "of the motor; from 1 on its force is limited to the continuous one"),
         Member("is_hot", "bool", "that limit is active, until the motor is cooler"),
-        Member(
-            "is_anew", "bool", "samples were missed: the servo knows no speed, and restarts its mode"
-        ),
+        Member("is_anew", "bool", "samples were missed: the servo knows no speed, and restarts its mode"),
     ),
     "servo": (
         Member("settings", "const decaff_settings *"),

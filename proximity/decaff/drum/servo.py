@@ -44,9 +44,7 @@ class DrumCommand:
     target: float = 0.0  # m, or N on the finger
     speed_cap: float = math.inf  # m/s, of the reference
     force_cap: float = math.inf  # N, of the motor
-    start_force: float = (
-        math.nan
-    )  # N, the force reference at a change to force; nan: from 0, not bumpless
+    start_force: float = math.nan  # N, the force reference at a change to force; nan: from 0, not bumpless
 
     force_slew: float = 0.0  # N/s, of the force reference; 0: the servo's default, inf: a step
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proximity.decaff.glove.finger_path import MIN_BEND, MAX_BEND
+from proximity.decaff.glove.finger_path import MAX_BEND, MIN_BEND
 
 ROTATION_ERROR = 1e-3
 """Maximum deviation of the rows of a rotation from orthonormal: rounding of a sender that stores float32, or
