@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
         verdicts = limits.judge(ratios, allowed)
         again = {each.case for each in verdicts if not each.is_met}
         if again:
-            console.print(f"Again, over {options.more_rounds} rounds:  {', '.join(sorted(again))}")
+            console.print(f"Again, over {options.more_rounds} rounds: {', '.join(sorted(again))}")
             slow = [case for case in found if case.name in again]
             ratios |= {case.name: measure(case, options.more_rounds) for case in slow}
             verdicts = limits.judge(ratios, allowed)

@@ -36,7 +36,7 @@ def read_dialect(data: bytes, kind: str, refusal: DialectError) -> RawFile:
     if not is_mesh or not (kind == "stl" or _is_closed(vertices, faces)):
         raise MeshFormatError(str(refusal))
     rows = np.arange(len(faces), dtype=np.int32)
-    note = f"trimesh read it, and numbered its faces; the reader of this package refuses it:  {refusal}"
+    note = f"trimesh read it, and numbered its faces; the reader of this package refuses it: {refusal}"
     return RawFile(kind.upper(), [RawMesh("", vertices, faces, rows)], notes=[note])
 
 

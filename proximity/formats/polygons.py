@@ -137,7 +137,7 @@ def _cut_rings(
 
 
 def _flattened(points: np.ndarray) -> np.ndarray:
-    """Return the polygon in the plane, counter-clockwise, without the axis along which its area is largest."""
+    """Return the polygon in the plane, counter-clockwise, without the axis of its largest area."""
     with np.errstate(all="ignore"):
         # in units of the polygon's own size, so that products neither overflow nor vanish
         centred = points - points.mean(axis=0)

@@ -130,7 +130,7 @@ class HeldContacts:
         names = scene.snapshot().names
         gone = [name for name in self.parts if name not in names]
         if gone and not self._is_gone:
-            self.notes.append(f"the tracked part {gone[0]!r} was removed: its contacts are now unknown")
+            self.notes.append(f"the held part {gone[0]!r} was removed: its contacts are now unknown")
         self._is_gone = bool(gone)
         return not gone
 

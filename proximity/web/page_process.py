@@ -156,7 +156,7 @@ def _shown(settings: PageSettings, opened: ExitStack) -> Shown:
     parts = tuple(name for name in settings.files if name not in logs)
     for name in settings.files:
         if not os.path.exists(name):
-            raise ServiceError(f"{name}: no such file")
+            raise ServiceError(f"{name}: there is no such file")
     if len(logs) > 1:
         raise ServiceError(f"{logs[1]}: one log is shown at a time")
     if settings.beside is not None:

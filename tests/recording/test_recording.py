@@ -129,7 +129,7 @@ def test_position_of_nan_is_a_missing_finger(read):
     ("content", "message"),
     [
         ("", "the file is empty, expected columns time_s, hand, finger, x_m, y_m, z_m"),
-        (HEADER, "there is no line after the names of the columns"),
+        (HEADER, "no line after the names of the columns"),
         ("time_s,hand,x_m,z_m\n0,0,1,1\n", "line 1: no column is named finger, y_m: there are 'time_s,"),
         ("x_m," + HEADER, "line 1: two columns are named x_m"),
         (PLAIN + "0.03,0,0,1,2\n", "line 7: 5 fields, expected 6"),

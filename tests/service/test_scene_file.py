@@ -229,14 +229,14 @@ service = 3\n{PART}{POSES} | 1: service is 3, expected a table: [service]
 {PART}position = [1, 2]\n{POSES} | 3: parts[0].position has 2 numbers, expected 3 (m)
 {PART}position = [1, 2, '3']\n{POSES} | 3: parts[0].position has '3' at index 2, expected a number from -1e+0
 {PART}position = 1\n{POSES} | 3: parts[0].position is 1, expected 3 numbers (m) in brackets
-{PART}units = 'furlong'\n{POSES} | 3: parts[0].units cannot be used: there is no unit 'furlong', expected one
+{PART}units = 'furlong'\n{POSES} | 3: parts[0].units cannot be used: unknown unit 'furlong', expected one
 {PART}kind = 'soft'\n{POSES} | 3: parts[0].kind is 'soft', expected "rigid" or "deformable"
 {PART}kind = 'deformable'\n{POSES} | 1: parts[0].stiffness is missing, expected a number above 0 to 1e+12 (N/
 {PART}stiffness = 100\n{POSES} | 3: parts[0].stiffness is of a deformable part, expected kind = "deformable"
 {PART}name = 'a'\n{PART}name = 'a'\n{POSES} | 6: parts[1].name is 'a', as of the part on line 3, expected nam
 {PART}[input]\n | 3: [input] has no source, expected recording, poses or sensor
 {PART}{POSES}recording = 'hand.csv'\n | 4: input.poses is given together with input.recording, expected only
-{PART}{SENSOR} | 1: [[parts]] cannot be used: distances are measured by input.sensor, there is no geometry
+{PART}{SENSOR} | 1: [[parts]] cannot be used: distances come from input.sensor, without geometry
 {SENSOR}moves = 'mailbox:moves'\n | 3: input.moves cannot be used: distances are measured
 {SENSOR}changes = 'mailbox:c'\n | 3: input.changes cannot be used: distances are measured
 {PART}{POSES}changes = 'mailbox:poses'\n | 5: input.changes is input.poses, expected another address

@@ -143,9 +143,9 @@ def _placed(nodes: Sequence[Node], parts: Sequence[Part | None], notes: list[str
             matrix[:3, 3] = node.matrix[:3, 3]
         meshes.append(RawMesh(node.name, vertices, faces, rows, matrix, node.is_hidden, node.above))
     if nothing and not meshes:
-        raise MeshFormatError(f"all of its parts have a scale of 0:  {text_rows.listed(nothing)}")
+        raise MeshFormatError(f"all of its parts have a scale of 0: {text_rows.listed(nothing)}")
     if nothing:
-        notes.append(f"left out, as the file scales them by 0:  {text_rows.listed(nothing)}")
+        notes.append(f"left out, as the file scales them by 0: {text_rows.listed(nothing)}")
     if sheets:
         notes.append(f"flattened to a sheet by a scale of 0 in the file: {text_rows.listed(sheets)}")
     return meshes

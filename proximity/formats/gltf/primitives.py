@@ -92,7 +92,7 @@ def _primitive(document: Document, entry: dict[str, Any], mode: int, place: str)
     is_stored = accessor.get("bufferView") is not None or accessor.get("sparse") is not None
     packed = None if is_stored else _packed(entry, place)
     if not is_stored and packed is None:
-        raise MeshFormatError(f"accessor {position} ({place})has no buffer view, expected positions")
+        raise MeshFormatError(f"accessor {position} ({place}) has no buffer view, expected positions")
     primitive = Primitive(
         place,
         (mode, position, corners, face_ids, packed, str(targets)),

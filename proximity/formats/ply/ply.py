@@ -44,7 +44,7 @@ def read_ply_points(data: bytes) -> np.ndarray:
 
 
 def _unrolled(pieces: list[polygons.Piece]) -> np.ndarray:
-    """Return the triangles of strips, (F, 3); -1 ends a strip, and every other triangle of one is reversed."""
+    """Return the triangles of strips, (F, 3); -1 ends a strip, and every other triangle is reversed."""
     strips = {
         int(row): np.append(values[:count], -1)
         for row_ids, counts, table in pieces

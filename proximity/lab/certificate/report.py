@@ -114,7 +114,7 @@ def _case(timing: MotionTiming, period: float) -> dict[str, Any]:
         "counts": timing.counts,
         "fingers": timing.fingers,
         "ticks": len(timing.thread_ns),
-        "max_work": timing.max_work,
+        "most_work": timing.max_work,
         "shares": timing.shares,
         "compute": _times(timing.thread_ns, period),
         "wall": percentiles(timing.wall_ns),
