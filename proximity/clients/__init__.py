@@ -20,15 +20,15 @@ LAYOUTS: dict[str, tuple[str, Callable[[], str]]] = {
     "javascript": ("layout.mjs", layout_module),
     "cpp": ("proximity_message.h", header_text),
 }
-"""By language: the file that is generated, and what makes it."""
+"""Generated file of each language, and its generator."""
 EXAMPLES = {
     *(f"Runtime/{name}.cs" for name in ("Example", "ProximityHand", "ProximityDistance")),
     "example.mjs",
     "example.cpp",
 }
-"""Files that are there to be changed: once written they are left alone."""
+"""Files to be edited: existing ones are left unchanged."""
 EXAMPLE_RECEIVER = Path(__file__).parent / "c" / "examples" / "receiver.c"
-"""Of a controller that receives frames over UDP, in C."""
+"""Example of a controller that receives frames over UDP, in C."""
 
 
 def client_files(language: str) -> dict[str, str]:
@@ -53,8 +53,8 @@ def license_text() -> str:
 
 
 def write_client(language: str, folder: str | os.PathLike[str]) -> dict[str, bool]:
-    """Write the files of a client into a folder, which is made where it is not there.
+    """Write the files of a client into a folder, created if needed.
 
-    Returned: by the files' paths, whether they were written: an example that is there already is left alone.
+    Returned: by the files' paths, whether they were written: existing examples are left unchanged.
     """
     return write_files(client_files(language), folder, EXAMPLES)

@@ -104,7 +104,7 @@ export class Finger {
     this.disc.material.opacity = opacity;
   }
 
-  /* The predicted contact: on its path, or straight ahead. */
+  /** The predicted contact: on its path, or straight ahead. */
   showTouch(contact, path, isStale) {
     const isSoon = !isStale && contact.isKnown && contact.contactMs > 0 && contact.contactMs < SOON_MS;
     let place = null;

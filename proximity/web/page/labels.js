@@ -9,7 +9,7 @@ const MAX_STEPS = 12;
 const avoiding = new Set(); // labels that avoid each other
 
 export class Label {
-  /* *height* of a line in metres; flat ones are part of the floor, others have a dark background. */
+  /** *height* of a line in metres; flat ones are part of the floor, others have a dark background. */
   constructor({ height, isFlat = false, avoids = false }) {
     if (avoids) avoiding.add(this);
     this.height = height;
@@ -27,13 +27,13 @@ export class Label {
     this.anchor(0.5, 0.5);
   }
 
-  /* Set the anchor of the label, in shares of its size from its lower left corner. */
+  /** Set the anchor of the label, in shares of its size from its lower left corner. */
   anchor(x, y) {
     this.anchored = [x, y];
     this.object.center.set(x, y);
   }
 
-  /* The label's rectangle, pixels, y up; null if its position is not visible. */
+  /** The label's rectangle, pixels, y up; null if its position is not visible. */
   covered(camera, width, height) {
     const { object } = this;
     for (let each = object; each; each = each.parent) if (!each.visible) return null;
@@ -47,7 +47,7 @@ export class Label {
     return { label: this, size, place, left, bottom, right: left + size[0], top: bottom + size[1] };
   }
 
-  /* Show lines of text; unchanged lines cost no time. */
+  /** Show lines of text; unchanged lines cost no time. */
   show(text, colour = "#f4f6f9", opacity = 1) {
     this.object.material.opacity = opacity;
     const key = `${text}|${colour}`;
@@ -82,14 +82,14 @@ export class Label {
     this.setHeight(this.height);
   }
 
-  /* Set the height of lines, m. */
+  /** Set the height of lines, m. */
   setHeight(height) {
     this.height = height;
     this.object.scale.set(height * this.size[0], height * this.size[1], 1);
   }
 }
 
-/* Shift labels that overlap, from above to below, and those cut off at the right. */
+/** Shift labels that overlap, from above to below, and those cut off at the right. */
 export function separate(camera, width, height) {
   const placed = [];
   for (const label of avoiding) if (!label.object.parent) avoiding.delete(label);

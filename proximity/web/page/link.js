@@ -83,14 +83,14 @@ export class Link extends EventTarget {
     this.emit("frame", header);
   }
 
-  /* The state at an instant, ms. */
+  /** The state at an instant, ms. */
   at(nowMs) {
     const reading = this.frames.at(nowMs);
     const isCurrent = !this.frames.isLogged && nowMs - this.lastMs < CURRENT_MS;
     return { ...reading, state: isCurrent ? currentState(reading) : reading.state };
   }
 
-  /* Measure the latency of the first frame that answers a pose. */
+  /** Measure the latency of the first frame that answers a pose. */
   measure(now, poseMs) {
     const taken = poseMs - this.offsetMs;
     const at = this.sent.findIndex((each) => Math.abs(each - taken) < 4);
@@ -135,7 +135,7 @@ export class Link extends EventTarget {
     if (this.sent.length > 50) this.sent.shift();
   }
 
-  /* Request new poses of parts: name, rotation row by row, translation. */
+  /** Request new poses of parts: name, rotation row by row, translation. */
   sendMoves(moves) {
     if (!this.isOpen || !moves.length) return;
     const pose_ns = nanoseconds(performance.now());
@@ -144,7 +144,7 @@ export class Link extends EventTarget {
     this.send(encode("moves", { send_ns: pose_ns }, records));
   }
 
-  /* Request that a part be hidden or shown: name, and an action of PartAction. */
+  /** Request that a part be hidden or shown: name, and an action of PartAction. */
   sendChanges(changes) {
     if (!this.isOpen) return;
     this.send(encode("changes", { send_ns: nanoseconds(performance.now()) }, changes));
@@ -155,7 +155,7 @@ export class Link extends EventTarget {
   }
 }
 
-/* Frames a second published by the service, by their numbers: most are not sent to the page. */
+/** Frames a second published by the service, by their numbers: most are not sent to the page. */
 export class Rate {
   hz = NaN;
 

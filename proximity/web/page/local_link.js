@@ -8,7 +8,7 @@ const { State, PartAction } = ENUMS;
 const NOTHING = { state: "LOADING", ageMs: NaN, contacts: [], header: null };
 
 export class LocalLink extends EventTarget {
-  /* *welcome*: the page's data on its parts and fingers. *local*: a LocalScene. */
+  /** *welcome*: the page's data on its parts and fingers. *local*: a LocalScene. */
   constructor(welcome, local) {
     super();
     this.latencies = [];
@@ -32,7 +32,7 @@ export class LocalLink extends EventTarget {
     radii.forEach((radius, finger) => this.tracker.setRadius(finger, radius));
   }
 
-  /* The state at an instant, ms: computed now, for the last positions of the fingers. */
+  /** The state at an instant, ms: computed now, for the last positions of the fingers. */
   at(nowMs) {
     if (!this.tracker) return NOTHING;
     const now = nanoseconds(nowMs), { corners, bends } = this;
@@ -49,7 +49,7 @@ export class LocalLink extends EventTarget {
     return { state: ages.length ? "OK" : "NO HANDS", ageMs: Math.max(...ages), contacts, header: { start_ns: now } };
   }
 
-  /* Set fingers, each with its position at *atMs*; without a position it is not tracked. */
+  /** Set fingers, each with its position at *atMs*; without a position it is not tracked. */
   sendPoses(fingers, atMs) {
     for (const { finger, position, corners, bend } of fingers) {
       this.positions.set(position ?? [NaN, NaN, NaN], 3 * finger);
@@ -59,7 +59,7 @@ export class LocalLink extends EventTarget {
     }
   }
 
-  /* Set poses of parts: name, rotation row by row, translation. */
+  /** Set poses of parts: name, rotation row by row, translation. */
   sendMoves(moves) {
     if (!this.tracker || !moves.length) return;
     const matrixOf = ({ rotation: r, translation: t }) =>

@@ -6,7 +6,7 @@ const MAX_AT_ONCE = 3000; // points of a slice, before hands are updated
 const SAME = 1e-12;
 
 export class LocalScene {
-  /* *ask* returns page contents by name. */
+  /** *ask* returns page contents by name. */
   constructor(ask) {
     this.ask = ask;
     this.scene = null; // once it is open
@@ -14,7 +14,7 @@ export class LocalScene {
     this.followed = -1;
   }
 
-  /* The scene, opened at its first use. */
+  /** The scene, opened at its first use. */
   open() {
     return (this.opened ??= this.read());
   }
@@ -24,7 +24,7 @@ export class LocalScene {
     return (this.scene = (await load(engine)).open(filled(await this.ask("scene"))));
   }
 
-  /* Move and hide parts as displayed: a service may have moved them. */
+  /** Move and hide parts as displayed: a service may have moved them. */
   follow(scene, parts) {
     if (this.followed === this.version) return;
     this.followed = this.version;
@@ -37,7 +37,7 @@ export class LocalScene {
     if (moves.length) scene.move(moves);
   }
 
-  /* The signed distance on a plane, row by row; null if it is no longer wanted. */
+  /** The signed distance on a plane, row by row; null if it is no longer wanted. */
   async sliced({ origin, u, v, width, height }, parts, isWanted) {
     const scene = await this.open();
     this.follow(scene, parts);
@@ -57,7 +57,7 @@ export class LocalScene {
     return values;
   }
 
-  /* The clearance of two parts, by their names. */
+  /** The clearance of two parts, by their names. */
   async clearance(names, parts) {
     const scene = await this.open();
     this.follow(scene, parts);
@@ -65,7 +65,7 @@ export class LocalScene {
   }
 }
 
-/* Fill in the omitted data of a compiled scene: coordinates of triangles, which are those of the parts' corners. */
+/** Fill in the omitted data of a compiled scene: coordinates of triangles, which are those of the parts' corners. */
 function filled(bytes) {
   const size = new DataView(bytes).getUint32(24, true);
   const { layout, arrays } = documentOf(bytes.slice(64, 64 + size));

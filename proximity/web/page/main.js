@@ -106,7 +106,7 @@ class Page {
     this.wanted = before ?? (this.about.first_input || first);
   }
 
-  /* Whether this page feeds the service, or only displays another source. */
+  /** Whether this page feeds the service, or only displays another source. */
   setRole(feeds) {
     this.feeds = feeds && this.about.may_pose;
     this.tools.mayMove = feeds && this.about.may_move;
@@ -117,7 +117,7 @@ class Page {
     else this.choose("none", "Another page sends the hands. Choose a source here to take over.");
   }
 
-  /* Select the source of hands; *why* replaces the usual hint. */
+  /** Select the source of hands; *why* replaces the usual hint. */
   async choose(key, why) {
     if (!this.about) return;
     if (!this.feeds && !WITHOUT_HANDS.includes(key)) {
@@ -145,7 +145,7 @@ class Page {
     byId("input-hint").textContent = hint;
   }
 
-  /* Send fingertips; those no longer present are sent as not tracked. */
+  /** Send fingertips; those no longer present are sent as not tracked. */
   send(found, atMs) {
     if (!this.feeds) return;
     const now = new Set(found.map((each) => each.finger));
@@ -157,7 +157,7 @@ class Page {
     this.link.sendPoses([...fitting, ...gone], atMs);
   }
 
-  /* The state at this instant. */
+  /** The state at this instant. */
   get reading() {
     const reading = this.link.at(performance.now());
     return this.isLoading ? { ...reading, state: "LOADING" } : reading;
@@ -185,14 +185,14 @@ class Page {
   }
 }
 
-/* Request page contents by name from the server, with the token. */
+/** Request page contents by name from the server, with the token. */
 async function served(name) {
   const answer = await fetch(`./shown/${name}`, { headers: { Authorization: `Bearer ${token}` } });
   if (!answer.ok) throw new Error(await answer.text());
   return answer.arrayBuffer();
 }
 
-/* Show distances computed by a service, or by this page, according to the welcome. */
+/** Show distances computed by a service, or by this page, according to the welcome. */
 async function begin(ask) {
   const local = new LocalScene(ask);
   const welcome = documentOf(await ask("welcome"));

@@ -26,7 +26,7 @@ export class Parts extends EventTarget {
     setInterval(() => this.send(), SEND_MS);
   }
 
-  /* Set the list of parts; their geometry may still be loading, and changes until then are applied later. */
+  /** Set the list of parts; their geometry may still be loading, and changes until then are applied later. */
   load(geometry) {
     this.loading = this.loadNow(geometry);
     return this.loading;
@@ -43,7 +43,7 @@ export class Parts extends EventTarget {
     this.changed();
   }
 
-  /* Reset parts to their initial poses: a service reports its moves and hidden parts again. */
+  /** Reset parts to their initial poses: a service reports its moves and hidden parts again. */
   restore() {
     this.waiting = [];
     for (const { object, about, initial } of this.list) {
@@ -90,7 +90,7 @@ export class Parts extends EventTarget {
     return box;
   }
 
-  /* Move parts to the poses of frames: a move counts from its instant, ms of the service's clock. */
+  /** Move parts to the poses of frames: a move counts from its instant, ms of the service's clock. */
   follow(frameMs) {
     if (!this.waiting.length || !this.isLoaded) return;
     const later = [];
@@ -123,7 +123,7 @@ export class Parts extends EventTarget {
     part.object.matrixWorldNeedsUpdate = true;
   }
 
-  /* Request a pose of a part; it moves when the service has moved it. */
+  /** Request a pose of a part; it moves when the service has moved it. */
   ask(part, matrix) {
     this.wanted.set(part.name, this.limited(part, matrix.clone()));
   }
@@ -156,7 +156,7 @@ export class Parts extends EventTarget {
     this.dispatchEvent(new Event("changed"));
   }
 
-  /* Hide or show a part: in the service's scene if permitted, so that distances follow. */
+  /** Hide or show a part: in the service's scene if permitted, so that distances follow. */
   setVisible(part, isVisible) {
     if (part.object.visible === isVisible) return;
     const { HIDE, SHOW } = ENUMS.PartAction;
@@ -193,7 +193,7 @@ export class Parts extends EventTarget {
     return hit ? { part: hit.object.userData.partOf, point: hit.point } : null;
   }
 
-  /* Parts were moved, hidden or shown. */
+  /** Parts were moved, hidden or shown. */
   changed() {
     this.stage.wake();
     this.dispatchEvent(new Event("placed"));

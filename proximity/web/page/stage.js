@@ -100,12 +100,12 @@ export class Stage {
     return !this.isDrawn;
   }
 
-  /* A visible change has happened. */
+  /** A visible change has happened. */
   wake() {
     this.awakeMs = performance.now() + AWAKE_MS;
   }
 
-  /* Draw fewer pixels when pictures are slow, and more again when they are not. */
+  /** Draw fewer pixels when pictures are slow, and more again when they are not. */
   adapt() {
     if (this.renderer.xr.isPresenting) return;
     const most = Math.min(devicePixelRatio, 2);
@@ -118,7 +118,7 @@ export class Stage {
     this.resize();
   }
 
-  /* Set the bounds of the scene: view, grid and depth follow. */
+  /** Set the bounds of the scene: view, grid and depth follow. */
   setBounds(box) {
     this.box = box;
     this.camera.near = this.radius * 0.01;
@@ -128,12 +128,12 @@ export class Stage {
     this.home();
   }
 
-  /* View the whole scene from above and the front. */
+  /** View the whole scene from above and the front. */
   home() {
     this.frame(this.box, new THREE.Vector3(0.55, 0.55, 0.8));
   }
 
-  /* View a box, scene frame, from a direction; by default the present one. */
+  /** View a box, scene frame, from a direction; by default the present one. */
   frame(box, from = this.camera.position.clone().sub(this.controls.target)) {
     const centre = this.toWorld(box.getCenter(new THREE.Vector3()));
     const radius = Math.max(box.getSize(new THREE.Vector3()).length() / 2, 1e-4);
@@ -162,7 +162,7 @@ export class Stage {
     return point.clone().applyMatrix4(this.root.matrixWorld.clone().invert());
   }
 
-  /* Place the parts in front of these eyes, upright and at their true size. */
+  /** Place the parts in front of these eyes, upright and at their true size. */
   putBefore(eyes, towards) {
     const level = new THREE.Vector3(towards.x, 0, towards.z).normalize();
     this.putBack();
@@ -175,14 +175,14 @@ export class Stage {
     this.root.updateMatrixWorld(true);
   }
 
-  /* Place the parts for a screen. */
+  /** Place the parts for a screen. */
   putBack() {
     this.root.position.set(0, 0, 0);
     this.root.rotation.set(-Math.PI / 2, 0, 0);
     this.root.updateMatrixWorld(true);
   }
 
-  /* Lines in millimetres on the floor, finer ones between, and numbers at the coarse ones. */
+  /** Lines in millimetres on the floor, finer ones between, and numbers at the coarse ones. */
   makeGrid() {
     for (const child of [...this.grid.children]) this.grid.remove(child);
     const centre = this.box.getCenter(new THREE.Vector3());
@@ -209,7 +209,7 @@ export class Stage {
     this.grid.add(label.object);
   }
 
-  /* The present view, with every pixel of the screen, as a Blob; *paint* draws over it, in CSS pixels. */
+  /** The present view, with every pixel of the screen, as a Blob; *paint* draws over it, in CSS pixels. */
   async picture(paint) {
     const { ratio } = this;
     this.ratio = devicePixelRatio;
@@ -258,7 +258,7 @@ function lines(centre, floor, reach, spacing, opacity) {
   return new THREE.LineSegments(geometry, material);
 }
 
-/* Axes x, y and z next to the part, with their letters. */
+/** Axes x, y and z next to the part, with their letters. */
 function axes(box, floor, radius) {
   const group = new THREE.Group();
   const length = 0.28 * radius;

@@ -1,7 +1,7 @@
 /* Frames of a service in shared memory: mailbox_receiver NAME SECONDS, for shm://NAME. Linux.
 
-   A service that is started anew has another mailbox, which is opened here; of one that was killed the last frame
-   ages, until it is STALE. Names of parts come between frames. */
+   A restarted service has another mailbox, which is opened here; if it was killed, the last frame
+   ages until it is STALE. Names of parts come between frames. */
 #define _GNU_SOURCE
 #include <proximity_mailbox.h>
 #include <proximity_message.h>
@@ -25,11 +25,11 @@ static union {
         proximity_label labels[MAX_LABELS];
     } described;
 } arrived;
-static proximity_description_header named; /* of the names: whose they are */
+static proximity_description_header named; /* of the names: their service and epoch */
 static char names[MAX_PARTS][65];
 static proximity_receiver receiver = {.shares_clock = 1};
 
-/* Hold what arrived if it is a frame, or names, and whole. */
+/* Store a received frame, or names, if valid. */
 static void take(size_t size, int64_t now_ns)
 {
     const proximity_description_header *header = &arrived.described.header;
@@ -55,7 +55,7 @@ static const char *name_of(int32_t part)
     return is_known && part >= 0 && part < MAX_PARTS ? names[part] : "?";
 }
 
-/* Print what is known now; here a program would act. */
+/* Print the present state; a program would act here. */
 static void show(int64_t now_ns)
 {
     enum proximity_state state = proximity_trust(&receiver, &held.header, now_ns, PROXIMITY_STALE_AFTER_NS);
@@ -83,7 +83,7 @@ int main(int count, char **words)
     for (; (now_ns = proximity_mailbox_now_ns()) < ends_ns;) {
         if (outcome != PROXIMITY_MAILBOX_OK)
             outcome = proximity_mailbox_open(&box, words[1]);
-        if (outcome == PROXIMITY_MAILBOX_NOBODY) { /* yet, or not any more: look again */
+        if (outcome == PROXIMITY_MAILBOX_NOBODY) { /* not yet, or no longer: poll again */
             struct timespec pause = {0, 5 * MS};
             nanosleep(&pause, NULL);
         } else if (outcome != PROXIMITY_MAILBOX_OK) {

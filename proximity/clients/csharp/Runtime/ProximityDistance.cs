@@ -1,4 +1,4 @@
-// ProximityDistance.cs: how far this object is from the parts of a compiled scene, which may be concave and move.
+// ProximityDistance.cs: distance of this object to the parts of a compiled scene, which may be concave and move.
 //
 // Put it on any object. `proximity compile` makes the scene's file, for Assets/StreamingAssets. Mirror: see
 // ProximityAxes.cs. In a component that answers for fingers at every tick take a ProximityTracker.
@@ -11,7 +11,7 @@ using UnityEngine;
 public sealed class ProximityDistance : MonoBehaviour
 {
     public string sceneFile = "bracket.prox";
-    public Transform origin; // where the scene's origin is; without scale
+    public Transform origin; // of the scene; without scale
     public Transform[] movers = new Transform[0]; // each moves the part that has its name
     public ProximityMirror mirror = ProximityMirror.YAndZ;
 

@@ -12,10 +12,10 @@ const CHAINS = [
   ),
 ];
 export const JOINTS = ["wrist", ...CHAINS.flat()];
-/* rad: bend of a joint from the flat hand to the fist, from the knuckle. */
+/** rad: bend of a joint from the flat hand to the fist, from the knuckle. */
 const FIST = { 2: [0.9, 1.2], 3: [1.4, 1.75, 1.15] };
 
-/* The name of a service's finger: five of the left hand, then five of the right. */
+/** The name of a service's finger: five of the left hand, then five of the right. */
 export function fingerName(finger, count) {
   if (count <= 5) return NAMES[finger] ?? `${finger}`;
   return `${finger < 5 ? "left" : "right"} ${NAMES[finger % 5] ?? finger}`;
@@ -71,11 +71,11 @@ function angle(from, to, axis) {
   return Math.atan2(across.dot(axis), from.dot(to));
 }
 
-/* Of the radii of joints: slim, so that the part behind is visible. */
+/** Of the radii of joints: slim, so that the part behind is visible. */
 const BALL = 0.6;
 const BONE = 0.42;
 
-/* A drawn hand: a ball at every joint and a bone between neighbours. */
+/** A drawn hand: a ball at every joint and a bone between neighbours. */
 export class HandShape {
   constructor(parent) {
     this.material = new THREE.MeshStandardMaterial({ roughness: 0.7, transparent: true });

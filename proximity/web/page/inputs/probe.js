@@ -52,7 +52,7 @@ export class Probe {
     byId("probe-lift").value = +(1e3 * this.lift).toFixed(3);
   }
 
-  /* Query at the pointer; called before each picture. *isBusy*: the pointer holds a part. */
+  /** Query at the pointer; called before each picture. *isBusy*: the pointer holds a part. */
   update(isBusy) {
     const { scene } = this.local;
     if (isBusy && this.mark) this.mark.group.visible = false;
@@ -70,7 +70,7 @@ export class Probe {
     this.say(this.answer);
   }
 
-  /* The point under the pointer, scene frame: on a part, its cut or the slice, or as far away as the last of them. */
+  /** The point under the pointer, scene frame: on a part, its cut or the slice, or as far away as the last of them. */
   placed(scene) {
     const { camera, root, controls } = this.stage;
     this.isBeside = false;
@@ -115,7 +115,7 @@ export class Probe {
   }
 }
 
-/* The drawn probe: a fingertip without a size, also within parts. */
+/** The drawn probe: a fingertip without a size, also within parts. */
 class Mark extends Finger {
   constructor(stage) {
     super(1, stage.root);

@@ -48,7 +48,7 @@ export class Clashes {
     return item;
   }
 
-  /* View the two parts of a clash, with the others faint; null: all parts, from the previous view. */
+  /** View the two parts of a clash, with the others faint; null: all parts, from the previous view. */
   choose(clash) {
     const { stage, parts } = this, { camera, controls } = stage;
     if (clash === this.chosen) return;
@@ -90,5 +90,5 @@ export class Clashes {
   }
 }
 
-/* A number with three digits, or with all before the point. */
+/** A number with three digits, or with all before the point. */
 const figures = (value) => (value >= 100 ? value.toFixed(0) : `${+value.toPrecision(3)}`);

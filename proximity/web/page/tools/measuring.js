@@ -21,14 +21,14 @@ export class Measure {
     this.group.clear();
   }
 
-  /* Add a part; return the names of both when there are two. */
+  /** Add a part; return the names of both when there are two. */
   addPart(name) {
     if (this.points.length || this.names.length === 2) this.clear();
     if (!this.names.includes(name)) this.names.push(name);
     return this.names.length === 2 ? this.names : null;
   }
 
-  /* Show the measured distance of two parts; return a sentence. */
+  /** Show the measured distance of two parts; return a sentence. */
   showParts(names, { distance, pointOnFirst, pointOnSecond, relation }) {
     this.clear();
     if (distance === 0) return `${names[0]} and ${names[1]} ${RELATIONS[relation]}.`;
@@ -36,7 +36,7 @@ export class Measure {
     return `${names[0]} and ${names[1]}: ${this.add(new THREE.Vector3(...pointOnSecond))}`;
   }
 
-  /* Add a point, scene frame; return a sentence. */
+  /** Add a point, scene frame; return a sentence. */
   add(point) {
     if (this.points.length === 2) this.clear();
     this.names = [];

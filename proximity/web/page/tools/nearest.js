@@ -36,7 +36,7 @@ export class Nearest {
     for (const each of this.parts.list) for (const mesh of each.meshes) mesh.material.color.set(each.colour);
   }
 
-  /* Update the nearest connections of a part after a move; return a sentence, or null. */
+  /** Update the nearest connections of a part after a move; return a sentence, or null. */
   show(part) {
     if (!this.local.scene || !part.object.visible) return null;
     const key = `${this.local.version}|${part.name}`;
@@ -102,7 +102,7 @@ export class Nearest {
     return share < 1 ? between(from, to, share) : matrix;
   }
 
-  /* The maximum distance of a part's points from its origin. */
+  /** The maximum distance of a part's points from its origin. */
   reachOf(part) {
     if (part.reach === undefined) {
       const { min, max } = this.parts.bounds([part], part.object);
@@ -115,7 +115,7 @@ export class Nearest {
     this.local.scene.move([{ part: part.name, matrix: rowsOf(matrix) }]);
   }
 
-  /* A lower bound of the distance to other parts at their present poses; at most *limit*. */
+  /** A lower bound of the distance to other parts at their present poses; at most *limit*. */
   free(part, limit) {
     let lower = limit;
     for (const other of this.others(part)) {

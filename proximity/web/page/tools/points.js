@@ -99,7 +99,7 @@ export class PointCloud {
     this.stage.root.add(this.object);
   }
 
-  /* The row of the visible point nearest to *pointer*, -1 to 1 across the view; -1 if none is near. */
+  /** The row of the visible point nearest to *pointer*, -1 to 1 across the view; -1 if none is near. */
   under(pointer) {
     if (!this.object) return -1;
     const { camera, root } = this.stage, near = NEAR / innerHeight, found = [], [place, seen] = [new THREE.Vector3(), new THREE.Vector3()];
@@ -137,7 +137,7 @@ export class PointCloud {
     this.stage.wake();
   }
 
-  /* The magnitude of distance not exceeded by this share of the points. */
+  /** The magnitude of distance not exceeded by this share of the points. */
   share(share) {
     return this.sizes[Math.max(Math.ceil(share * this.sizes.length) - 1, 0)];
   }
@@ -173,7 +173,7 @@ export class PointCloud {
     });
   }
 
-  /* Offer the points with their distances, with the columns of `proximity query --csv`. */
+  /** Offer the points with their distances, with the columns of `proximity query --csv`. */
   save() {
     const lines = ["x_mm,y_mm,z_mm,signed_distance_mm,is_signed,part_name"];
     const quoted = this.parts.list.map(({ name }) => (/[",\n]/.test(name) ? `"${name.replaceAll('"', '""')}"` : name));

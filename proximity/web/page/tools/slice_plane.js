@@ -72,7 +72,7 @@ export class SlicePlane {
     this.changed();
   }
 
-  /* In the world's frame, as in three.js: the side in front of it is kept. */
+  /** In the world's frame, as in three.js: the side in front of it is kept. */
   clippingPlane() {
     const normal = new THREE.Vector3().setComponent(this.index, -1);
     if (this.axis === "y") normal.negate(); // the view is from the front: objects before it are removed
@@ -82,7 +82,7 @@ export class SlicePlane {
     return plane.applyMatrix4(this.stage.root.matrixWorld);
   }
 
-  /* The slice must be updated: request it, soon. */
+  /** The slice must be updated: request it, soon. */
   changed() {
     if (!this.slices || this.timer) return;
     this.timer = setTimeout(() => {
@@ -155,7 +155,7 @@ export class SlicePlane {
   }
 }
 
-/* The filled cuts of the parts: where a ray meets more back faces than front faces. */
+/** The filled cuts of the parts: where a ray meets more back faces than front faces. */
 class Cut {
   constructor(stage, parts) {
     Object.assign(this, { stage, parts });

@@ -52,7 +52,7 @@ export class Tools {
     byId("tool-hint").textContent = text;
   }
 
-  /* Report the nearest parts of the picked part. */
+  /** Report the nearest parts of the picked part. */
   update() {
     const part = this.mode === "measure" ? null : this.parts.picked;
     const words = part ? this.nearest.show(part) : this.nearest.clear();
@@ -68,7 +68,7 @@ export class Tools {
     this.say(HINTS[mode] ?? "");
   }
 
-  /* A part was chosen in the list: it is measured, or picked. */
+  /** A part was chosen in the list: it is measured, or picked. */
   async choosePart(part) {
     if (this.mode !== "measure") return this.parts.pick(part === this.parts.picked ? null : part);
     const names = this.measure.addPart(part.name);
@@ -76,7 +76,7 @@ export class Tools {
     this.say(this.measure.showParts(names, await this.local.clearance(names, this.parts.list)));
   }
 
-  /* Clip or slice, or neither: "clips" or "slices". */
+  /** Clip or slice, or neither: "clips" or "slices". */
   setPlane(what, isOn = !this.plane[what]) {
     this.plane[what] = isOn;
     byId("tool-clip").setAttribute("aria-pressed", this.plane.clips);
@@ -102,7 +102,7 @@ export class Tools {
     this.say(`The picture is saved as ${name}.`);
   }
 
-  /* A URL of this page with this view; it contains the token, so it is private. */
+  /** A URL of this page with this view; it contains the token, so it is private. */
   async copyLink() {
     const round = (vector) => vector.toArray().map((x) => +x.toPrecision(6));
     const view = {
@@ -118,7 +118,7 @@ export class Tools {
     this.say(`The link to this view is ${copied ? "copied" : "in the address bar"}; it works while this page is served.`);
   }
 
-  /* Restore the view of the URL, if it has one. */
+  /** Restore the view of the URL, if it has one. */
   readLink() {
     const text = new URLSearchParams(location.hash.slice(1)).get("view");
     if (!text) return;
@@ -136,7 +136,7 @@ export class Tools {
     }
   }
 
-  /* Close open items: the keys, then the clash, then the tool and the picked part, then the plane. */
+  /** Close open items: the keys, then the clash, then the tool and the picked part, then the plane. */
   escape() {
     if (!byId("help").hidden) return this.toggleHelp();
     if (this.clashes.chosen) return this.clashes.choose(null);
@@ -210,7 +210,7 @@ export class Tools {
     this.actions[action]();
   }
 
-  /* Move or turn the picked part by the keyboard; without one arrow keys turn the view. */
+  /** Move or turn the picked part by the keyboard; without one arrow keys turn the view. */
   nudge(event) {
     const part = this.parts.picked;
     const turn = { KeyQ: TURN, KeyE: -TURN }[event.code];
