@@ -2,7 +2,7 @@
 
 Every tick is timed separately: thread time (of the processor) and wall time, from call to answer, in Python,
 without subtractions. "Best of 3" is the shortest thread time of each tick in three equal runs: its tail is
-due to the work. "A bare loop" only counts, for as long as the median tick takes: its tail is due to the
+due to the work. "A bare loop" only counts, for the time of the median tick: its tail is due to the
 machine. The exit code is 1 if a measured requirement is not met.
 """
 

@@ -2,8 +2,8 @@
 
     python bench/studies/make_catalogue.py --count 1000
 
-A part is a plate, a block or a shaft with bosses, balls and holes, 20 to 200 mm long; its curves are cut into
-as many segments as give it between 10³ and 10⁶ faces, evenly in the logarithm.
+A part is a plate, a block or a shaft with bosses, balls and holes, 20 to 200 mm long; the number of segments
+of its curves gives it between 10³ and 10⁶ faces, evenly in the logarithm.
 """
 
 import argparse

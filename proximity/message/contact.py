@@ -25,7 +25,7 @@ class ContactFlag(IntFlag):
     """lower = signed_distance = upper."""
     BOUNDED = contact_record.BOUNDED
     """The work budget was exhausted, or a part moves and its pose is of another instant: the bounds hold, the
-    distance is the nearest surface found so far."""
+    distance is the nearest surface found."""
     SKIPPED = contact_record.SKIPPED
     """No search was made: the finger is outside the working range, within the tolerance, or the budget of all
     fingers was exhausted. The bounds follow from the last search and from the motion of finger and parts

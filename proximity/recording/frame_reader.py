@@ -31,7 +31,7 @@ class FrameReader:
 
     Iterating yields runs of frames with equal numbers of fingers, oldest first: read-only arrays (B,) with
     the fields ``header`` (FRAME_HEADER) and ``contacts``, (N,) CONTACT, which are never overwritten. The
-    counts below are those of the frames read so far.
+    counts below include only frames already read.
 
     *path*: the log; one that is being written may be read.
     """

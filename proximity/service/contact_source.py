@@ -71,7 +71,7 @@ class ContactSource(Protocol):
 class TrackedContacts:
     """Contacts with the parts of a scene.
 
-    *tracker*: with as many fingers as the input. Only the service may tick it from now on.
+    *tracker*: with the number of fingers of the input. Only the service may tick it from now on.
     """
 
     source = Source.GEOMETRY

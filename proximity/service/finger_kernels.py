@@ -63,7 +63,7 @@ MEASUREMENT_RECORD = record(
 REFUSED = 255
 """Defect of a sample that was refused before: it is not counted again."""
 LOST = 254
-"""Defect of a sample of a hand whose fingers all have one position, as many programs send a lost hand."""
+"""Defect of a sample of a hand whose fingers all have one position, the usual mark of a lost hand."""
 HAND, MIN_FINGERS = 5, 3
 """Fingers of a hand, in a row; fewer at one position do not make it lost: two may touch."""
 

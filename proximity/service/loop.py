@@ -51,7 +51,7 @@ OPENS_ENDS = sys.platform == "linux"
 class Service:
     """Receives poses, computes contacts, and publishes frames, every period and when poses arrive.
 
-    *pose_input*: source of samples, of as many fingers. Closed at the end. *valid_for*: age of the oldest
+    *pose_input*: source of samples, for all fingers. Closed at the end. *valid_for*: age of the oldest
     pose up to which a frame may be used unchanged. *clock*: drives it tick by tick; None: the system's.
     *log*: frames are appended to it, by another thread. Closed at the end. *describer*: makes the messages
     with names of parts and fingers. *counts_processor*: whether ticks are timed by processor time.

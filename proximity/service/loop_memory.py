@@ -79,7 +79,7 @@ def _copied(array: np.ndarray) -> np.ndarray:
 
 
 class SourceMemory:
-    """A source of contacts in the loop's layout, alive as long as the loop may use it.
+    """A source of contacts in the loop's layout, alive while the loop may use it.
 
     *before*: the same source with the previous parts of its scene.
     """

@@ -93,7 +93,7 @@ class MailboxInlet:
     def receive(self, buffer: np.ndarray) -> int:
         """Copy the oldest unseen message in the box."""
         box = self._box
-        if box.count == self._seen:  # an atomic read, as the lock costs as much as the rest
+        if box.count == self._seen:  # an atomic read: the lock would double the cost
             return NOTHING
         with box.changed:
             new = [latest for latest in box.latest.values() if latest.count > self._seen]

@@ -57,7 +57,7 @@ _LONG_CALLS = ("create", "enlarge", "wait")
 
 
 class _Functions:
-    """Functions of the library, by the names in `_TYPES`, as far as this system has them."""
+    """Functions of the library available on this system, by the names in `_TYPES`."""
 
     def __init__(self) -> None:
         self._lets_run, self._short = libraries()

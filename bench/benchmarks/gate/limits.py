@@ -16,7 +16,7 @@ from proximity.native import MODE
 FILE = BENCH / "gate.toml"
 MARGIN = 1.4
 """Ratio of a limit to the measured ratio. Runs differ by less, also while another process takes a core; a
-kernel that takes twice as long exceeds it (`gate.toml` has the spreads)."""
+kernel of twice the time exceeds it (`gate.toml` has the spreads)."""
 MEASURED_ON = "emeraldrapids"
 """LLVM's name of the processor that the limits were measured on."""
 OTHER_MACHINE = 1.35

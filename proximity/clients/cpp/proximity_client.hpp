@@ -190,7 +190,7 @@ private:
     std::vector<proximity_contact> contacts_, shown_;
     numbers names_of_{}, labels_of_{};
     std::vector<std::string> part_names_;
-    std::map<std::uint64_t, std::string> labels_; // of a description of which not all has come
+    std::map<std::uint64_t, std::string> labels_; // of an incomplete description
 
     static bool is_description(std::span<const std::byte> message)
     {

@@ -29,7 +29,7 @@ class Asked:
     """The next measurement."""
 
     task: Task
-    number: int  # number of readings so far
+    number: int  # number of present readings
     agreeing: int  # readings of this task that agree
     is_again: bool  # because readings of this task disagree
 

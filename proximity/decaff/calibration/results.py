@@ -1,6 +1,6 @@
 """Results of a calibration: each number with its uncertainty and the model's value, and the glove's file.
 
-An uncertainty is half of the 95 % confidence interval, as far as repeats show it (Student's t), widened by
+An uncertainty is half of the 95 % confidence interval, estimated from repeats (Student's t), widened by
 the resolution of one count or one sample, which is common to all repeats. Systematic errors, such as a spring
 scale that reads too much, do not show in repeats.
 """
@@ -59,7 +59,7 @@ class Estimate:
 
 
 class Session:
-    """A calibration in progress: its glove, instruments and readings so far."""
+    """A calibration in progress: its glove, instruments and present readings."""
 
     def __init__(self, bench: Bench, readings: Readings, skipped: Sequence[str] = ()) -> None:
         self.bench, self.readings = bench, readings
@@ -95,7 +95,7 @@ class Session:
         return self.readings.agreeing(task, self.bench)
 
     def estimates(self) -> list[Estimate]:
-        """Return the estimates from the readings so far."""
+        """Return the estimates from the present readings."""
         found = []
         for key, label, unit, shown, task, number, model, hidden in _quantities(self.bench):
             readings = self.of(task)

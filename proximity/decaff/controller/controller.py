@@ -216,7 +216,7 @@ class FingerController:
     ) -> None:
         settings = ControllerSettings(rate, drum or path.drum, limits or Limits(), cable=cable or CableRule())
         self._path, self._drum, self._limits = path, settings.drum, settings.limits
-        # C keeps addresses of all of these: they live as long as this object.
+        # C keeps addresses of these arrays, which must outlive it.
         _, self._settings = settings.record()
         self._tables = [np.array(table, np.float64) for table in path.tables()]
         self._place, _, place_content = memory(PATH)

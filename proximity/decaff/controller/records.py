@@ -11,7 +11,7 @@ import numpy as np
 from proximity.message.c_header import comment_lines
 
 MAX_STEADY = 1024
-"""Samples in the window of a steady force in the package; a chip has as many as its settings need."""
+"""Samples in the window of a steady force in the package; a chip has the number that its settings need."""
 HEADER = Path(__file__).with_name("decaff_controller.h.in")
 
 
@@ -164,7 +164,7 @@ RECORDS = {
         Member("once", "real", "N, low-passed once"),
         Member("twice", "real", "N, low-passed twice"),
         Member("window", "real", "", MAX_STEADY),
-        Member("count", "uint32_t", "samples so far, at most those of the window"),
+        Member("count", "uint32_t", "present samples, at most those of the window"),
         Member("next", "uint32_t", "row of the window that is the oldest"),
         Member("slow_count", "uint32_t"),
     ),

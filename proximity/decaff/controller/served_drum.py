@@ -26,7 +26,7 @@ class ServedDrum:
         self.step = self.period / self.steps  # s, of the plant
         self.plant, self.drive = drum.as_array(stop), drum.drive(self.step, position)
         self.reported = drum.reading(position)
-        # C keeps the address of the settings: they live as long as this object.
+        # C keeps the address of the settings, which must outlive it.
         _, settings, self._settings = memory(SETTINGS)
         for name, number in servo_numbers(drum, servo, Limits().continuous_force).items():
             settings[name] = number

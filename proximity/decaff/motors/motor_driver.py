@@ -32,7 +32,7 @@ DRIVERS = {"odrive-can": "proximity.decaff.motors.odrive_can"}
 class MotorReading:
     """Newest answers of a motor."""
 
-    answers: int = 0  # valid encoder readings so far; constant while the motor is silent
+    answers: int = 0  # number of valid encoder readings; constant while the motor is silent
     turns: float = 0.0  # by the encoder, from the motor's origin
     current: float = 0.0  # A
     torque: float = 0.0  # N m, at the shaft

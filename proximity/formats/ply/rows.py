@@ -42,7 +42,7 @@ def read_binary(data: bytes, start: int, element: Element) -> tuple[Columns, int
 
 
 def _row_dtype(data: bytes, start: int, element: Element) -> np.dtype:
-    """Return the layout of a row whose lists are as long as those of the first row."""
+    """Return the layout of a row whose lists have the lengths of those in the first row."""
     fields: list[tuple] = []
     at = start
     for k, column in enumerate(element.properties):

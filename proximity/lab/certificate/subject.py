@@ -99,7 +99,7 @@ def read_subject(
     """
     if fingers is not None and fingers < 1:
         raise ServiceError(f"{fingers} fingers cannot be tracked, expected 1 or more")
-    # Before the parts: a mistake here should not take as long as reading them.
+    # Before the parts: mistakes here should be found before the slow reading.
     hand = None if recording is None else read_recording(recording)
     if Path(path).suffix.lower() == SCENE_SUFFIX:
         subject = _of_scene_file(read_scene_file(path), hand, period)

@@ -140,7 +140,7 @@ def _in_ball(count: int, rng: np.random.Generator) -> np.ndarray:
 def _look(
     probe: Probe, positions: np.ndarray, is_centre: np.ndarray, rng: np.random.Generator, max_steps: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return contacts and their positions: all, or as many as the steps allow, centres first."""
+    """Return contacts and their positions: all within the steps, centres first."""
     order = rng.permutation(len(positions))
     order = np.concatenate([order[is_centre[order]], order[~is_centre[order]]])
     found: list[np.ndarray] = []

@@ -54,7 +54,7 @@ Step = Text | Trial
 
 
 def latin_square(count: int) -> list[list[int]]:
-    """Return rows of range(count) in which each follows each equally often; twice as many if odd."""
+    """Return rows of range(count) in which each follows each equally often; twice *count* rows if odd."""
     first = [(i + 1) // 2 if i % 2 else (count - i // 2) % count for i in range(count)]
     rows = [[(number + row) % count for number in first] for row in range(count)]
     return rows if count % 2 == 0 or count == 1 else rows + [row[::-1] for row in rows]

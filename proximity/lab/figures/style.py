@@ -236,7 +236,7 @@ def legend_above(figure: "Figure", panel: "Axes", columns: int) -> None:
 
 
 def legend_of(figure: "Figure", handles: Sequence[Any], names: Sequence[str], columns: int) -> None:
-    """Draw a legend above all panels, in as many of *columns* as fit."""
+    """Draw a legend above all panels, in up to *columns* columns."""
     for fewer in range(columns, 0, -1):
         legend = figure.legend(handles, names, loc="outside upper center", ncols=fewer)
         if fewer == 1 or legend.get_window_extent().width < figure.bbox.width:

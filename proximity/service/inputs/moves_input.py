@@ -80,7 +80,7 @@ class MovesInput:
     def take(self, scene: Scene, now_ns: int) -> dict[str, ReportedMotion]:
         """Move parts as reported in messages; return the new motions.
 
-        A new scene gets all motions reported so far.
+        A new scene gets all earlier motions.
         """
         moved: dict[str, ReportedMotion] = {}
         if scene is not self._scene:

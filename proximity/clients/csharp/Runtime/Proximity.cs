@@ -260,7 +260,7 @@ namespace Proximity
             Native.Check(Native.proximity_set_radius(handle, (UIntPtr)(uint)finger, radius, out NativeError e), ref e);
 
         /// <summary>Answer for all fingers, a row each; one whose position is not finite is not tracked. Instants are ns
-        /// of one clock, velocities m/s; corners of paths are as many a finger, one finger behind the other.</summary>
+        /// of one clock, velocities m/s; paths have equal numbers of corners, one finger after the other.</summary>
         public ProximityContact[] Tick(ReadOnlySpan<ProximityVector> positions, ReadOnlySpan<long> poseNs, long nowNs,
             ReadOnlySpan<ProximityVector> velocities = default, ReadOnlySpan<ProximityVector> corners = default,
             ReadOnlySpan<double> bends = default, ReadOnlySpan<double> pathBends = default)

@@ -107,7 +107,7 @@ export class Headset {
     this.hold(side, matrix, isHeld, side === "right" ? 6 : 1);
   }
 
-  /** Move the nearby part along with a hand, as long as it is grasped. */
+  /** Move the nearby part along with a hand while it is grasped. */
   hold(side, matrix, isHeld, finger) {
     if (!isHeld) return void this.grasps.delete(side);
     let held = this.grasps.get(side);

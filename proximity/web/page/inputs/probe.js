@@ -70,7 +70,7 @@ export class Probe {
     this.say(this.answer);
   }
 
-  /** The point under the pointer, scene frame: on a part, its cut or the slice, or as far away as the last of them. */
+  /** The point under the pointer, scene frame: on a part, its cut or the slice, or at the distance of the last of them. */
   placed(scene) {
     const { camera, root, controls } = this.stage;
     this.isBeside = false;
