@@ -78,8 +78,7 @@ def describe_content(data: bytes) -> str | None:
 
 
 def is_binary_stl(data: bytes) -> bool:
-    """Return whether a file has the length that its face count requires, with or without "solid" at the
-    start.
+    """Return whether a file has the length required by its face count, with or without "solid" at its start.
     """
     if len(data) <= STL_HEADER_BYTES:
         return False

@@ -102,8 +102,7 @@ are typical values for this size.
 """
 USUAL_GEAR = "gear51"
 FORMER_NAMES = {"direct": "gear14", "gear4": "gear51", "gear10": "gear111"}
-"""Former drums, for which a metre of rim was a metre of fingertip, and their nearest equivalents.
-"""
+"""Former drums, for which a metre of rim was a metre of fingertip, and their nearest equivalents."""
 
 
 def gear_named(name: str) -> Gear:

@@ -35,8 +35,7 @@ TOUCH_TOLERANCE = 0.3e-3
 RANGE_MARGIN = 0.05
 """Share of the table's range by which counts may exceed it: a warm hand bends farther. Assumed."""
 MAX_OFF = 0.5
-"""Share of the design's range of counts by which the table may differ, as mountings do. Assumed.
-"""
+"""Share of the design's range of counts by which the table may differ, as mountings do. Assumed."""
 MAX_UNEVEN = 5.0
 """Maximum ratio of the slope of counts to the design's, either way, between two points. Assumed."""
 INVERSE = np.linspace(0.0, 1.0, 4097)

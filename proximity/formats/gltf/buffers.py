@@ -167,9 +167,7 @@ def _buffer_bytes(uri: Any, k: int, path: str, binary: bytes | None, length: int
 
 
 def _data_uri_bytes(uri: str, k: int) -> bytes:
-    """Return the bytes of a data URI; base64 may be broken into lines, percent-encoded, or without its
-    padding.
-    """
+    """Return the bytes of a data URI; base64 may have line breaks, percent-encoding, or no padding."""
     head, _, text = uri.partition(",")
     data = urllib.parse.unquote_to_bytes(text)
     if not head.lower().endswith(";base64"):

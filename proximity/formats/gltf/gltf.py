@@ -88,8 +88,8 @@ def _has_empty_buffer(document: Document, name: str) -> bool:
 def _parts(
     document: Document, nodes: Sequence[Node], surfaces: dict[int, list[Primitive]]
 ) -> list[Part | None]:
-    """Return the arrays of each node's mesh; meshes of the same accessors, as cascadio writes instances,
-    share them.
+    """Return the arrays of each node's mesh, shared by meshes of the same accessors, as in cascadio's
+    instances.
     """
     made: dict[tuple, Part | None] = {}
     parts = []

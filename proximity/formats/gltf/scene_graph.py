@@ -73,9 +73,7 @@ def walk(document: Document) -> list[Node]:
 
 @np.errstate(over="ignore", invalid="ignore")  # infinities are found and named later
 def _skin_placement(document: Document, index: int, joints: dict[int, np.ndarray]) -> tuple[np.ndarray, bool]:
-    """Return the matrix of the first joint, which places a mesh instead of its own node, and whether others
-    differ.
-    """
+    """Return the first joint's matrix, which places a mesh instead of its node, and whether others differ."""
     skin, place = document.entry("skins", index), f"skin {index}"
     given = [integer(joint, f"the joints of {place}") for joint in entries(skin, "joints")]
     placed = np.array([joints.get(joint, np.eye(4)) for joint in given or [-1]])

@@ -169,9 +169,7 @@ def _count(records: _Records, shapes: dict[str, list[str]], children: dict[str, 
 
 
 def _linked(records: _Records) -> dict[str, list[str]]:
-    """Return the representations of one product: of its axes, of its solids. Relations that place a part are
-    excluded.
-    """
+    """Return the representations of one product: axes and solids, without relations that place a part."""
     placements = {relation for relation, _ in records.placements}
     linked = defaultdict(list)
     for relation, (first, second) in records.relations.items():

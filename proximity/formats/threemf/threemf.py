@@ -110,9 +110,7 @@ def _meshes(
 
 
 def _read_archive(data: bytes, unpacked_limit: float) -> tuple[dict[str, ModelFile], SlicerSettings]:
-    """Return the model files that the build needs, by name, the root model first, and the settings of a
-    slicer.
-    """
+    """Return the model files that the build needs, by name, the root first, and the settings of a slicer."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             package = Package(archive, len(data), unpacked_limit)
