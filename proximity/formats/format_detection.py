@@ -78,8 +78,7 @@ def describe_content(data: bytes) -> str | None:
 
 
 def is_binary_stl(data: bytes) -> bool:
-    """Return whether a file has the length required by its face count, with or without "solid" at its start.
-    """
+    """Return whether a file has the length required by its face count, with or without a leading "solid"."""
     if len(data) <= STL_HEADER_BYTES:
         return False
     return len(data) == STL_HEADER_BYTES + STL_FACET_BYTES * stl_face_count(data)

@@ -97,8 +97,8 @@ def _read_ascii(data: bytes) -> RawFile:
 
 
 def _plain_facets(lowered: str) -> int:
-    """Return the number of facets if each has three vertices of three numbers, and all or none each other
-    word.
+    """Return the number of facets if each has three vertices of three numbers, and all or none the other
+    words.
     """
     found = "".join(word[0] for word in _FACET_OR_VERTEX.findall(lowered))
     count = len(found) // 4

@@ -281,7 +281,9 @@ def test_grammar_that_we_refuse_is_read_by_trimesh_with_a_note(tmp_path, name, d
     contents = read(tmp_path, name, data, units="m")
     assert np.array_equal(corners(contents), VERTICES[FACES])
     (note,) = contents.notes
-    assert note.startswith(f"trimesh read it, and numbered its faces; the reader of this package refuses it: {reason}")
+    assert note.startswith(
+        f"trimesh read it, and numbered its faces; the reader of this package refuses it: {reason}"
+    )
 
 
 @pytest.mark.processes
@@ -336,9 +338,7 @@ def test_damaged_files_are_not_handed_to_trimesh(tmp_path, monkeypatch, name, da
 
 
 def test_unit_or_tolerance_that_does_not_exist_is_refused():
-    with pytest.raises(
-        MeshError, match=r"unknown unit 'furlong', expected one of m, dm, cm, mm, um, nm, km"
-    ):
+    with pytest.raises(MeshError, match=r"unknown unit 'furlong', expected one of m, dm, cm, mm, um, nm, km"):
         formats.metres_per_unit("furlong")
     with pytest.raises(MeshError, match="unknown unit 5"):
         formats.read_geometries("part.stl", units=5)

@@ -88,9 +88,7 @@ def _has_empty_buffer(document: Document, name: str) -> bool:
 def _parts(
     document: Document, nodes: Sequence[Node], surfaces: dict[int, list[Primitive]]
 ) -> list[Part | None]:
-    """Return the arrays of each node's mesh, shared by meshes of the same accessors, as in cascadio's
-    instances.
-    """
+    """Return the arrays of each node's mesh, shared by meshes of the same accessors, as in cascadio."""
     made: dict[tuple, Part | None] = {}
     parts = []
     for node in nodes:

@@ -182,8 +182,7 @@ def check_draco_installed() -> None:
 
 
 def _unpacked(streams: Sequence[tuple[memoryview, int]]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return faces, (F, 3), and stored positions, (V, 3), of Draco streams, by the identifiers of positions.
-    """
+    """Return faces, (F, 3), and stored positions, (V, 3), of Draco streams, by identifiers of positions."""
     if not streams:
         return []
     check_draco_installed()

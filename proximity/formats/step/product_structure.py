@@ -28,8 +28,7 @@ _OTHER_PLACEMENTS = ("MAPPED_ITEM", "INVISIBILITY")
 _PRODUCT = "PRODUCT_DEFINITION(?:_WITH_ASSOCIATED_DOCUMENTS)?"
 _KINDS = (_USE, _PLACEMENT, _SHAPE, _RELATION, *_OF, *_BODIES, _PRODUCT, r"\w*SHAPE_REPRESENTATION")
 _SHAPE_GIVING = ("SHAPE_DEFINITION_REPRESENTATION", "REPRESENTATION_RELATIONSHIP")
-"""Endings of the names of records that give products their shapes; shapes, colours and texts belong to them.
-"""
+"""Endings of the names of records that give products shapes; shapes, colours and texts belong to them."""
 
 _NO_NAME = re.compile(
     r"((SOLID|COMPOUND|COMPSOLID|SHELL|FACE|ASSEMBLY|NAUO)?[_ ]?\d*|=>\[[\d:]*\]|"

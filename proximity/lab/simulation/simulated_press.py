@@ -74,7 +74,9 @@ class Setup:
         if self.cable is not None:
             _within("cable", self.cable, CABLES_ALLOWED, "newtons a metre")
         elif self.stretch != Stretch.LEFT:
-            raise ArgumentError(f"stretch is {self.stretch!r}, but the cable is missing: expected its stiffness")
+            raise ArgumentError(
+                f"stretch is {self.stretch!r}, but the cable is missing: expected its stiffness"
+            )
         if (self.stiffness is None) != (self.damping is None):
             raise ArgumentError("stiffness and damping belong together: expected both or neither")
         if self.stiffness is not None and self.damping is not None:
