@@ -51,7 +51,7 @@ Delays = tuple[float, float]
 INSTANTS = {POSES: "pose_ns", MEASURED: "measured_ns"}
 SPIN = "while True: pass"
 POSE_NS_AT, START_NS_AT, PUBLISH_NS_AT = 96 + 8, 40, 48
-"""In a frame: of the first contact, and of the header."""
+"""Offsets in a frame: in the first contact, and in the header."""
 FRAME_MAGIC = FRAME.magic.to_bytes(4, "little")
 
 

@@ -62,7 +62,7 @@ RECORDS = {
 }
 """Records of messages: name, description, fields."""
 NAMES_IN_C = {"pose": "finger_pose", "move": "part_move"}
-"""Of records whose names have another meaning in the C library."""
+"""Names of records whose own have another meaning in the C library."""
 KINDS = (
     FRAME, POSES, PATH_POSES, GLOVE_POSES, MOVES, MEASURED, CHANGES, ADDITIONS, DEFORMATIONS, DESCRIPTION,
 )  # fmt: skip
@@ -81,7 +81,7 @@ SENT = (
 ZEROS = {("addition", name) for name in ADDITIONS.zeros}
 WIDTH = 100
 CRC_POLYNOMIAL = 0xEDB88320
-"""Of the CRC-32, lowest bit first."""
+"""Polynomial of the CRC-32, lowest bit first."""
 _C_TYPES = {"u1": "uint8_t", "u2": "uint16_t", "u4": "uint32_t", "u8": "uint64_t"}
 _C_TYPES |= {"i4": "int32_t", "i8": "int64_t", "f8": "double"}
 

@@ -11,7 +11,7 @@ from proximity.message.fields import VECTOR, Field, dtype_of, reserved
 from proximity.message.inputs import INPUT_HEADER
 
 NAME_BYTES = 64
-"""Of the name of a part or finger, in UTF-8. A part with a longer name cannot be changed by messages."""
+"""Maximum size of a part's or finger's name in UTF-8. Messages cannot change a part with a longer name."""
 BLOCK_VERTICES = 64
 """Vertices in a record of a ``deformations`` message. Over UDP a message has 40 records at most, which are
 2560 vertices; elsewhere 4096, which are 262 144."""

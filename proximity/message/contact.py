@@ -57,7 +57,7 @@ class ContactFlag(IntFlag):
 TRACKED_BIT, PREDICTED_BIT, BOUNDED_BIT = (
     np.uint32(flag) for flag in (ContactFlag.TRACKED, ContactFlag.PREDICTED, ContactFlag.BOUNDED)
 )
-"""As NumPy numbers: an operation with an IntFlag takes ten times as long."""
+"""Flags as NumPy numbers: an operation with an IntFlag takes ten times as long."""
 
 
 class Surface(IntEnum):

@@ -17,7 +17,7 @@ from proximity.errors import ArgumentError
 from proximity.message.fields import Field, blank_of, dtype_of, struct_of
 
 VERSION = 2
-"""Of the layout of all messages. A receiver accepts its version only; 1 had other names."""
+"""Version of the layout of all messages. A receiver accepts its version only; 1 had other names."""
 MAX_RECORDS = 4096
 """Most records a message may have: a hand's skin."""
 

@@ -16,7 +16,7 @@ SWITCH_INTERVAL = 1e-4
 """s after which a computing Python thread yields to another. Python's default, 5 ms, is five ticks of a loop
 in a process that also loads an edited scene."""
 PRIORITY = 80
-"""Of SCHED_FIFO: above interrupt threads (50), below the system's critical threads (99)."""
+"""Priority in SCHED_FIFO: above interrupt threads (50), below the system's critical threads (99)."""
 
 # Of Linux: <sys/prctl.h>, <sys/mman.h>
 PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 29, 30

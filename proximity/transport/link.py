@@ -60,7 +60,7 @@ SHORTEST_NAP = 50e-6
 LONGEST_NAP = 1e-3
 """s, after a long silence."""
 NAP_SHARE = 0.125
-"""Of the time waited so far: a long wait tolerates more delay, and releases the core."""
+"""Share of the time waited already: a long wait tolerates more delay, and releases the core."""
 
 
 @dataclass(frozen=True, slots=True)

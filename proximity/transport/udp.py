@@ -36,7 +36,7 @@ MAX_DATAGRAM_BYTES = 65507
 MAX_STRANGERS = 64
 """Datagrams of other senders dropped in one call: a flood of them must not block a reader."""
 MAX_FORGED_BYTES = 1 << 17
-"""In datagrams that the key does not verify, in one call: some 0.3 ms."""
+"""Bytes of unverified datagrams in one call: some 0.3 ms."""
 LARGEST_DATAGRAM = 1 << 16
 """Bytes, more than in any datagram."""
 BUFFER_BYTES = 1 << 19

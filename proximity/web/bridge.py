@@ -20,7 +20,7 @@ from proximity.web.server.page_server import PageServer, document
 from proximity.web.sources import LiveFrames, LoggedFrames, Shown
 
 LOOK_S = 0.001
-"""Between two polls for a new frame, while a page is connected."""
+"""Time between two polls for a new frame, while a page is connected."""
 IDLE_LOOK_S = 0.05
 MAX_PAGES = 8
 LATEST_MS = 1e12
@@ -28,9 +28,9 @@ LATEST_MS = 1e12
 MAX_IN_FLIGHT = 2
 """Frames sent without an acknowledgement: a slow page skips, and never lags."""
 ANSWER_GAP_S = 0.004
-"""Between two frames of new poses; 250 a second are more than any display shows."""
+"""Time between two frames of new poses; 250 a second are more than any display shows."""
 IDLE_GAP_S = 0.012
-"""Between two frames of the same poses."""
+"""Time between two frames of the same poses."""
 
 
 class PageClient:

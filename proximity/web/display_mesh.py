@@ -10,7 +10,7 @@ import numpy as np
 SHARP_DEGREES = 30.0
 """Angle of two faces from which their edge is drawn."""
 MAX_CELLS = 1024
-"""Along an axis, of the grid in which corners of an open surface are merged."""
+"""Cells along an axis of the grid in which corners of an open surface are merged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

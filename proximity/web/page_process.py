@@ -48,9 +48,9 @@ if TYPE_CHECKING:
 LOOK_S = 0.05
 RECORDED_STEP_S = 1 / 90
 LONGEST_RECORDED_S = 300.0
-"""Of a recorded hand replayed by a page."""
+"""Maximum duration of a recorded hand replayed by a page."""
 FINGERS_OF_PAGE = 10
-"""Of two hands, thumb to little finger, the left hand first."""
+"""Fingers of two hands, thumb to little finger, the left hand first."""
 TRACKER = ("working_range", "tolerance", "horizon", "max_speed", "max_acceleration")
 """Settings of fingers that a page's tracker takes from a scene file."""
 FRAMED_BY_NOTEBOOKS = "'self' http://localhost:* http://127.0.0.1:*"

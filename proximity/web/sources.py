@@ -133,12 +133,12 @@ class LoggedFrames:
 
     @property
     def finger_count(self) -> int:
-        """Of the first frame."""
+        """Number of fingers of the first frame."""
         return int(self._runs[0]["header"]["count"][0])
 
     @property
     def duration_ms(self) -> float:
-        """From the first frame to the last."""
+        """Time from the first frame to the last, ms."""
         return float(self._times_ns[-1]) / 1e6
 
     def at(self, place: int) -> bytes:

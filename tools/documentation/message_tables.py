@@ -26,7 +26,7 @@ TITLES = {
     ),
     "label": ("Name", "One part or finger of a `description`.", ()),
 }  # fmt: skip
-"""Of each header and record: title, description, and the fields before those of its table."""
+"""Title, description and preceding fields of each header and record."""
 
 
 def records():

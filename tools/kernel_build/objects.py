@@ -9,7 +9,7 @@ from kernel_build.targets import WRAPPER_PREFIX, Instructions, Target, wrapper_s
 from kernel_build.wasm import without_fused
 
 LEVEL = 3
-"""Of optimisation."""
+"""Optimisation level."""
 ALLOWED_UNDEFINED = {
     *(
         "atan2",

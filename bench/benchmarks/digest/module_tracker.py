@@ -58,12 +58,12 @@ class ForwardedScene:
         return was_other
 
     def move(self, name: str, pose: Any, *, velocity: Any, angular_velocity: Any) -> None:
-        """As `Scene.move`."""
+        """Like `Scene.move`."""
         self.scene.move(name, pose, velocity=velocity, angular_velocity=angular_velocity)
         self._tell_moves([name], [pose], [velocity], [angular_velocity])
 
     def move_many(self, names: list[str], poses: Any, velocities: Any, spins: Any) -> None:
-        """As `Scene.move_many`."""
+        """Like `Scene.move_many`."""
         self.scene.move_many(names, poses, velocities, spins)
         self._tell_moves(names, poses, velocities, spins)
 
@@ -75,13 +75,13 @@ class ForwardedScene:
             self.tell(MOVE, rows.astype(np.float64).ravel())
 
     def hide(self, name: str, *, is_hidden: bool = True) -> None:
-        """As `Scene.hide`."""
+        """Like `Scene.hide`."""
         (self.scene.hide if is_hidden else self.scene.show)(name)
         if not self.is_other:
             self.tell(HIDE, np.array([self._numbers[name], is_hidden], np.float64))
 
     def show(self, name: str) -> None:
-        """As `Scene.show`."""
+        """Like `Scene.show`."""
         self.hide(name, is_hidden=False)
 
     def __getattr__(self, name: str) -> Any:
@@ -107,7 +107,7 @@ class ModuleTracker:
         return self._twin._settings
 
     def reset(self) -> None:
-        """As `Tracker.reset`."""
+        """Like `Tracker.reset`."""
         self._twin.reset()
         self._scene.tell(RESET, np.zeros(0))
 

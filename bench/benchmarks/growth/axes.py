@@ -71,7 +71,7 @@ QUICK = GrowthSizes(
     exact_calls=20,
 )
 SMALL = GrowthSizes((300, 600, 1200), (1, 3), (1, 64), (1e-3, 1.0), (1, 2), (50, 500), 30, 10, 3)
-"""For the smoke test, which runs everything without meaningful figures."""
+"""Sizes for the smoke test, whose figures are meaningless."""
 
 
 def measure_faces(sizes: GrowthSizes) -> Curve:

@@ -32,7 +32,7 @@ class Sizes:
 
 FULL = Sizes((225, 96), (320, 140), 200, 20, (50, 50), 4, 2000, (1000, 500), 8, (2604, 96), (784, 96))
 SMALL = Sizes((4, 16), (24, 12), 20, 2, (8, 6), 1, 60, (40, 20), 3, (16, 16), (9, 16))
-"""For the smoke test, which runs everything without meaningful figures."""
+"""Sizes for the smoke test, whose figures are meaningless."""
 
 
 def plate(counts: tuple[int, int]) -> Mesh:

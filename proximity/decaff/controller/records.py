@@ -229,7 +229,7 @@ RECORDS = {
         Member("smoothed", "real", "N, what the motor did of late"),
     ),
 }
-"""By their names, prefixed with ``decaff_`` in C; a record follows those that it contains."""
+"""Records by name, prefixed with ``decaff_`` in C; a record follows those that it contains."""
 _NUMBERS = {"bool": "?", "uint8_t": "u1", "uint32_t": "u4", "size_t": "u8", "int64_t": "i8", "uint64_t": "u8"}
 _NUMBERS |= {"real": "f8"}
 

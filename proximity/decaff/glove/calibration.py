@@ -85,9 +85,9 @@ def _check_names(what: str, found: Mapping[str, Any], known: Mapping[str, Any]) 
 
 FORMAT = "proximity glove calibration"
 DESIGN_FORMAT = "proximity glove design"
-"""Of a file with a design alone, without measurements."""
+"""Format of a file with a design alone, without measurements."""
 FILE_VERSION = 1
-"""Of the file. Others are refused: their fields may have other meanings."""
+"""Version of the file. Others are refused: their fields may have other meanings."""
 TABLE_SIZE = 7
 """Points of the table, flat hand and fist among them."""
 MAX_AGE_DAYS = 30.0

@@ -17,7 +17,7 @@ from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(16)
-"""For lengths along the path: sixteen nodes give all digits over a whole bend."""
+"""Quadrature of lengths along the path: sixteen nodes give all digits over a whole bend."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ class FingerPath:
     drum_angles: tuple[float, float]
     """rad: the drum's angle at the flat hand, or slightly beyond it, and when retracted."""
     drum: Drum
-    """At the fingertip, at `CONTACT_BEND`."""
+    """The drum at the fingertip, at `CONTACT_BEND`."""
     play: float
     """m, backlash of the cable at the fingertip there."""
     designed_retracted: float

@@ -26,7 +26,7 @@ _LOOKS = re.compile(
     r"interactiv",
     re.IGNORECASE,
 )
-"""In names of extensions that change no shape."""
+"""Words in names of extensions that change no shape."""
 
 
 def read_glb(source: Source) -> RawFile:

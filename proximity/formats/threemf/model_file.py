@@ -20,7 +20,7 @@ _NAMES = _STRUCTURE | {"model", "vertex", "triangle"}
 _HARMLESS_EXTENSIONS = ("/production/", "/material/", "/trianglesets/", "/slice/")
 """Extensions that spread objects over files, colour them, name sets of triangles, or accompany meshes."""
 _LEFT_OUT_TYPES = ("support", "solidsupport", "other")
-"""Of the core: supports are broken off after printing, and "other" is never printed."""
+"""Types in the core: supports are broken off after printing, and "other" is never printed."""
 _IDENTITY = np.eye(4)
 
 

@@ -27,7 +27,7 @@ _MAX_WORK, _WORK_OF_VOLUME = 5_000_000, 1000
 """Limits of the subtractions for a file, in faces met, repetitions included: about ten seconds; and the cost
 of a volume in faces."""
 _ROUNDING = 1e-13
-"""Of the largest coordinate: rounding of a moved volume that stays flush with the part."""
+"""Rounding of a moved volume flush with the part, as a share of the largest coordinate."""
 
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]  # vertices, faces, rows of the faces in the file
 

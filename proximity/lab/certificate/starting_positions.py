@@ -15,7 +15,8 @@ from proximity.scene.scene import Scene
 NEAR_DISTANCE = 0.02
 """m, of positions near the surface from it: normally distributed."""
 SHRINKS = 12
-"""Of a ball; it converges to the medial axis like Newton's method, in four or five on curved surfaces."""
+"""Shrinkings of a ball; it converges to the medial axis like Newton's method, in four or five on curved
+surfaces."""
 CLOSE = 1e-9
 """Share of a ball's radius by which it may finally be too large."""
 SAME = 1e-9
@@ -23,7 +24,7 @@ SAME = 1e-9
 MAX_MIDDLES = 200
 """Parts whose middles are used."""
 MEDIAL_BUDGET = 500
-"""For the nearest face of a ball's centre: a nearby face shrinks it as well."""
+"""Budget for the nearest face of a ball's centre: a nearby face shrinks it as well."""
 
 
 def starting_positions(

@@ -49,11 +49,11 @@ class Varied(StrEnum):
     """Stimulus that the levels of a task vary."""
 
     STIFFNESS = "stiffness"
-    """As a share beyond the task's stiffness."""
+    """Increase as a share of the task's stiffness."""
     DAMPING = "damping"
-    """As a share beyond the damping."""
+    """Increase as a share of the damping."""
     LATENCY = "latency"
-    """In seconds beyond the latency of the condition."""
+    """Increase of the condition's latency, s."""
 
 
 def _word(words: type[StrEnum], default: Any = REQUIRED) -> Any:

@@ -27,7 +27,7 @@ TABLES = ("study", "factors", "conditions", "plot")
 PLOT_KEYS = ("measure", "x", "lines", "columns", "points")
 POINTS = ("median", "worst")
 KEY_BYTES = 10
-"""Of a key: two of a million conditions share one with a probability of 4e-13."""
+"""Size of a key: two of a million conditions share one with a probability of 4e-13."""
 Job = Callable[..., dict[str, Any]]
 EXPECTED = {
     float: "a number",

@@ -29,14 +29,14 @@ from proximity.system.table_text import table_text
 
 LONGEST_FAILURE = 500  # characters
 TASKS_A_CORE = 8
-"""In flight: short jobs would otherwise wait for the next one."""
+"""Number of tasks in flight per core: short jobs would otherwise wait for the next one."""
 RETRIES = 2
-"""Of a task whose worker or node was lost."""
+"""Number of retries of a task whose worker or node was lost."""
 WAIT_SECONDS = 0.5
 NO_CLUSTER = "no Ray cluster at"
 CONNECT_SECONDS = 5.0
 OBJECT_STORE_BYTES = 128 << 20
-"""Of Ray on this machine: rows are small, and scenes are files."""
+"""Memory of Ray on this machine: rows are small, and scenes are files."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,7 @@ SOURCES = ("recording", "poses", "sensor")
 EITHER = "recording, poses or sensor"
 WITHOUT_GEOMETRY = "cannot be used: distances come from input.sensor, without geometry"
 MAX_NAMES = 12
-"""Of parts, in a message."""
+"""Maximum number of parts named in a message."""
 
 
 def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:

@@ -16,11 +16,11 @@ from proximity.system.regular_file import open_regular
 MAX_FILE_BYTES = 1 << 20
 """A scene of thousands of parts is smaller; a larger file is not a scene file."""
 MAX_LINES = 200
-"""Of one statement: in a longer one errors name the line of the statement."""
+"""Maximum lines of a statement: in a longer one errors name the line of the statement."""
 MAX_LINES_NAMED = 8
-"""Of further mistakes, in one message."""
+"""Maximum number of further mistakes in one message."""
 MAX_DOTS = 32
-"""In a key: no known key has more than two."""
+"""Maximum number of dots in a key: no known key has more than two."""
 _WORD = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
 LONG_KEY = re.compile(rf"(?:^|[{{,])[ \t\[]*(?:{_WORD}[ \t]*\.[ \t]*){{{MAX_DOTS + 1}}}", re.MULTILINE)
 """A long key at its possible starts: a line, after brackets, or in an inline table."""

@@ -27,7 +27,7 @@ BEGIN_TIMEOUT = 600.0
 STOP_TIMEOUT = 10.0
 """s. The last frames, the log's last blocks, and an edit in progress."""
 KEPT_LINES = 40
-"""Of the child's output: they include the reason of its end."""
+"""Number of stored lines of the child's output, which include the reason of its end."""
 SPOKEN_BY = "proximity: "
 EXIT_UNUSABLE = 2
 OPTIONS = {"rate_hz": "--rate", "publish": "--publish", "log": "--log"}

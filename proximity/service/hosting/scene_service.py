@@ -19,9 +19,9 @@ from proximity.service.hosting.service_assembly import ServiceSetup, make_servic
 from proximity.system.stop_signals import stopped_by_signals
 
 LOOK_S = 0.5
-"""Between two checks for edits of the scene file."""
+"""Time between two checks for edits of the scene file."""
 BEGIN_LOOK_S = 0.005
-"""Between two checks for the first frame."""
+"""Time between two checks for the first frame."""
 ANNOUNCE_AFTER_S = 2.0
 """Maximum wait for an edit in progress at the end: a large part may take minutes."""
 LOGGER = logging.getLogger("proximity.hosting")

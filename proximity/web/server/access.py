@@ -18,7 +18,7 @@ from pathlib import Path
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 MAX_BYTES = 65_536
-"""Of one message: poses of 10 fingers with their paths are 16 kB."""
+"""Maximum size of a message: poses of 10 fingers with their paths are 16 kB."""
 MESSAGES_PER_S = 1_000.0
 BYTES_PER_S = 8e6
 BURST_S = 1.0

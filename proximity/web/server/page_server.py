@@ -23,7 +23,7 @@ LIVE = "/live"
 """Path of the live connection."""
 WITHOUT_TOKEN = "The address has no token: open the address that was printed."
 MAX_DIGITS = 20
-"""Of a whole number in a document, with its sign: 64 bits."""
+"""Maximum length of a whole number in a document, with its sign: 64 bits."""
 LOGGER = logging.getLogger("proximity.web")
 QUIET = logging.getLogger("proximity.web.connections")
 """Logger of the library: browsers open connections without a request, which it reports as failures."""
