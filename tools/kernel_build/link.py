@@ -24,8 +24,8 @@ CONTROLLER = ROOT / "proximity" / "decaff" / "controller"
 RECEIVER = CORE / "receiver" / "receiver_entries.c"
 LIBRARY = [CORE / name for name in ("library", "loop", "mailbox")]
 _BIONIC = ["-D__errno_location=__errno", "-U__linux__", "-fno-builtin", "-mno-outline-atomics", "-fPIC"]
-"""Options for Android: names in its C library that differ from the headers here. There is no shared memory and no
-loop, as on other systems without Linux."""
+"""Options for Android: names in its C library that differ from the headers here. There is no shared memory
+and no loop, as on other systems without Linux."""
 _COMPILE = ["-O2", "-std=c11", "-Wall", "-Wextra", "-fvisibility=hidden", "-fno-sanitize=all", "-g0"]
 
 

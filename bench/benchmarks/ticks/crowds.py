@@ -30,8 +30,8 @@ SKIN_SETTINGS = {
     "working range 10 mm": {"working_range": 0.01, "horizon": 0.01},
 }
 JUDGED_SKIN = "tolerance 5 %, working range 20 mm"
-"""Settings for contacts on a skin: 20 mm are more than ten ticks away at 1 m/s, and farther away there are bounds.
-A horizon of 10 ms goes with both working ranges."""
+"""Settings for contacts on a skin: 20 mm are more than ten ticks away at 1 m/s, and farther away there are
+bounds. A horizon of 10 ms goes with both working ranges."""
 
 
 def measure_moving(options) -> list[TickRow]:

@@ -15,8 +15,7 @@ from proximity.scene.scene import Scene
 NEAR_DISTANCE = 0.02
 """m, of positions near the surface from it: normally distributed."""
 SHRINKS = 12
-"""Shrinkings of a ball; it converges to the medial axis like Newton's method, in four or five on curved
-surfaces."""
+"""Maximum shrinkings of a ball; it converges to the medial axis like Newton's method, in four or five."""
 CLOSE = 1e-9
 """Share of a ball's radius by which it may finally be too large."""
 SAME = 1e-9
