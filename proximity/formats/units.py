@@ -41,7 +41,7 @@ SMALL_FILE = 0.010
 TYPICAL_PART = 0.1
 """m; of parts touched by hand."""
 UNLIKELY_RATIO, ALIKE = math.log(5.0), math.log(2.0)
-"""Ratios of the sizes of part and scan: beyond the first other units are tried, within the second not."""
+"""Ratios of the sizes of part and scan: minimum for trying other units, and maximum for the chosen one."""
 UNIT_NAMES = {"mm": "millimetres", "in": "inches", "m": "metres", "um": "micrometres"}
 """Units that modelling programs commonly write."""
 

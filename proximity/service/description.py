@@ -9,7 +9,7 @@ from proximity.message.description import MAX_LABELS, encoded_name
 from proximity.system.time_units import NS_PER_S
 
 APART_NS = NS_PER_S // 10
-"""Minimum interval between two descriptions, per message of one; above a second one is published anyway."""
+"""Time between two descriptions, times the messages of one; a second at most."""
 PartLabels = tuple[Sequence[str], np.ndarray]
 """Names of parts, and whether each is hidden, (P,) bool."""
 

@@ -152,7 +152,7 @@ class CableRule:
 
 @dataclass(frozen=True, slots=True)
 class ControllerSettings:
-    """Target of a controller, in a simulation, a service or on a chip."""
+    """Settings of a controller, in a simulation, a service or on a chip."""
 
     rate: float = SERVO_RATE  # Hz, of controller and servo
     drum: Drum = DRUMS[USUAL_GEAR]

@@ -35,7 +35,7 @@ _CONVERSION = 1  # another number where `worker` converts otherwise
 _FIRST_SHARE = 1e-3
 """Tolerance of the first conversion, as a share of the file's size, if triangles have to be estimated."""
 _ROUND_SHARE, _FREE_SHARE = 0.7 * MAX_FACE_TRIANGLES / 10.1, 1e5
-"""Radii and sizes that are checked, in tolerances. A sphere takes 10.1 triangles a tolerance."""
+"""Minimum radius and size, in tolerances, for counting. A sphere takes 10.1 triangles a tolerance."""
 
 _NUMBER = re.compile(r"(?<![\w.#+-])[-+]?\d+\.\d*(?:E[-+]?\d+)?")
 _ROUND = re.compile(r"\b(?:SPHERICAL|(?:DEGENERATE_)?TOROIDAL)_SURFACE\s*+\(([^)]*+)")
