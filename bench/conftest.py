@@ -59,7 +59,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(items):
-    """Warnings of the rivals are theirs."""
+    """Ignore warnings of the rivals."""
     for item in items:
         item.add_marker(pytest.mark.filterwarnings("ignore"))
 

@@ -162,7 +162,7 @@ class Bends:
         self._motions = np.zeros((count, ESTIMATES), ESTIMATE)
 
     def reset(self) -> None:
-        """Reset."""
+        """Reset all fingers."""
         self._motions[:] = 0
 
     def write(self, contacts: np.ndarray, bends: np.ndarray, pose_ns: np.ndarray) -> None:

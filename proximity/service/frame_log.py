@@ -26,7 +26,7 @@ class Log(Protocol):
         """Append one frame, (size,) uint8; may raise."""
 
     def close(self) -> None:
-        """Finish."""
+        """Close the log."""
 
 
 class FrameLogThread:

@@ -209,7 +209,7 @@ class SharedMemoryInlet(_Mailbox):
                 wait_until(self._has_messages, left)
 
     def close(self) -> None:
-        """Close."""
+        """Close the mailbox."""
         self._is_closed = True
         with self._lock:
             super().close()

@@ -138,7 +138,7 @@ def test_position_of_nan_is_a_missing_finger(read):
         (PLAIN + "1e300,0,0,1,2,3\n", "line 7: time_s is 1e+300, expected a time within 146 years"),
         (PLAIN + "0.015,0,0,1,2,3\n", "line 7: time_s is 0.015 after 0.02 on line 6, expected times that"),
         (PLAIN + "0.03,0,5,1,2,3\n", "line 7: finger is 5, expected 0 (thumb) to 4 (little finger)"),
-        (PLAIN + "0.03,-1,0,1,2,3\n", "line 7: hand is -1, expected a whole number from 0 on"),
+        (PLAIN + "0.03,-1,0,1,2,3\n", "line 7: hand is -1, expected a whole number from 0"),
         (PLAIN + "0.02,0,0,9,9,9\n", "line 7: finger 0 of hand 0 has a position at this time already, on"),
         (HEADER + "0,0,0,nan,2,3\n", "all positions are nan, expected a number in at least one line"),
         (PLAIN + '0.03,0,0,"1,2,3\n', "line 7: unexpected end of data, expected columns time_s"),

@@ -232,16 +232,16 @@ service = 3\n{PART}{POSES} | 1: service is 3, expected a table: [service]
 {PART}units = 'furlong'\n{POSES} | 3: parts[0].units cannot be used: unknown unit 'furlong', expected one
 {PART}kind = 'soft'\n{POSES} | 3: parts[0].kind is 'soft', expected "rigid" or "deformable"
 {PART}kind = 'deformable'\n{POSES} | 1: parts[0].stiffness is missing, expected a number above 0 to 1e+12 (N/
-{PART}stiffness = 100\n{POSES} | 3: parts[0].stiffness is of a deformable part, expected kind = "deformable"
+{PART}stiffness = 100\n{POSES} | 3: parts[0].stiffness belongs to a deformable part, expected kind = "deformable"
 {PART}name = 'a'\n{PART}name = 'a'\n{POSES} | 6: parts[1].name is 'a', as of the part on line 3, expected nam
 {PART}[input]\n | 3: [input] has no source, expected recording, poses or sensor
 {PART}{POSES}recording = 'hand.csv'\n | 4: input.poses is given together with input.recording, expected only
 {PART}{SENSOR} | 1: [[parts]] cannot be used: distances come from input.sensor, without geometry
-{SENSOR}moves = 'mailbox:moves'\n | 3: input.moves cannot be used: distances are measured
-{SENSOR}changes = 'mailbox:c'\n | 3: input.changes cannot be used: distances are measured
+{SENSOR}moves = 'mailbox:moves'\n | 3: input.moves cannot be used: distances come from
+{SENSOR}changes = 'mailbox:c'\n | 3: input.changes cannot be used: distances come from
 {PART}{POSES}changes = 'mailbox:poses'\n | 5: input.changes is input.poses, expected another address
 {PART}{POSES}parts_from = '.'\n | 5: input.parts_from requires input.changes
-{SENSOR}[fingers]\nradius = 0.01\n | 4: fingers.radius cannot be used: distances are measured
+{SENSOR}[fingers]\nradius = 0.01\n | 4: fingers.radius cannot be used: distances come from
 {PART}{POSES}repeat = true\n | 5: input.repeat requires input.recording
 {PART}{RECORDED}fit = true\nposition = [0, 0, 0]\n | 6: input.position is given together with fit = true, exp
 {PART}{POSES}[service]\npublish = 'mailbox:poses'\n | 4: input.poses is mailbox:poses, which is also in servi
@@ -259,7 +259,7 @@ service = 3\n{PART}{POSES} | 1: service is 3, expected a table: [service]
 {HELD}part = 'pin'\npublish = 'shm://proximity' | 8: held[0].publish has shm://proximity, which is also in
 {HELD}part = ['pin', 'pin']\npublish = 'mailbox:h' | 7: held[0].part has pin, which is also in held[0].part
 {HELD}{PIN}[[held]]\npart = 'lid'\npublish = 'mailbox:h' | 11: held[1].publish has mailbox:h, which is also in
-{SENSOR}[[held]]\n{PIN} | 3: [[held]] cannot be used: distances are measured
+{SENSOR}[[held]]\n{PIN} | 3: [[held]] cannot be used: distances come from
 {PART}{RECORDED}{FAST}[[held]]\n{PIN} | 7: [[held]] cannot be used together with input.fast
 {PART}{POSES}[[held]]\n{PIN} | 5: [[held]] requires input.moves, where the poses of the part come in
 """

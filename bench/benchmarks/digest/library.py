@@ -125,7 +125,7 @@ class LibraryScene:
         return corners[0], corners[1]
 
     def pose(self, name: str) -> np.ndarray:
-        """The pose of a part, (4, 4)."""
+        """Return the pose of a part, (4, 4)."""
         matrix = np.empty((4, 4))
         self.call("pose", self._scene, self._part(name), _address(matrix))
         return matrix
@@ -211,7 +211,7 @@ class LibraryScene:
         tolerance: float = 0.0,
         budget: int | None = None,
     ) -> Clearance:
-        """The shortest connection of two parts."""
+        """Return the shortest connection of two parts."""
         table = np.empty((), CLEARANCE)
         limits = ctypes.c_double(max_distance), ctypes.c_double(tolerance), ctypes.c_size_t(budget or 0)
         self.call("clearance", self._scene, self._part(first), self._part(second), *limits, _address(table))

@@ -15,7 +15,7 @@ Document = dict[str, Any]
 
 
 def vr_table(document: Document) -> list[str]:
-    """A row for each application."""
+    """Return a row for each application."""
     return table(HEADINGS, [row.cells for row in _rows(document)])
 
 
@@ -24,7 +24,7 @@ def _rows(document):
 
 
 def libraries_table(document: Document) -> list[str]:
-    """A row for each library and part."""
+    """Return a row for each library and part."""
     others = [(each["library"], VrRow.of(each["row"])) for each in document["others"]]
     return table(HEADINGS, [[name, *row.cells[1:]] for name, row in others])
 

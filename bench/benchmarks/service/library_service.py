@@ -42,11 +42,11 @@ class LibraryContacts:
         self.count, self._contender, self._radius = count, contender, radius
 
     def labels(self) -> Any:
-        """The one part."""
+        """Return the name of the only part."""
         return ("part",), np.zeros(1, bool)
 
     def new_samples(self) -> FingerPoses:
-        """Poses, all unknown."""
+        """Return poses, all unknown."""
         return FingerPoses(self.count)
 
     def rehearse(self) -> None:

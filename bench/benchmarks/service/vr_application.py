@@ -279,7 +279,7 @@ def _drive(running: _Application, hand: np.ndarray, case: VrCase) -> _Timed:
 def _drive_for(
     seconds: float, running: _Application, hand: np.ndarray, case: VrCase, timed: _Timed, row: int
 ) -> int:
-    """Do so for a time; return the next row of the hand."""
+    """Send and receive for a time; return the next row of the hand."""
     due = time.monotonic()
     ends = due + seconds
     while (now := time.monotonic()) < ends:

@@ -52,7 +52,7 @@ def blocks(
 
 
 def measure_fingers(options) -> list[TickRow]:
-    """Five fingers of recorded hands at one part; Open3D's distances at the same positions in between."""
+    """Measure five fingers of recorded hands at one part, and Open3D's distances at the same positions."""
     return [
         *_measure_fingers("fingers/plate", scenes.plate(options.sizes.plate), options),
         *_measure_fingers("fingers/freeform", scenes.freeform(options.sizes.freeform), options),
@@ -115,7 +115,7 @@ def _run_fingers(scene, options, other):
 
 
 def measure_warm(options) -> list[TickRow]:
-    """A tracker that keeps its tracks, one that is reset before each tick, and `Scene.closest`, in turn."""
+    """Measure a tracker with its tracks, one reset before each tick, and `Scene.closest`, in turn."""
     sizes, rows = options.sizes, []
     for name, mesh in (("plate", scenes.plate(sizes.plate)), ("freeform", scenes.freeform(sizes.freeform))):
         scene = scenes.scene_of(mesh)

@@ -52,7 +52,7 @@ class PartMotion:
 
 
 def moving_parts(scene: Scene, count: int, ticks: int) -> PartMotion:
-    """Every tenth part or so, over *ticks*."""
+    """Return poses of about every tenth part, over *ticks*."""
     parts = scene.parts[:: len(scene.parts) // count][:count]
     rng = np.random.default_rng(12)
     t = np.arange(ticks) / RATE

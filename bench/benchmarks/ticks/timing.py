@@ -112,7 +112,7 @@ def best_of(logs: list[TickLog]) -> np.ndarray:
 
 
 def _count(steps):
-    """Count, without a step of Python's."""
+    """Count in compiled code."""
     deque(repeat(None, steps), maxlen=0)
 
 
