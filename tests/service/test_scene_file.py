@@ -232,7 +232,7 @@ service = 3\n{PART}{POSES} | 1: service is 3, expected a table: [service]
 {PART}units = 'furlong'\n{POSES} | 3: parts[0].units cannot be used: unknown unit 'furlong', expected one
 {PART}kind = 'soft'\n{POSES} | 3: parts[0].kind is 'soft', expected "rigid" or "deformable"
 {PART}kind = 'deformable'\n{POSES} | 1: parts[0].stiffness is missing, expected a number above 0 to 1e+12 (N/
-{PART}stiffness = 100\n{POSES} | 3: parts[0].stiffness belongs to a deformable part, expected kind = "deformable"
+{PART}stiffness = 100\n{POSES} | 3: parts[0].stiffness is for deformable parts, expected kind = "deformable"
 {PART}name = 'a'\n{PART}name = 'a'\n{POSES} | 6: parts[1].name is 'a', as of the part on line 3, expected nam
 {PART}[input]\n | 3: [input] has no source, expected recording, poses or sensor
 {PART}{POSES}recording = 'hand.csv'\n | 4: input.poses is given together with input.recording, expected only

@@ -113,7 +113,7 @@ def _deformable(accepted: Range, needed: Any, default: Any) -> Any:
         if table.value("kind") == "deformable":
             return table.number(name, needed, accepted)
         if table.has(name):
-            table.complain(name, 'belongs to a deformable part, expected kind = "deformable" with it')
+            table.complain(name, 'is for deformable parts, expected kind = "deformable" with it')
         return default
 
     return key(read, default)
