@@ -1,6 +1,7 @@
-"""What the library in C takes from the kernels: layouts of records, numbers, sentences, and their wrappers.
+"""Tables for the C library from the kernels: layouts of records, numbers, sentences, and their wrappers.
 
-Text that is generated when kernels are compiled, so that nothing is written twice. Only that imports it.
+The text is generated when kernels are compiled, so that each table has one source. Only the build imports
+this module.
 """
 
 import inspect
@@ -127,7 +128,7 @@ _RECORDS = {
 
 
 def tables_header() -> str:
-    """Return the text of ``core_tables.h``: records of kernels, numbers, and which wrapper is which."""
+    """Return the text of ``core_tables.h``: records of kernels, numbers, and indices of wrappers."""
     lines = [
         "#ifndef PROXIMITY_CORE_TABLES_H",
         "#define PROXIMITY_CORE_TABLES_H",
@@ -151,8 +152,8 @@ def tables_header() -> str:
 def tables_source(sets: Iterable[tuple[str, dict[str, str]]], digest: str, digest_in_c: str = "") -> str:
     """Return the text of ``core_tables.c``.
 
-    *sets*: of each set of instructions, from the least to the best, its name, and the symbols of wrappers by
-    the names of entry points. *digest*: of the sources; *digest_in_c*: of those in C alone.
+    *sets*: for each set of instructions, in ascending order, its name, and the symbols of wrappers by the
+    names of entry points. *digest*: of the sources; *digest_in_c*: of the C sources alone.
     """
     sets = list(sets)
     lines = ['#include "core.h"']
