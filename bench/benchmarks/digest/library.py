@@ -10,8 +10,8 @@ import numpy as np
 from proximity import (
     ArgumentError,
     Clearance,
-    MeshError,
     FileVersionError,
+    MeshError,
     MeshFormatError,
     NotWatertightError,
     Part,
