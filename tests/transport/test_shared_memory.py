@@ -261,7 +261,7 @@ def test_forked_child_takes_nothing_from_its_parent(address, path):
     said, heard = os.pipe()
 
     def child():
-        with pytest.raises(PublishError, match="was closed"):
+        with pytest.raises(PublishError, match="is closed"):
             outlet.send(np.full(9, 1, np.uint8))
         outlet.close()
         os.write(heard, b"1")

@@ -118,7 +118,7 @@ def test_port_has_one_site_and_one_process(url):
     assert f"{url}: cannot listen there" in other.stderr
     outlet.close()
     open_outlet(url).close()
-    with pytest.raises(PublishError, match="was closed"):
+    with pytest.raises(PublishError, match="is closed"):
         outlet.send(np.zeros(1, np.uint8))
 
 
