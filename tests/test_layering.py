@@ -43,7 +43,7 @@ library_in_c · loop_records · receiver · receiver_in_c
 cpython · receiver_state
 """,
     "proximity.kernels": """
-tracking
+part · tracking
 scene
 pair
 inside

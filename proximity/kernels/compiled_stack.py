@@ -57,6 +57,19 @@ def reals_of(typingctx, records):
     return types.Array(types.float64, 2, "C")(records), codegen
 
 
+@intrinsic
+def rows_of_three(typingctx, numbers, start, count):
+    """So many rows of three of an array's numbers, from *start* on."""
+
+    def codegen(context, builder, sig, args):
+        array = context.make_array(sig.args[0])(context, builder, args[0])
+        lengths = [args[2], ir.Constant(context.get_value_type(types.intp), 3)]
+        data = builder.gep(array.data, [args[1]])
+        return array_in_memory(context, builder, sig.return_type, data, lengths)
+
+    return types.Array(numbers.dtype, 2, "C")(numbers, types.intp, types.intp), codegen
+
+
 def stack_arrays_of(dtype):
     item_type = from_dtype(np.dtype(dtype))
 

@@ -130,6 +130,13 @@ CELLS_PER_WORD = 16
 SIGN_NONE = 0
 SIGN_PSEUDONORMAL = 1
 SIGN_WINDING = 2
+REASON_NO_AREA = 0
+REASON_AGREES = 1
+REASON_DISAGREES = 2
+REASON_MANY_FACES = 3
+REASON_SMALL_HOLES = 4
+REASON_OPEN = 5
+"""Why a part has its sign, see `part.sign_choice`."""
 
 FRAME = record(
     "Frame",

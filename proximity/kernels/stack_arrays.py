@@ -9,7 +9,7 @@ import numpy as np
 from proximity.native import IS_JIT
 
 if IS_JIT:
-    from proximity.kernels.compiled_stack import reals_of, stack_arrays_of, stack_bundle
+    from proximity.kernels.compiled_stack import reals_of, rows_of_three, stack_arrays_of, stack_bundle
 else:  # plain Python, to step through; in code that was compiled ahead of time nobody calls them from here
 
     def stack_arrays_of(dtype):
@@ -17,6 +17,9 @@ else:  # plain Python, to step through; in code that was compiled ahead of time 
 
     def reals_of(records):
         return records.view(np.float64).reshape(len(records), -1)
+
+    def rows_of_three(numbers, start, count):
+        return numbers[start : start + 3 * count].reshape(count, 3)
 
     def stack_bundle(bundle, *columns):
         return lambda: bundle(*(np.empty(lengths, dtype) for dtype, *lengths in columns))

@@ -14,6 +14,8 @@ VOLUME_ROUNDING = 64.0 * 2.0**-52
 CONTACT_DEPTH = 1e-10
 """Distance that the ends of an edge must have from a face, to both sides, in sizes of the part, for the edge
 to pass through; an edge of which both are nearer lies in its plane. What is thinner is no face."""
+SMALLEST_SHARE = 2.0**-8
+"""A part that is smaller than this share of a shared frame gets a frame of its own, for tight boxes."""
 OBLIQUE = 0.8
 """From this share of the surface of boxes along the axes down, oriented ones are worth a look. On a plate
 with holes, all in line with the axes, they refuse one block in eight, and cost more than that saves."""

@@ -136,17 +136,11 @@ def build_bvh(corners: np.ndarray, faces: np.ndarray) -> Bvh:
     Cost: O(F log F); 0.15 s for 300 k faces.
     Source: see `kernels.tree.builder`.
     """
-    nodes, order, block_first = build_nodes(corners, faces)
+    boxes = np.empty(BOX_STRIDE * len(faces), np.float32)
+    face_boxes(corners, faces, boxes)
+    nodes, order, block_first = build_tree(boxes, FACES_SHIFT)
     block_count = len(block_first) - 1
     blocks = np.empty(block_count * BLOCK_STRIDE)
     slot_faces = np.empty(block_count * LANES, np.int32)
     fill_blocks(corners, faces, order, block_first, blocks, slot_faces)
     return Bvh(nodes, blocks, slot_faces)
-
-
-def build_nodes(corners: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the nodes of the tree over triangles, and what `fill_blocks` needs to fill its blocks."""
-    boxes = np.empty(BOX_STRIDE * len(faces), np.float32)
-    face_boxes(corners, faces, boxes)
-    nodes, order, block_first = build_tree(boxes, FACES_SHIFT)
-    return nodes, order, block_first

@@ -16,14 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, MOMENT_STRIDE, NODE_STRIDE, ORIENTED_STRIDE
-
 ALIGNMENT = 64
 """Bytes; a cache line, and the widest vector register."""
 HUGE_PAGE = 2**21
 """Bytes, on the processors that matter. Less than one is taken from the usual source."""
-EMPTY_NODES = 1
-"""Of the trees over parts, a scene of one has an empty node; see `part_trees`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,37 +29,15 @@ class PartMemory:
     reals: np.ndarray  # float64
     words: np.ndarray  # float32
     real_starts: list[int]  # of blocks, corners, normals
-    word_starts: list[int]  # of nodes, and so on; see `WORD_NOTES`
-
-    @classmethod
-    def of_size(
-        cls, node_count: int, block_count: int, corner_count: int, face_count: int, grid_words: int
-    ) -> "PartMemory":
-        """Return memory in which nothing is written yet but zeros between the arrays, and for a grid."""
-        reals, real_starts = _spaced(
-            [BLOCK_STRIDE * block_count, 3 * corner_count, 3 * corner_count], np.float64
-        )
-        word_counts = [
-            NODE_STRIDE * node_count, LANES * block_count, MOMENT_STRIDE * node_count,
-            ORIENTED_STRIDE * block_count, 3 * face_count, 3 * face_count, 0, block_count, 0,
-        ]  # fmt: skip
-        space = [NODE_STRIDE * EMPTY_NODES, 0, 0, 0, 0, 0, grid_words, 0, 0]
-        words, word_starts = _spaced(word_counts, np.float32, space)
-        return cls(reals, words, real_starts, word_starts)
-
-    def real(self, number: int, count: int) -> np.ndarray:
-        """Return so many numbers of one of the arrays in *reals*, to read and to write."""
-        return self.reals[self.real_starts[number] :][:count]
+    word_starts: list[int]  # of nodes, slot faces, moments, boxes, faces, neighbours, grid, notes, end
 
     def word(self, number: int, count: int, dtype: type = np.float32) -> np.ndarray:
-        """Return so many of one of the arrays in *words*, likewise."""
+        """Return so many of one of the arrays in *words*, to read and to write."""
         return self.words[self.word_starts[number] :][:count].view(dtype)
 
 
-WORD_SLOT_FACES, WORD_MOMENTS, WORD_BOXES, WORD_FACES, WORD_NEIGHBORS, WORD_GRID, WORD_NOTES = range(1, 8)
-"""Numbers of the arrays in `PartMemory.word_starts`; that of the nodes is 0, and that of the end is last."""
-REAL_CORNERS, REAL_NORMALS = 1, 2
-"""Numbers of the arrays in `PartMemory.real_starts`; that of the blocks is 0."""
+WORD_NOTES = 7
+"""Number of the notes on blocks in `PartMemory.word_starts`; that of the nodes is 0, of the end is last."""
 
 
 def joined(groups: Sequence[Sequence[np.ndarray]], dtype: type) -> tuple[np.ndarray, list[int]]:
@@ -80,14 +54,13 @@ def joined(groups: Sequence[Sequence[np.ndarray]], dtype: type) -> tuple[np.ndar
     return whole, starts
 
 
-def _spaced(counts: list[int], dtype: type, space: list[int] | None = None) -> tuple[np.ndarray, list[int]]:
-    """Memory for arrays of so many numbers, each on a cache line; where each begins. *space*: behind each."""
+def _spaced(counts: list[int], dtype: type) -> tuple[np.ndarray, list[int]]:
+    """Memory for arrays of so many numbers, each on a cache line, zero between them; where each begins."""
     step = ALIGNMENT // np.dtype(dtype).itemsize
     starts, end = [], 0
-    spaces = space or [0] * len(counts)
-    for count, more in zip(counts, spaces, strict=True):
+    for count in counts:
         starts.append(end)
-        end += -(-(count + more) // step) * step
+        end += -(-count // step) * step
     whole = aligned_empty(max(end, step), dtype)
     filled = 0
     for start, count in zip([*starts, len(whole)], [*counts, 0], strict=True):

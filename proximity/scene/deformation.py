@@ -12,8 +12,8 @@ from proximity.errors import ArgumentError, MeshError
 from proximity.kernels import layout
 from proximity.kernels.entries import refit_part, survey_vertices
 from proximity.kernels.layout import CELL_CROSSED, NO_ROW
+from proximity.kernels.thresholds import SMALLEST_SHARE
 from proximity.mesh.bvh import LARGEST_COORDINATE, SMALLEST_SIZE, LocalFrame, local_frame
-from proximity.mesh.part_arrays import SMALLEST_SHARE
 from proximity.scene.model.assembly import Model
 from proximity.scene.solid import Solid
 

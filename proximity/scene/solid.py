@@ -10,13 +10,12 @@ from proximity.kernels.entries import signed_volume, surface_faces
 from proximity.kernels.layout import UNUSED
 from proximity.mesh.bvh import Bvh, LocalFrame
 from proximity.mesh.diagnosis import Diagnosis, diagnose
-from proximity.mesh.part_arrays import part_arrays
 from proximity.mesh.topology import Topology, build_topology, corners_of
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.scene.model.assembly import Model
 from proximity.scene.queries.queries import Queries
 from proximity.scene.sign import SignMethod, choose_sign
-from proximity.scene.solid_arrays import SolidArrays
+from proximity.scene.solid_arrays import SolidArrays, part_model
 
 DEFORMED = "; decided before the part was deformed, and not checked since"
 
@@ -71,11 +70,12 @@ class Solid(Queries):
         if is_turned:
             mesh = TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
             topology = build_topology(mesh)
-        piece = part_arrays(corners_of(mesh, topology), topology.corner_ids, topology.neighbors, frame)
+        corners = corners_of(mesh, topology)
+        model = part_model(corners, topology.corner_ids, topology.neighbors, frame)
         self.mesh = mesh
         self.name = name
         self._is_watertight = topology.is_watertight
-        model, self.sign_method, self.sign_reason = choose_sign(piece, topology)
+        self.sign_method, self.sign_reason = choose_sign(model, topology)
         self._arrays = SolidArrays(model)
         if is_turned:
             self.sign_reason += "; all faces were flipped: they ran clockwise seen from outside"

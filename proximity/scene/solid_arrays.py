@@ -2,12 +2,33 @@
 
 import numpy as np
 
-from proximity.kernels.layout import NO_GRID
-from proximity.mesh.bvh import LocalFrame
-from proximity.mesh.part_arrays import PartArrays, part_arrays, with_folded_faces, with_sign
+from proximity.kernels.entries import fill_part, plan_part, restore_sign
+from proximity.kernels.layout import FRAME, NO_GRID, PART
+from proximity.mesh.bvh import LocalFrame, local_frame
+from proximity.mesh.part_arrays import PartArrays
+from proximity.mesh.part_memory import aligned_empty
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.pose import Pose
-from proximity.scene.model.assembly import Model, assemble
+from proximity.scene.model.assembly import Model, assemble, finished
+
+
+def part_model(
+    corners: np.ndarray, faces: np.ndarray, neighbors: np.ndarray, frame: LocalFrame | None = None
+) -> Model:
+    """Return the model of one part that has no sign yet.
+
+    *corners*: (K, 3) m; *faces*: (F, 3) of *corners*; *neighbors*: (F, 3). *frame*: to share with other
+    parts; the part has its own if none is given or if the part is small in it.
+    """
+    shared = np.zeros(4) if frame is None else np.append(frame.centre, frame.scale)
+    frames, parts = np.zeros(2, FRAME), np.zeros(2, PART)
+    *tree, real_count, word_count = plan_part(corners, faces, shared, frames, parts)
+    if not real_count:
+        local_frame(corners.min(axis=0), corners.max(axis=0))  # which raises
+    reals, words = aligned_empty(real_count, np.float64), aligned_empty(word_count, np.float32)
+    model = finished(reals, words, frames, parts)
+    fill_part(model.packed, *tree, corners, faces, neighbors)
+    return model
 
 
 class SolidArrays:
@@ -53,9 +74,9 @@ class SolidArrays:
         )
         corners = np.empty((int(faces.max()) + 1, 3))
         corners[faces.ravel()] = mesh.vertices[mesh.faces.ravel()]
-        piece = part_arrays(corners, faces, neighbors, LocalFrame.read(model.frames[0]))
-        piece = with_sign(piece, int(part["sign"]), has_grid=bool(part["grid"] != NO_GRID))
+        rebuilt = part_model(corners, faces, neighbors, LocalFrame.read(model.frames[0]))
+        restore_sign(rebuilt.packed, int(part["sign"]), part["grid"] != NO_GRID, model.folded_faces(0))
         # In this order: another thread may look, and must not find the old arrays to be right.
-        self.model = assemble([with_folded_faces(piece, model.folded_faces(0))], [Pose()])
+        self.model = rebuilt
         self.is_overwritten = False
         return self.model

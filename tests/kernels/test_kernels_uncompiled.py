@@ -12,11 +12,11 @@ from budgeted import UNLIMITED, walk
 from models import model_of
 from project import IMPORT_PATHS
 
-from proximity.mesh import part_arrays
+from proximity.kernels.part import sign_samples
+from proximity.kernels.sign import inside_grid
 from proximity.native import IS_AHEAD
 from proximity.native.mode import INTERPRETED, MODE
 from proximity.pose import Pose
-from proximity.scene import sign
 from proximity.scene.scene import Part, Scene
 from proximity.scene.solid import Solid
 from proximity.tracker.tracker import Tracker
@@ -94,8 +94,8 @@ def ticks():
 
 def answers(monkeypatch):
     """All answers as one dictionary of arrays."""
-    monkeypatch.setattr(sign, "POINT_SAMPLE_COUNT", 2)  # interpreted, each costs a tenth of a second
-    monkeypatch.setattr(part_arrays, "CELLS_PER_FACE", 1)
+    monkeypatch.setattr(sign_samples, "POINT_SAMPLE_COUNT", 2)  # interpreted, each costs a tenth of a second
+    monkeypatch.setattr(inside_grid, "CELLS_PER_FACE", 1)
     found = {}
     with np.errstate(all="ignore"):
         for name, thing in things().items():

@@ -15,7 +15,7 @@ from project import MESHES
 import proximity
 from proximity import Part, Scene, Solid, from_mesh, from_trimesh, to_trimesh
 from proximity.errors import ArgumentError, MeshError, SceneError
-from proximity.scene import sign
+from proximity.scene import solid_arrays
 
 
 def pair_in_three_places(tmp_path):
@@ -93,11 +93,10 @@ def test_progress_of_loading_counts_meshes():
 
 
 def test_many_small_parts_are_each_assembled_once(tmp_path, monkeypatch):
-    """Each cube of a file was put together twice, and drew the same samples anew."""
+    """Each cube of a file was put together twice."""
     made = []
-    whole = sign.assemble
-    monkeypatch.setattr(sign, "assemble", lambda *given: made.append(len(given[0])) or whole(*given))
-    sign._random_samples.cache_clear()
+    fill = solid_arrays.fill_part
+    monkeypatch.setattr(solid_arrays, "fill_part", lambda *given: made.append(1) or fill(*given))
     cubes = [shapes.moved(shapes.cube(0.1 + 0.001 * k), (0.3 * k, 0.0, 0.0)) for k in range(20)]
     path = tmp_path / "cubes.glb"
     nodes = [{"mesh": row} for row in range(20)]
@@ -105,7 +104,6 @@ def test_many_small_parts_are_each_assembled_once(tmp_path, monkeypatch):
     scene = proximity.load(path)
 
     assert made == [1] * 20
-    assert sign._random_samples.cache_info().misses == 1
     for part in scene.parts:
         assert scene.signed_distance(part.pose.point(np.mean(part.solid.bounds, axis=0))) < 0.0
 

@@ -7,9 +7,9 @@ import judging
 import numpy as np
 import pytest
 import shapes
+from models import welded_model_of
 
 import oracle
-from proximity.mesh.part_arrays import part_arrays
 from proximity.mesh.topology import build_topology
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.message import ContactFlag
@@ -150,16 +150,14 @@ CASES = {
 def chosen(mesh):
     vertices, faces = mesh
     topology = build_topology(TriangleMesh(vertices, faces))
-    corners = np.empty((int(topology.corner_ids.max()) + 1, 3))
-    corners[topology.corner_ids.ravel()] = vertices[np.asarray(faces).ravel()]
-    return choose_sign(part_arrays(corners, topology.corner_ids, topology.neighbors), topology)
+    return choose_sign(welded_model_of(vertices, faces), topology)
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_method_and_sentence_are_those_of_the_shape(name):
     mesh, method, sentence = CASES[name]
 
-    _, found, why = chosen(mesh)
+    found, why = chosen(mesh)
 
     assert found is method, why
     assert re.fullmatch(sentence, why), why
@@ -291,7 +289,7 @@ def test_small_place_where_a_body_meets_itself_is_seen(name):
 @pytest.mark.parametrize("half_width", [0.02, 0.005])
 @pytest.mark.parametrize("end", [1.1, 1.0001])
 def test_body_that_nearly_meets_itself_keeps_its_normals(half_width, end):
-    _, found, why = chosen(handle(half_width, end))
+    found, why = chosen(handle(half_width, end))
 
     assert found is SignMethod.PSEUDONORMAL, why
     assert re.fullmatch(AGREES, why), why

@@ -4,11 +4,12 @@ import numpy as np
 
 from proximity.kernels.layout import ModelArrays
 from proximity.mesh.bvh import LocalFrame
-from proximity.mesh.part_arrays import common_frame, part_arrays
-from proximity.mesh.topology import build_topology
+from proximity.mesh.part_arrays import common_frame
+from proximity.mesh.topology import build_topology, corners_of
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.pose import Pose
 from proximity.scene.model.assembly import assemble
+from proximity.scene.solid_arrays import part_model
 
 
 def arrays_of(model):
@@ -19,20 +20,15 @@ def arrays_of(model):
 def piece_of(mesh, frame: LocalFrame | None = None):
     """The arrays of one part, its faces as they are: nothing is welded, dropped or turned."""
     faces = np.ascontiguousarray(mesh[1], dtype=np.int32)
-    return part_arrays(np.asarray(mesh[0], dtype=np.float64), faces, np.full_like(faces, -1), frame)
-
-
-def welded_piece_of(vertices, faces):
-    """The arrays of one part whose corners at one place are one, and whose faces know their neighbours."""
-    topology = build_topology(TriangleMesh(vertices, faces))
-    corners = np.empty((int(topology.corner_ids.max()) + 1, 3))
-    corners[topology.corner_ids.ravel()] = vertices[faces.ravel()]
-    return part_arrays(corners, topology.corner_ids, topology.neighbors)
+    vertices = np.ascontiguousarray(mesh[0], dtype=np.float64)
+    return part_model(vertices, faces, np.full_like(faces, -1), frame).part_views(0)
 
 
 def welded_model_of(vertices, faces):
-    """The model of one such part, as it lies."""
-    return assemble([welded_piece_of(vertices, faces)], [Pose()])
+    """The model of one part whose corners at one place are one, and whose faces know their neighbours."""
+    mesh = TriangleMesh(vertices, faces)
+    topology = build_topology(mesh)
+    return part_model(corners_of(mesh, topology), topology.corner_ids, topology.neighbors)
 
 
 def folded_faces_of(solid):

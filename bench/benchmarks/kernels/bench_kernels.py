@@ -20,12 +20,10 @@ from proximity.kernels.layout import (
     NODE_STRIDE,
 )
 from proximity.kernels.segment.plan import PLAN_SIZE, PROBE_SIZE, make_plan
-from proximity.mesh.part_arrays import part_arrays
-from proximity.mesh.topology import build_topology
+from proximity.mesh.topology import build_topology, corners_of
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.native import IS_AHEAD
-from proximity.pose import Pose
-from proximity.scene.model.assembly import assemble
+from proximity.scene.solid_arrays import part_model
 
 pytestmark = pytest.mark.skipif(
     IS_AHEAD, reason="a single kernel is left out: it has numba compile it (PROXIMITY_ISA=jit)"
@@ -73,10 +71,9 @@ def operands():
 def make_operands():
     """Return blocks and nodes of the mesh, and rays; seeds are fixed."""
     vertices, faces = cases.load_mesh(MESH)
-    topology = build_topology(TriangleMesh(vertices, faces))
-    corners = np.empty((int(topology.corner_ids.max()) + 1, 3))
-    corners[topology.corner_ids.ravel()] = vertices[faces.ravel()]
-    model = assemble([part_arrays(corners, topology.corner_ids, topology.neighbors)], [Pose()])
+    mesh = TriangleMesh(vertices, faces)
+    topology = build_topology(mesh)
+    model = part_model(corners_of(mesh, topology), topology.corner_ids, topology.neighbors)
     nodes = NODE_STRIDE * (model.parts["root"][0] + np.arange(model.parts["node_count"][0]))
     children = model.words.view(np.int32)[(nodes[:, None] + np.arange(NODE_CHILDREN, NODE_CHILDREN + LANES))]
     blocks = BLOCK_STRIDE * ~children[children < 0]

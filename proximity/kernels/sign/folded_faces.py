@@ -10,9 +10,9 @@ import numpy as np
 
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import FOLDED_AT, LANES
-from proximity.kernels.mesh.faces import face_normal
+from proximity.kernels.mesh.faces import face_normal, thin_faces
 from proximity.kernels.sign.winding_number import winding_number
-from proximity.native import allocating_kernel, entry, inlined, kernel
+from proximity.native import allocating_kernel, inlined, kernel
 from proximity.native.simd import load_int
 
 SHARPEST_COSINE = -0.9
@@ -32,10 +32,7 @@ def is_folded(words, notes, slot):
     return (load_int(words, notes + slot // LANES) >> (FOLDED_AT + slot % LANES)) & 1 != 0
 
 
-@entry(
-    "float64[:, 3], int32[:, 3], int32[:, 3], int32[:], float64[:], float32[:], int, int -> uint8[:]",
-    makes_arrays=True,
-)
+@allocating_kernel
 def folded_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):
     """Return which slots have faces folded over, or next to one that is, a bit each: (blocks,) uint8.
 
@@ -56,14 +53,39 @@ def folded_faces(corners, faces, neighbors, slot_faces, reals, words, root, mome
 
 
 @allocating_kernel
-def marked_slots(marks, neighbors, slot_faces):
-    """Return which slots have faces that are marked, or next to one that is, a bit each: (blocks,) uint8."""
+def beside_thin_faces(corners, faces, slot_faces, height):
+    """Return which slots have faces as thin as a line, or with a corner of one, a bit each: (blocks,) uint8.
+
+    Thin: no higher than *height* above the longest side. The normal of such a face is rounding, and so are
+    the pseudo-normals of its edges and corners: the winding number decides the side there. Tessellation
+    closes a surface with such faces if two sides that meet were meshed separately.
+    """
+    marks, is_beside = thin_faces(corners, faces, height), np.zeros(len(corners), np.bool_)
+    for face in range(len(faces)):
+        if marks[face]:
+            is_beside[faces[face, 0]] = is_beside[faces[face, 1]] = is_beside[faces[face, 2]] = True
+    for face in range(len(faces)):
+        marks[face] = is_beside[faces[face, 0]] or is_beside[faces[face, 1]] or is_beside[faces[face, 2]]
+    return slots_of(marks, slot_faces)
+
+
+@allocating_kernel
+def slots_of(marks, slot_faces):
+    """Return which slots have faces that are marked, a bit each: (blocks,) uint8."""
     slots = np.zeros(len(slot_faces) // LANES, np.uint8)
     for slot in range(len(slot_faces)):
-        face = slot_faces[slot]
-        if face >= 0 and (marks[face] or _is_beside(marks, neighbors, face)):
+        if slot_faces[slot] >= 0 and marks[slot_faces[slot]]:
             slots[slot // LANES] |= np.uint8(1 << (slot % LANES))
     return slots
+
+
+@allocating_kernel
+def marked_slots(marks, neighbors, slot_faces):
+    """Return which slots have faces that are marked, or next to one that is, a bit each: (blocks,) uint8."""
+    wider = np.empty(len(marks), np.bool_)
+    for face in range(len(marks)):
+        wider[face] = marks[face] or _is_beside(marks, neighbors, face)
+    return slots_of(wider, slot_faces)
 
 
 @kernel

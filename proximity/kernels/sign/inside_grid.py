@@ -21,7 +21,38 @@ SAMPLE_CLEARANCE = 1.0 + 4.0 * CELL_SLACK
 """Distance of samples from a face, in cell widths along its normal: the face crosses no cell there."""
 MOST_POINTS = 1024
 """Most points that `uncertain_points` returns; even."""
+CELLS_PER_FACE = 64
+FEWEST_CELLS = 512
+LARGEST_GRID = 2**18
+"""Cells of a grid, about."""
+LARGEST_ASPECT = 64.0
+"""A grid is sized as if its box were no flatter than this."""
 ORIGIN = 0.0, 0.0, 0.0
+
+
+@entry("float64[:], int -> float, int, int, int")
+def grid_size(extent, wanted):
+    """Return cells a unit of length, and how many along x, y and z, of a grid over a box.
+
+    *extent* (3,): sides of the box. *wanted*: cells in all, about.
+    """
+    least = max(extent[0], extent[1], extent[2]) / LARGEST_ASPECT
+    volume = max(extent[0], least) * max(extent[1], least) * max(extent[2], least)
+    if not volume > 0.0:
+        return 1.0, 1, 1, 1
+    rate = (wanted / volume) ** (1.0 / 3.0)
+    return (
+        rate,
+        np.int64(np.floor(extent[0] * rate)) + 1,
+        np.int64(np.floor(extent[1] * rate)) + 1,
+        np.int64(np.floor(extent[2] * rate)) + 1,
+    )
+
+
+@kernel
+def cells_wanted(face_count):
+    """Number of cells, about, of the grid of a part."""
+    return min(max(CELLS_PER_FACE * face_count, FEWEST_CELLS), LARGEST_GRID)
 
 
 @inlined

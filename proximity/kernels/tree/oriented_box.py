@@ -19,7 +19,7 @@ import numpy as np
 
 from proximity.kernels.geometry.triangle import TINY, corners_of_block, cross, dot
 from proximity.kernels.layout import BLOCK_STRIDE, ORIENTED_STRIDE
-from proximity.native import entry, inlined
+from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,
     fma,
@@ -62,7 +62,7 @@ def reach_into_boxes(best_sq):
     return np.float32(reach * reach * BOX_SLACK)
 
 
-@entry("float64[:], float32[:] -> float")
+@kernel
 def fill_oriented_boxes(blocks, boxes):
     """Fill the boxes of all *blocks*; return their surface, as a share of that of boxes along the axes."""
     oriented, along_axes = 0.0, 0.0

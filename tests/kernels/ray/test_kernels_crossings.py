@@ -10,7 +10,6 @@ import oracle
 import proximity
 from proximity import ContactFlag
 from proximity.kernels.ray import edge_contact, self_intersections
-from proximity.mesh import part_arrays
 from proximity.scene.scene import Scene
 from proximity.scene.sign import SignMethod
 from proximity.scene.solid import Solid
@@ -250,5 +249,9 @@ def test_faces_of_a_tangle_all_count_as_passing_through():
     rod = shapes.box((-1.0, -1e-4, -1e-4), (1.0, 1e-4, 1e-4))
     rods = [(rod[0] @ shapes.rotation(seed).T, rod[1]) for seed in range(600)]
     solid = Solid(*shapes.join(*rods))
-    marked = part_arrays.with_passing_faces(solid.snapshot().part_arrays(0)).folded
+    model, piece = solid.snapshot(), solid.snapshot().part_arrays(0)
+    marked = self_intersections.passing_faces(
+        piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces,
+        model.reals, model.words, 0, int(model.parts["moments"][0]),
+    )  # fmt: skip
     assert np.unpackbits(marked).sum() == len(solid.mesh.faces)

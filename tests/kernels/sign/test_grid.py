@@ -4,14 +4,18 @@ import numba
 import numpy as np
 import pytest
 import shapes
-from models import welded_piece_of
+from models import welded_model_of
 
 import oracle
 from proximity.kernels.layout import CELL_CROSSED, CELL_INSIDE, CELL_OUTSIDE, SIGN_PSEUDONORMAL
-from proximity.kernels.sign.inside_grid import MOST_POINTS, build_grid, cell_state, uncertain_points
-from proximity.mesh.part_arrays import LARGEST_GRID, with_sign
-from proximity.pose import Pose
-from proximity.scene.model.assembly import assemble
+from proximity.kernels.part.sign_choice import restore_sign
+from proximity.kernels.sign.inside_grid import (
+    LARGEST_GRID,
+    MOST_POINTS,
+    build_grid,
+    cell_state,
+    uncertain_points,
+)
 
 pytestmark = pytest.mark.internals
 
@@ -27,15 +31,16 @@ class Grid:
     """The grid of a mesh, in its local frame."""
 
     def __init__(self, vertices, faces, *, rate=None):
-        piece = with_sign(welded_piece_of(vertices, faces), SIGN_PSEUDONORMAL, has_grid=True)
+        model = welded_model_of(vertices, faces)
+        restore_sign(model.packed, SIGN_PSEUDONORMAL, True, np.zeros(0, np.int32))
+        piece = model.part_arrays(0)
         self.corners, self.faces = piece.corners, piece.faces
         self.lower, self.rate = np.array(piece.grid_lower), piece.grid_rate
         self.counts, self.packed = np.array(piece.grid_counts), piece.grid
         if rate is not None:
-            self._build_anew(piece, rate)
+            self._build_anew(model, rate)
 
-    def _build_anew(self, piece, rate):
-        model = assemble([piece], [Pose()])
+    def _build_anew(self, model, rate):
         root, moments = int(model.parts["root"][0]), int(model.parts["moments"][0])
         extent = self.corners.max(axis=0) - self.lower
         self.rate, self.counts = rate, np.floor(extent * rate).astype(np.int64) + 1
