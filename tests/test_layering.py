@@ -58,7 +58,8 @@ answers · layout · thresholds
     "proximity.kernels.scene": """
 store
 queries
-inside · parts
+parts
+inside
 """,
     "proximity.scene": """
 clashes · picture · trimesh_scene

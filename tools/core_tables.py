@@ -51,7 +51,7 @@ ENTRIES = (
     "morton_order", "ray_order", "fault_in_header", "fault_in_arrays", "complete_model", "first_unfit",
     "move_parts", "copies_in_use", "make_static", "thin_static", "bring_up_to_date", "forget_surfaces",
     "adopt_parts", "tick", "observe", "update_newest", "drop_stale", "sense_contacts",
-    "connect_parts", "surface_faces", "contains_corner", "place_part", "copy_nodes", "plan_scene",
+    "connect_parts", "surface_faces", "contains_corner", "write_part_row", "copy_nodes", "plan_scene",
     "copy_part", "finish_scene", "split_faces", "face_topology", "signed_volume", "frame_of_box",
     "plan_part", "fill_part", "choose_sign",
 )  # fmt: skip

@@ -504,7 +504,7 @@ def test_place_where_no_file_can_be_is_told(tmp_path):
     (tmp_path / "folder.prox").mkdir()
     (tmp_path / "file").write_bytes(b"")
     for path, reason in (
-        (tmp_path / "folder.prox", " (it is no regular file)"),
+        (tmp_path / "folder.prox", " (it is not a regular file)"),
         (tmp_path / "none" / "cell.prox", " (No such file or directory)"),
         (tmp_path / "file" / "cell.prox", " (Not a directory)"),
         ("a\0b.prox", " (embedded null"),

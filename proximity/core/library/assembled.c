@@ -47,7 +47,7 @@ static float *collect(const InstructionSet *set, const Source *sources, Archive 
     for (int64_t k = 0; k < made->part_count; k++) {
         int64_t words[] = {WORD(sources[k].model), sources[k].row, last[0], last[1], last[2], last[3], k,
                            WORD(sources[k].matrix), 4, 4, last[5]};
-        if (!proximity_call(set, PLACE_PART, words)) {
+        if (!proximity_call(set, WRITE_PART_ROW, words)) {
             return NULL;
         }
         nodes += made->parts[k].node_count;

@@ -76,8 +76,8 @@ def nest_shells(points, corners, labels, volumes, is_closed):
     for shell in range(count):
         sizes[shell], sides[shell] = abs(volumes[shell]), np.int64(np.sign(volumes[shell]))
     for shell in range(count):
-        is_in_doubt = not is_closed[shell] and sides[shell] != 0
-        if is_in_doubt and (sides[shell] < 0 or _is_nested(shells.boxes, sizes, shell)):
+        is_uncertain = not is_closed[shell] and sides[shell] != 0
+        if is_uncertain and (sides[shell] < 0 or _is_nested(shells.boxes, sizes, shell)):
             sides[shell] = _clear_side(shells, shell)
     for shell in range(count):
         sizes[shell] = sizes[shell] if sides[shell] != 0 else 0.0

@@ -33,8 +33,8 @@ from proximity.kernels.tree.normal_slab import fill_slabs
 from proximity.kernels.tree.oriented_box import fill_oriented_boxes
 from proximity.native import allocating_kernel, entry, kernel
 
-BLOCKS, CORNERS, NORMALS, REALS_END = range(4)
-NODES, SLOT_FACES, MOMENTS, BOXES, FACES, NEIGHBORS, GRID, NOTES, SCENE_GRID, WORDS_END = range(4, 14)
+BLOCK_ROW, CORNERS, NORMALS, REALS_END = range(4)
+NODE_ROW, SLOT_FACES, MOMENTS, BOXES, FACES, NEIGHBORS, GRID, NOTES, SCENE_GRID, WORDS_END = range(4, 14)
 """Rows of the table of arrays: those in ``reals``, their end, those in ``words``, their end."""
 REALS_PER_LINE, WORDS_PER_LINE = 8, 16
 """Numbers in a cache line."""
@@ -50,15 +50,19 @@ def arrays_of(part):
     """
     corners, faces = 3 * part.corner_count, 3 * part.face_count
     table, end = np.zeros((WORDS_END + 1, 2), np.int64), np.int64(0)
-    table[BLOCKS, 1], table[CORNERS, 1], table[NORMALS, 1] = BLOCK_STRIDE * part.block_count, corners, corners
-    table[NODES, 1], table[SLOT_FACES, 1] = NODE_STRIDE * part.node_count, LANES * part.block_count
+    table[BLOCK_ROW, 1], table[CORNERS, 1], table[NORMALS, 1] = (
+        BLOCK_STRIDE * part.block_count,
+        corners,
+        corners,
+    )
+    table[NODE_ROW, 1], table[SLOT_FACES, 1] = NODE_STRIDE * part.node_count, LANES * part.block_count
     table[MOMENTS, 1], table[BOXES, 1] = MOMENT_STRIDE * part.node_count, ORIENTED_STRIDE * part.block_count
     table[FACES, 1], table[NEIGHBORS, 1], table[NOTES, 1] = faces, faces, part.block_count
     for array in range(len(table)):
         line = REALS_PER_LINE if array <= REALS_END else WORDS_PER_LINE
-        table[array, 0] = 0 if array == NODES else (end + line - 1) // line * line
+        table[array, 0] = 0 if array == NODE_ROW else (end + line - 1) // line * line
         end = table[array, 1] = table[array, 0] + table[array, 1]
-        if array == NODES:
+        if array == NODE_ROW:
             end += NODE_STRIDE * EMPTY_NODES
         if array == GRID:
             end += grid_words(part)
@@ -179,9 +183,9 @@ def fill_part(model, nodes, order, block_first, corners, faces, neighbors):
     reals, words, frames, parts = model
     part, table, centre = parts[0], arrays_of(parts[0]), stack_f64(3)
     # The gaps, and the space of the grid, are zero, so that equal parts are equal in memory.
-    for array in range(BLOCKS, REALS_END):
+    for array in range(BLOCK_ROW, REALS_END):
         reals[table[array, 1] : table[array + 1, 0]] = 0.0
-    for array in range(NODES, WORDS_END):
+    for array in range(NODE_ROW, WORDS_END):
         words[table[array, 1] : table[array + 1, 0]] = 0.0
     words[part.block_notes : part.block_notes + part.block_count] = 0.0
     copy_numbers(nodes, 0, words, 0, len(nodes))
@@ -192,7 +196,7 @@ def fill_part(model, nodes, order, block_first, corners, faces, neighbors):
     for face in range(len(faces)):
         for k in range(3):
             kept_faces[face, k], kept_neighbors[face, k] = faces[face, k], neighbors[face, k]
-    blocks = reals[: table[BLOCKS, 1]]
+    blocks = reals[: table[BLOCK_ROW, 1]]
     fill_blocks(local, kept_faces, order, block_first, blocks, slot_faces)
     reals[table[NORMALS, 0] : table[NORMALS, 1]] = 0.0
     add_corner_normals(local, kept_faces, rows_of_three(reals, part.corner_normals, part.corner_count))

@@ -28,16 +28,16 @@ from proximity.kernels.sign.winding_number import winding_number
 from proximity.kernels.thresholds import CONTACT_DEPTH
 from proximity.native import allocating_kernel, entry, kernel
 
-NEAR, FAR = 1e-6, 3e-2
+SAMPLE_NEAR, SAMPLE_FAR = 1e-6, 3e-2
 """Distances of samples from the surface, in sizes of the part: just beside it, and where other faces may be
 nearest."""
 CLEAR_TURNS = 0.95
 """An open surface has an inside where just below it the winding number is above this ..."""
 CLEAR_SHARE = 0.95
 """... on this share of its area. A sheet, a hemisphere or a box without its lid does not get there."""
-ON_SURFACE = 1e-9
+SURFACE_SHARE = 1e-9
 """Sizes of the part: no side is right on the surface itself, to rounding."""
-UNCLEAR_TURNS = 0.2
+MAX_UNCLEAR_TURNS = 0.2
 """Distance of a winding number from a whole one, above which it tells no side."""
 
 
@@ -163,7 +163,7 @@ def _contradictions(model, samples, beside, folded):
     """
     _, words, frames, parts = model
     corners, faces, _, slot_faces = tables_of(model)
-    part, size, not_told = parts[0], _size(frames), np.zeros(0, np.bool_)
+    part, size, no_sides = parts[0], _size(frames), np.zeros(0, np.bool_)
     uncertain, is_inside, is_clear = uncertain_points(
         corners, faces, _grid_lower(frames), frames[0].grid_rate, part.grid_x, part.grid_y, part.grid_z,
         words[part.grid : part.grid + grid_words(part)].view(np.uint32),
@@ -174,15 +174,15 @@ def _contradictions(model, samples, beside, folded):
     for slot in range(len(slot_faces)):
         if (folded[slot // LANES] >> (slot % LANES)) & 1:
             is_clear[slot_faces[slot]] = True
-    above = _beside_surface(face_samples(corners, faces, is_clear), NEAR * size)
+    above = _beside_surface(face_samples(corners, faces, is_clear), SAMPLE_NEAR * size)
     asked = 4 * len(samples) + len(above) + len(uncertain)
     # Asked as if nothing were folded: a surface of which much is meets itself.
     _write_folded(words, parts, beside)
     against = np.int64(0)
-    for offset in (-NEAR, NEAR, -FAR, FAR):
-        against += _differing(model, _beside_surface(samples, offset * size), not_told)
+    for offset in (-SAMPLE_NEAR, SAMPLE_NEAR, -SAMPLE_FAR, SAMPLE_FAR):
+        against += _differing(model, _beside_surface(samples, offset * size), no_sides)
     _write_folded(words, parts, folded)
-    against += _differing(model, above, not_told) + _differing(model, uncertain, is_inside)
+    against += _differing(model, above, no_sides) + _differing(model, uncertain, is_inside)
     return asked, against
 
 
@@ -215,10 +215,14 @@ def _differing(model, points, is_inside):
     signed_alone(model, world, distances)
     for row in range(len(points)):
         signed = distances[row, 0]
-        if abs(signed) * scale <= ON_SURFACE * size or (len(is_inside) and is_inside[row] == (signed < 0.0)):
+        if abs(signed) * scale <= SURFACE_SHARE * size or (
+            len(is_inside) and is_inside[row] == (signed < 0.0)
+        ):
             continue
         turns = _turns(model, points, row)
-        is_clear = abs(turns - np.rint(turns)) <= UNCLEAR_TURNS and abs(turns - 0.5) <= 0.5 + UNCLEAR_TURNS
+        is_clear = (
+            abs(turns - np.rint(turns)) <= MAX_UNCLEAR_TURNS and abs(turns - 0.5) <= 0.5 + MAX_UNCLEAR_TURNS
+        )
         count += not is_clear or (signed < 0.0) != (turns > 0.5)
     return count
 
@@ -233,7 +237,7 @@ def _turns(model, points, row):
 @allocating_kernel
 def _clear_share(model, samples):
     """The share of the area with a winding number near 1 just below and near 0 just above."""
-    step, clear_count = NEAR * _size(model.frames), 0
+    step, clear_count = SAMPLE_NEAR * _size(model.frames), 0
     below, above = _beside_surface(samples, -step), _beside_surface(samples, step)
     for row in range(len(samples)):
         is_below = _turns(model, below, row) > CLEAR_TURNS

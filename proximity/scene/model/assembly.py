@@ -17,7 +17,7 @@ from proximity.kernels.entries import (
     copy_nodes,
     copy_part,
     finish_scene,
-    place_part,
+    write_part_row,
     plan_scene,
     update_box,
 )
@@ -157,7 +157,7 @@ def assemble(
     count = len(sources)
     parts, frames = np.zeros(count + 1, layout.PART), np.zeros(count + 1, layout.FRAME)
     for row, (source, pose) in enumerate(zip(sources, poses, strict=True)):
-        place_part(source.packed, 0, frames, parts, row, pose.matrix, EXACT_ENOUGH)
+        write_part_row(source.packed, 0, frames, parts, row, pose.matrix, EXACT_ENOUGH)
     parts["is_dynamic"][list(dynamic)], parts["is_hidden"][list(hidden)] = 1, 1
     nodes = np.empty(NODE_STRIDE * int(parts["node_count"].sum()), np.float32)
     for row, source in enumerate(sources):
@@ -182,7 +182,7 @@ def assemble(
 def adopt(source: Model, pose: Pose, *, is_hidden: bool = False, name: str = "") -> Model:
     """Return the model of the part of *source* at a pose, in the memory of *source*, which it takes over."""
     frames, parts = source.frames.copy(), source.parts.copy()
-    place_part(source.packed, 0, frames, parts, 0, pose.matrix, EXACT_ENOUGH)
+    write_part_row(source.packed, 0, frames, parts, 0, pose.matrix, EXACT_ENOUGH)
     parts["is_hidden"][0] = is_hidden
     own = LocalFrame.read(frames[0])
     if not choose_scene_frame(frames, parts, own.centre, own.scale):

@@ -1,6 +1,6 @@
 """Parts, each with its arrays somewhere else, put together as the model of one scene.
 
-Five steps, between which the caller allocates memory: `place_part` writes the rows of each part,
+Five steps, between which the caller allocates memory: `write_part_row` writes the rows of each part,
 `copy_nodes` collects their nodes, `plan_scene` builds the tree over the parts and decides where everything
 lies, `copy_part` copies the arrays of each part there, and `finish_scene` writes the rest.
 """
@@ -62,7 +62,7 @@ def _grid_words(parts, row):
 
 
 @entry(ModelArrays, "int, Frame[:], Part[:], int, float64[:, 4], float")
-def place_part(source, row, frames, parts, to, matrix, rounding):
+def write_part_row(source, row, frames, parts, to, matrix, rounding):
     """Copy a row of *source* to row *to* of a new model, at the pose *matrix* (4, 4). Call it row by row.
 
     *rounding*: error up to which a rotation is used as given.
