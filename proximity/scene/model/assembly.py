@@ -17,9 +17,9 @@ from proximity.kernels.entries import (
     copy_nodes,
     copy_part,
     finish_scene,
-    write_part_row,
     plan_scene,
     update_box,
+    write_part_row,
 )
 from proximity.kernels.entries import choose_frame as choose_scene_frame
 from proximity.kernels.layout import (
