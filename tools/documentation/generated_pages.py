@@ -40,7 +40,8 @@ PUBLIC = {
         "CHANGES", "ADDITIONS", "DEFORMATIONS",
     ),
     "Errors": (
-        "ProximityError", "MeshError", "MeshFormatError", "FileVersionError", "NotWatertightError", "ArgumentError", "PoseError",
+        "ProximityError", "MeshError", "MeshFormatError", "FileVersionError",
+        "NotWatertightError", "ArgumentError", "PoseError",
         "FileError", "MissingLibraryError", "SceneError", "ServiceError", "PublishError",
         "RecordingError", "DecaffError", "MotorError", "UnitsWarning",
     ),
