@@ -7,8 +7,9 @@ point back even on a needle.
 
 from math import sqrt
 
-from proximity.kernels.geometry.triangle import TINY, cross, dot, offset_of
-from proximity.kernels.layout import FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX
+from proximity.kernels.geometry.triangle import TINY, cross, dot
+from proximity.kernels.layout import FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX, LANES
+from proximity.kernels.nodes import offset_of
 from proximity.native import inlined
 from proximity.native.simd import fma, like, load_int, minimum, select, square_root
 
@@ -26,7 +27,7 @@ def read_corners(reals, slot, closest):
     """Copy the corners of the triangle at *slot* into *closest*."""
     base = offset_of(slot)
     for k in range(9):
-        closest[CLOSEST_TRIANGLE + k] = reals[base + 8 * k]
+        closest[CLOSEST_TRIANGLE + k] = reals[base + LANES * k]
 
 
 @inlined

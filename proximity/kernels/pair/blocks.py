@@ -9,8 +9,9 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.triangle import TINY, corners_of_block, cross, dot
+from proximity.kernels.geometry.triangle import TINY, cross, dot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, ORIENTED_STRIDE
+from proximity.kernels.nodes import corners_at, corners_of_block
 from proximity.kernels.pair.boxes import SHRINK, mapped
 from proximity.kernels.pair.connection import BOTH, connect, read_both
 from proximity.kernels.pair.meeting import APART_HERE, ON_SURFACE, meeting_reach, share_at
@@ -36,12 +37,12 @@ MAP_ROUNDING = 2.0**-48
 
 
 @inlined
-def _triangle_in_all(reals, at):
-    """The corners of the triangle at *at*, in all lanes."""
+def in_all_lanes(a, b, c):
+    """The corners of a triangle, (x, y, z) each, in all lanes."""
     return (
-        (splat(reals[at]), splat(reals[at + 8]), splat(reals[at + 16])),
-        (splat(reals[at + 24]), splat(reals[at + 32]), splat(reals[at + 40])),
-        (splat(reals[at + 48]), splat(reals[at + 56]), splat(reals[at + 64])),
+        (splat(a[0]), splat(a[1]), splat(a[2])),
+        (splat(b[0]), splat(b[1]), splat(b[2])),
+        (splat(c[0]), splat(c[1]), splat(c[2])),
     )
 
 
@@ -178,7 +179,7 @@ def nearer_in_blocks(model, pair, first, second, frame_map, slack, best, axis, s
     while left:
         lane = trailing_zeros(left)
         left &= left - 1
-        triangle = _triangle_in_all(reals, base + lane)
+        triangle = in_all_lanes(*corners_at(reals, base + lane))
         along = splat(axis[0]), splat(axis[1]), splat(axis[2])
         bound = select(is_used, _gap_along(along, triangle, others, margin, splat(1.0)), far)
         if bits(bound < splat(best)):

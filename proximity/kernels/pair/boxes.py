@@ -6,10 +6,10 @@ connection so far bounds their distance, too: there turned boxes are no larger t
 
 import numpy as np
 
-from proximity.kernels.layout import LANES
+from proximity.kernels.nodes import lower_at, upper_at, wide_boxes_of
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import inlined, kernel
-from proximity.native.simd import fma, like, load, maximum, minimum, splat, widen
+from proximity.native.simd import fma, like, maximum, minimum, splat
 
 SHRINK = 1.0 - 2.0**-40
 """Factor on squared distances of boxes: it makes up for their rounding."""
@@ -64,21 +64,12 @@ def _reach_along(turn, row, hx, hy, hz):
 
 
 @inlined
-def boxes_at(words, base):
-    """The eight boxes at *base*: lower and upper corners, float64x8."""
-    return (
-        (widen(load(words, base)), widen(load(words, base + 8)), widen(load(words, base + 16))),
-        (widen(load(words, base + 24)), widen(load(words, base + 32)), widen(load(words, base + 40))),
-    )
-
-
-@inlined
 def mapped_boxes(words, base, turn, offset):
     """The eight boxes at *base* of the second part, each with a box around it in the first frame.
 
     Unused lanes, of which the sides are infinite, become anything.
     """
-    (lx, ly, lz), (ux, uy, uz) = boxes_at(words, base)
+    (lx, ly, lz), (ux, uy, uz) = wide_boxes_of(words, base)
     half = splat(0.5)
     hx, hy, hz = (ux - lx) * half, (uy - ly) * half, (uz - lz) * half
     x, y, z = mapped(turn, offset, (lx + ux) * half, (ly + uy) * half, (lz + uz) * half)
@@ -105,7 +96,7 @@ def box_at(words, position, axis, box):
     """Write the box at a child's position: lower and upper corner, and where it ends along an axis; (7,)."""
     end = 0.0
     for k in range(3):
-        low, high = np.float64(words[position + LANES * k]), np.float64(words[position + 24 + LANES * k])
+        low, high = np.float64(lower_at(words, position, k)), np.float64(upper_at(words, position, k))
         box[k], box[k + 3] = low, high
         end += max(axis[k] * low, axis[k] * high)
     box[6] = end
@@ -118,13 +109,13 @@ def mapped_box_at(words, position, turn, offset, axis, box):
     for row in range(3):
         middle, reach = offset[row], 0.0
         for k in range(3):
-            low, high = np.float64(words[position + LANES * k]), np.float64(words[position + 24 + LANES * k])
+            low, high = np.float64(lower_at(words, position, k)), np.float64(upper_at(words, position, k))
             middle += turn[3 * row + k] * 0.5 * (low + high)
             reach += abs(turn[3 * row + k]) * 0.5 * (high - low)
         box[row], box[row + 3] = middle - reach, middle + reach
         begin += axis[row] * middle
     for k in range(3):
-        side = np.float64(words[position + 24 + LANES * k]) - np.float64(words[position + LANES * k])
+        side = np.float64(upper_at(words, position, k)) - np.float64(lower_at(words, position, k))
         begin -= abs(_axis_along(axis, turn, k)) * 0.5 * side
     box[6] = begin
 
@@ -146,7 +137,7 @@ def ends_of(boxes, axis):
 @inlined
 def begins_of(words, base, turn, offset, axis):
     """Where the eight boxes at *base* of the second part begin along an axis of the first frame."""
-    (lx, ly, lz), (ux, uy, uz) = boxes_at(words, base)
+    (lx, ly, lz), (ux, uy, uz) = wide_boxes_of(words, base)
     x = splat(_axis_along(axis, turn, 0))
     y = splat(_axis_along(axis, turn, 1))
     z = splat(_axis_along(axis, turn, 2))

@@ -4,7 +4,8 @@ import numpy as np
 
 from proximity.kernels.geometry.closest_feature import CLOSEST_POINT, CLOSEST_SIZE, CLOSEST_TRIANGLE
 from proximity.kernels.geometry.closest_feature import closest_on_triangle as closest_on_corners
-from proximity.kernels.geometry.triangle import TINY, cross, dot, offset_of
+from proximity.kernels.geometry.triangle import TINY, cross, dot
+from proximity.kernels.nodes import corner_at, offset_of
 from proximity.kernels.pair.boxes import mapped
 from proximity.kernels.pair.triangles import between
 from proximity.kernels.stack_arrays import stack_f64
@@ -39,7 +40,7 @@ def read_both(reals, slots, turn, offset, corners):
     for number in range(2):
         at = offset_of(slots[number])
         for k in range(3):
-            x, y, z = reals[at + 24 * k], reals[at + 24 * k + 8], reals[at + 24 * k + 16]
+            x, y, z = corner_at(reals, at, k)
             if number:
                 x, y, z = mapped(turn, offset, x, y, z)
             to = 9 * number + 3 * k

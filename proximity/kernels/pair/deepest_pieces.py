@@ -11,8 +11,19 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.geometry.frames import ROUNDED_UP
-from proximity.kernels.geometry.triangle import corners_of_block, cross, dot, offset_of
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.geometry.triangle import cross, dot
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE
+from proximity.kernels.nodes import (
+    child_at,
+    corner_at,
+    corners_at,
+    corners_of_block,
+    lower_at,
+    offset_of,
+    upper_at,
+    used_lanes,
+)
+from proximity.kernels.pair.blocks import in_all_lanes
 from proximity.kernels.pair.boxes import mapped
 from proximity.kernels.pair.deepest_state import (
     BOUND,
@@ -25,15 +36,13 @@ from proximity.kernels.pair.deepest_state import (
     nearest_outer,
     normal_of_slot,
     open_meeting,
-    triangle_at,
     widened_box,
 )
 from proximity.kernels.pair.triangles import CROSSING, SIDE_ROUNDING, between, triangles_apart
-from proximity.kernels.pair.walk import used
 from proximity.kernels.stack_arrays import stack_f64, stack_f64_rows, stack_i64
 from proximity.kernels.traverse.depth_first import depth_first, in_blocks
 from proximity.native import inlined, kernel
-from proximity.native.simd import bits, load_int, splat, trailing_zeros
+from proximity.native.simd import bits, splat, trailing_zeros
 
 NODES = 1024
 LEAST_CUT = 2.0**-10
@@ -73,12 +82,8 @@ def _crossing_slot(model, outer, a, b, c, workspace):
     lower = min(a[0], b[0], c[0]), min(a[1], b[1], c[1]), min(a[2], b[2], c[2])
     upper = max(a[0], b[0], c[0]), max(a[1], b[1], c[1]), max(a[2], b[2], c[2])
     rounding = splat(SIDE_ROUNDING * SIDE_ROUNDING)
-    triangle = (
-        (splat(a[0]), splat(a[1]), splat(a[2])),
-        (splat(b[0]), splat(b[1]), splat(b[2])),
-        (splat(c[0]), splat(c[1]), splat(c[2])),
-    )
-    query, best = (widened_box(lower, upper, 0.0), triangle, rounding), (np.float32(0.0), np.int64(NO_SLOT))
+    query = widened_box(lower, upper, 0.0), in_all_lanes(a, b, c), rounding
+    best = np.float32(0.0), np.int64(NO_SLOT)
     root = model.parts[outer].root
     return _walk_crossing(model, root, 0, query, best, workspace.stacks)[1]
 
@@ -127,7 +132,7 @@ def _add_piece(pieces, count, a, b, c, bound):
 @kernel
 def _fill_heights(reals, slot, pieces, row, heights):
     """Fill the heights of a piece's corners over the plane of a triangle; return the largest."""
-    a, b, c = triangle_at(reals, slot)
+    a, b, c = corners_at(reals, offset_of(slot))
     normal, highest = cross(*between(a, b), *between(a, c)), 0.0
     length = sqrt(dot(*normal, *normal))
     for k in range(3):
@@ -139,7 +144,7 @@ def _fill_heights(reals, slot, pieces, row, heights):
 @kernel
 def _fill_beyond(reals, slot, pieces, row, heights):
     """Fill how far corners of a piece are beyond the edge that cuts it best; return the length cut off."""
-    a, b, c = triangle_at(reals, slot)
+    a, b, c = corners_at(reals, offset_of(slot))
     normal, best = cross(*between(a, b), *between(a, c)), 0.0
     heights[0] = heights[1] = heights[2] = 0.0
     for _ in range(3):
@@ -258,13 +263,13 @@ def search_surface(model, inner, outer, frame_map, cap, state, limits, budget, w
     while count > 0:
         count -= 1
         base = NODE_STRIDE * nodes[count]
-        left = used(words, base)
+        left = bits(used_lanes(words, base))
         while left:
             lane = trailing_zeros(left)
             left &= left - 1
             at, middle, radius_sq = base + lane, stack_f64(3), 0.0
             for k in range(3):
-                low, high = np.float64(words[at + 8 * k]), np.float64(words[at + 24 + 8 * k])
+                low, high = np.float64(lower_at(words, at, k)), np.float64(upper_at(words, at, k))
                 middle[k] = 0.5 * (low + high)
                 radius_sq += 0.25 * (high - low) * (high - low)
             radius = sqrt(radius_sq) * ratio * ROUNDED_UP + limits[2]
@@ -279,7 +284,7 @@ def search_surface(model, inner, outer, frame_map, cap, state, limits, budget, w
             if bound <= goal_of(state, limits):
                 state[BOUND] = max(state[BOUND], bound)
                 continue
-            child = load_int(words, at + NODE_CHILDREN)
+            child = child_at(words, at)
             if state[STEPS] >= budget or (child >= 0 and count + 1 >= NODES):
                 state[BOUND] = max(state[BOUND], bound)
             elif child >= 0:
@@ -298,8 +303,7 @@ def _read_block(reals, block, frame_map, bound, pieces):
         at = offset_of(slot)
         if reals[at] == reals[at]:
             for k in range(3):
-                x, y, z = reals[at + 24 * k], reals[at + 24 * k + 8], reals[at + 24 * k + 16]
-                _put(pieces, count, k, mapped(frame_map[0], frame_map[1], x, y, z))
+                _put(pieces, count, k, mapped(frame_map[0], frame_map[1], *corner_at(reals, at, k)))
             pieces[count, 9] = bound
             count += 1
     return count

@@ -21,9 +21,10 @@ from proximity.kernels.geometry.closest_feature import (
     read_corners,
 )
 from proximity.kernels.geometry.frames import ROUNDED_DOWN, ROUNDED_UP, to_scene
-from proximity.kernels.geometry.triangle import corners_of_block, cross, dot
+from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.inside.chunk_tables import new_workspace, reset_recent
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, SIGN_NONE, ModelArrays
+from proximity.kernels.nodes import corners_of_block
 from proximity.kernels.pair.boxes import frames_between, mapped
 from proximity.kernels.pair.deepest_pieces import search_surface
 from proximity.kernels.pair.deepest_state import (

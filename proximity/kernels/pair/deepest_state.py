@@ -4,14 +4,15 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.triangle import cross, dot, offset_of
+from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.inside.containment import state_in_part
 from proximity.kernels.layout import CELL_CROSSED, CELL_INSIDE, NO_SLOT
+from proximity.kernels.nodes import boxes_of, corners_at, offset_of
 from proximity.kernels.pair.triangles import between
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part, slot_distance_sq
 from proximity.kernels.sign.side import signed_of_slot
 from proximity.native import inlined
-from proximity.native.simd import load, select, splat32
+from proximity.native.simd import select, splat32
 
 CAPACITY = 512
 """Pieces or boxes that wait at once."""
@@ -62,15 +63,10 @@ def keep_deeper(state, depth, p):
 @inlined
 def _meets_box(words, base, box):
     """Which children of a node meet a box: lower and upper corners, float32."""
-    (lx, ly, lz), (ux, uy, uz) = box
-    return (
-        (load(words, base) <= splat32(ux))
-        & (load(words, base + 24) >= splat32(lx))
-        & (load(words, base + 8) <= splat32(uy))
-        & (load(words, base + 32) >= splat32(ly))
-        & (load(words, base + 16) <= splat32(uz))
-        & (load(words, base + 40) >= splat32(lz))
-    )
+    lower, upper = boxes_of(words, base)
+    is_met = (lower[0] <= splat32(box[1][0])) & (upper[0] >= splat32(box[0][0]))
+    is_met = is_met & (lower[1] <= splat32(box[1][1])) & (upper[1] >= splat32(box[0][1]))
+    return is_met & (lower[2] <= splat32(box[1][2])) & (upper[2] >= splat32(box[0][2]))
 
 
 @inlined
@@ -105,20 +101,9 @@ def distance_to_slot(reals, slot, p):
 
 
 @inlined
-def triangle_at(reals, slot):
-    """The corners of a triangle."""
-    at = offset_of(slot)
-    return (
-        (reals[at], reals[at + 8], reals[at + 16]),
-        (reals[at + 24], reals[at + 32], reals[at + 40]),
-        (reals[at + 48], reals[at + 56], reals[at + 64]),
-    )
-
-
-@inlined
 def normal_of_slot(reals, slot):
     """The unit normal of a triangle; 0 where it has no area."""
-    a, b, c = triangle_at(reals, slot)
+    a, b, c = corners_at(reals, offset_of(slot))
     x, y, z = cross(*between(a, b), *between(a, c))
     length = sqrt(dot(x, y, z, x, y, z))
     return (x / length, y / length, z / length) if length > 0.0 else (0.0, 0.0, 0.0)

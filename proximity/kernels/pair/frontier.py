@@ -13,17 +13,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.layout import LANES, NO_SLOT, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.layout import LANES, NO_SLOT, NODE_STRIDE
+from proximity.kernels.nodes import child_at, used_lanes
 from proximity.kernels.pair.blocks import MAP_ROUNDING, nearer_in_blocks
 from proximity.kernels.pair.meeting import meeting_reach
-from proximity.kernels.pair.walk import begin_short, bounds_of_children, opens_first, rounding_size, used
+from proximity.kernels.pair.walk import begin_short, bounds_of_children, opens_first, rounding_size
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,
     horizontal_min,
     load,
-    load_int,
     minimum,
     splat,
     store,
@@ -68,7 +68,7 @@ def _add(frontier, count, one, other, marks, limit):
 def _plant(words, parts, first, second, frontier):
     """Begin a frontier with the children of both roots; return the count."""
     one, other, count = NODE_STRIDE * parts[first].root, NODE_STRIDE * parts[second].root, 0
-    left, marks = used(words, one), used(words, other)
+    left, marks = bits(used_lanes(words, one)), bits(used_lanes(words, other))
     while left:
         lane = trailing_zeros(left)
         left &= left - 1
@@ -112,17 +112,17 @@ def _open_entry(model, first, second, frame_map, frontier, at, count, reach, axi
         lane = trailing_zeros(near)
         near &= near - 1
         below, beside = one + (lane if is_first else 0), other + (0 if is_first else lane)
-        below_one = load_int(words, below + NODE_CHILDREN)
-        below_other = load_int(words, beside + NODE_CHILDREN)
+        below_one = child_at(words, below)
+        below_other = child_at(words, beside)
         limit = sqrt(lane_bounds[lane])
         if below_one < 0 and below_other < 0:
             count = _add(frontier, count, below, beside, BLOCKS, limit)
         elif opens_first(words, below_one, below_other, below, beside, ratio):
             node = NODE_STRIDE * below_one
-            count = _add(frontier, count, node, beside, used(words, node) | OPENED_FIRST, limit)
+            count = _add(frontier, count, node, beside, bits(used_lanes(words, node)) | OPENED_FIRST, limit)
         else:
             node = NODE_STRIDE * below_other
-            count = _add(frontier, count, below, node, used(words, node), limit)
+            count = _add(frontier, count, below, node, bits(used_lanes(words, node)), limit)
     return count
 
 
@@ -169,8 +169,8 @@ def nearest_from_frontier(
                 continue
             steps += 1
             if frontier.entries[at, 2] == BLOCKS:
-                one = ~load_int(words, frontier.entries[at, 0] + NODE_CHILDREN)
-                other = ~load_int(words, frontier.entries[at, 1] + NODE_CHILDREN)
+                one = ~child_at(words, frontier.entries[at, 0])
+                other = ~child_at(words, frontier.entries[at, 1])
                 best, least_sq = nearer_in_blocks(
                     model, (first, second), one, other, frame_map, slack, best, axis, slots
                 )

@@ -20,15 +20,14 @@ from proximity.kernels.layout import (
     LANES,
     MAX_DEPTH,
     NO_SLOT,
-    NODE_CHILDREN,
     NODE_STRIDE,
     STACKS_SIZE,
 )
+from proximity.kernels.nodes import child_at, lower_at, upper_at, used_lanes, wide_boxes_of
 from proximity.kernels.pair.blocks import MAP_ROUNDING, nearer_in_blocks, turn_axis
 from proximity.kernels.pair.boxes import (
     begins_of,
     box_at,
-    boxes_at,
     ends_of,
     farther,
     gaps_sq,
@@ -43,8 +42,6 @@ from proximity.kernels.stack_arrays import stack_f32, stack_f64, stack_i64, stac
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,
-    load,
-    load_int,
     splat,
     store,
     trailing_zeros,
@@ -57,18 +54,12 @@ MOST_PAIRS = 2 * MAX_DEPTH * (LANES - 1) + LANES * LANES
 
 
 @inlined
-def used(words, base):
-    """Which lanes of a node have children: bits."""
-    return bits(load(words, base) <= load(words, base + 24))
-
-
-@inlined
 def size_at(words, position):
     """The longest side of the box at a child's position."""
     return max(
-        words[position + 24] - words[position],
-        words[position + 32] - words[position + 8],
-        words[position + 40] - words[position + 16],
+        upper_at(words, position, 0) - lower_at(words, position, 0),
+        upper_at(words, position, 1) - lower_at(words, position, 1),
+        upper_at(words, position, 2) - lower_at(words, position, 2),
     )
 
 
@@ -98,7 +89,7 @@ def bounds_of_children(words, one, other, is_first, frame_map, margin, axis, box
     turn, offset = frame_map
     if is_first:
         mapped_box_at(words, other, turn, offset, axis, box)
-        opened = boxes_at(words, one)
+        opened = wide_boxes_of(words, one)
         return farther(gaps_sq(opened, lanes_of(box), margin), splat(box[6]), ends_of(opened, axis), margin)
     box_at(words, one, axis, box)
     bounds = gaps_sq(lanes_of(box), mapped_boxes(words, other, turn, offset), margin)
@@ -210,13 +201,13 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
     meeting_sq = meeting_reach(slack) * meeting_reach(slack)
     best = max(begin_short(model, first, second, turn, offset, best, axis, slots), meeting_sq)
     one, other = NODE_STRIDE * parts[first].root, NODE_STRIDE * parts[second].root
-    at, left = 0, used(words, one)
+    at, left = 0, bits(used_lanes(words, one))
     while left:
         lane = trailing_zeros(left)
         left &= left - 1
         box_at(words, one + lane, axis, box)
         bounds = gaps_sq(lanes_of(box), mapped_boxes(words, other, turn, offset), margin)
-        at = _wait(waiting, at, one + lane, other, bounds, used(words, other), False)
+        at = _wait(waiting, at, one + lane, other, bounds, bits(used_lanes(words, other)), False)
     nearest = at - 1
     for k in range(at):
         if limits[k] < limits[nearest]:
@@ -230,8 +221,8 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
             continue
         steps += 1
         one, other = positions[at, 0], positions[at, 1]
-        below_one = load_int(words, one + NODE_CHILDREN)
-        below_other = load_int(words, other + NODE_CHILDREN)
+        below_one = child_at(words, one)
+        below_other = child_at(words, other)
         if below_one < 0 and below_other < 0:
             best, _ = nearer_in_blocks(
                 model, (first, second), ~below_one, ~below_other, frame_map, slack, best, axis, slots
@@ -240,12 +231,12 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
         elif opens_first(words, below_one, below_other, one, other, ratio):
             node = NODE_STRIDE * below_one
             bounds = bounds_of_children(words, node, other, True, frame_map, margin, axis, box)
-            is_open = bits(bounds < splat(reach)) & used(words, node)
+            is_open = bits(bounds < splat(reach)) & bits(used_lanes(words, node))
             at = _wait(waiting, at, node, other, bounds, is_open, True)
         else:
             node = NODE_STRIDE * below_other
             bounds = bounds_of_children(words, one, node, False, frame_map, margin, axis, box)
-            is_open = bits(bounds < splat(reach)) & used(words, node)
+            is_open = bits(bounds < splat(reach)) & bits(used_lanes(words, node))
             at = _wait(waiting, at, one, node, bounds, is_open, False)
     if best == meeting_sq and slots[0] != NO_SLOT:
         return 0.0, 0.0, steps

@@ -15,10 +15,10 @@ from proximity.kernels.geometry.closest_lanes import (
 )
 from proximity.kernels.geometry.frames import LENGTH_ROUNDING, can_be_asked, to_local
 from proximity.kernels.geometry.rows import fetch_row, limit_of
-from proximity.kernels.geometry.triangle import offset_of
 from proximity.kernels.inside.chunk_tables import POINT_CHUNK
 from proximity.kernels.inside.containment import deepest_of_certain, note_candidates
 from proximity.kernels.layout import FEATURE_FACE, LANES, NO_PART, NO_SLOT
+from proximity.kernels.nodes import offset_of
 from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, nearest_in_scene
 from proximity.kernels.sign.side import closest_of_lane, has_normals, is_beyond
 from proximity.native import inlined

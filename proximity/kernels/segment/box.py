@@ -17,6 +17,7 @@ import numpy as np
 from proximity.kernels.geometry.box import LARGEST_REST, bound_of
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES
+from proximity.kernels.nodes import boxes_of, wide_boxes_of
 from proximity.kernels.segment.plan import (
     PLAN_HIGH,
     PLAN_LOW,
@@ -37,7 +38,7 @@ from proximity.kernels.segment.plan import (
     TOUCHING,
 )
 from proximity.native import inlined, kernel
-from proximity.native.simd import absolute, fma, load, maximum, minimum, narrow, select, splat, widen
+from proximity.native.simd import absolute, fma, load, maximum, minimum, narrow, select, splat
 
 SEGMENT_SHRINK_FAR = 1.0 - 2.0**-44
 """Factor on squared float64 bounds, for the rounding of them and of the distances they are compared with."""
@@ -115,21 +116,16 @@ def _bounds_sq(lx, ly, lz, ux, uy, uz, values, at):
 @inlined
 def segment_boxes_distance_sq(nodes, base, probe):
     """Bounds in float32 from the segment to the boxes of the node at *base*: see `node_bounds_sq`."""
-    bounds, early = _bounds_sq(
-        load(nodes, base), load(nodes, base + 8), load(nodes, base + 16),
-        load(nodes, base + 24), load(nodes, base + 32), load(nodes, base + 40), probe, 0,
-    )  # fmt: skip
+    lower, upper = boxes_of(nodes, base)
+    bounds, early = _bounds_sq(*lower, *upper, probe, 0)
     return bounds + early
 
 
 @inlined
 def far_segment_boxes_distance_sq(nodes, base, plan):
     """The same from float64 arithmetic, less PLAN_OFFSET: see `geometry.box.far_point_boxes_distance_sq`."""
-    bounds, early = _bounds_sq(
-        widen(load(nodes, base)), widen(load(nodes, base + 8)), widen(load(nodes, base + 16)),
-        widen(load(nodes, base + 24)), widen(load(nodes, base + 32)), widen(load(nodes, base + 40)),
-        plan, PLAN_PROBE,
-    )  # fmt: skip
+    lower, upper = wide_boxes_of(nodes, base)
+    bounds, early = _bounds_sq(*lower, *upper, plan, PLAN_PROBE)
     rest = maximum(bounds * splat(SEGMENT_SHRINK_FAR) - splat(plan[PLAN_OFFSET]), splat(0.0)) + early
     # Only the rest of unused lanes may leave float32.
     return narrow(select(rest < splat(np.inf), minimum(rest, splat(LARGEST_REST)), rest))

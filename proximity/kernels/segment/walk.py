@@ -11,6 +11,7 @@ import numpy as np
 from proximity.kernels.geometry.closest_feature import read_corners
 from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_PART, NO_SLOT
+from proximity.kernels.nodes import turned_corners_of_block
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
 from proximity.kernels.segment.plan import (
     PLAN_END,
@@ -32,7 +33,7 @@ from proximity.kernels.segment.triangle import (
 )
 from proximity.kernels.traverse.depth_first import SCENE_STACKS, depth_first, in_blocks, in_blocks_and_parts
 from proximity.native import inlined, kernel
-from proximity.native.simd import bits, horizontal_min, load, select, splat, splat32, trailing_zeros
+from proximity.native.simd import bits, horizontal_min, select, splat, splat32, trailing_zeros
 
 
 @inlined
@@ -45,11 +46,11 @@ def segment_block_distance_sq(reals, base, plan):
         splat(plan[PLAN_END + j]) - py,
         splat(plan[PLAN_END + k]) - pz,
     )
-    x, y, z = base + 8 * i, base + 8 * j, base + 8 * k
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = turned_corners_of_block(reals, base, i, j, k)
     return segment_triangle_distance_sq(
-        (load(reals, x) - px, load(reals, y) - py, load(reals, z) - pz),
-        (load(reals, x + 24) - px, load(reals, y + 24) - py, load(reals, z + 24) - pz),
-        (load(reals, x + 48) - px, load(reals, y + 48) - py, load(reals, z + 48) - pz),
+        (ax - px, ay - py, az - pz),
+        (bx - px, by - py, bz - pz),
+        (cx - px, cy - py, cz - pz),
         (dx, dy, dz),
         splat(plan[PLAN_SLOPE_X]),
         splat(plan[PLAN_SLOPE_Y]),

@@ -22,6 +22,7 @@ from proximity.kernels.contact_record import (
 from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
 from proximity.kernels.geometry.frames import can_be_asked, is_alone, looks_like_millimetres
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_PART, ModelArrays
+from proximity.kernels.nodes import fetch_block
 from proximity.kernels.stack_arrays import stack_f64, stack_f64_rows
 from proximity.kernels.tracking.conservative_advancement import Path
 from proximity.kernels.tracking.finger_distance import find_distance
@@ -47,7 +48,6 @@ from proximity.kernels.tracking.track import (
     vector,
 )
 from proximity.native import ROWS_WITH_GIL, entry, inlined
-from proximity.native.simd import prefetch
 
 # --- bits of the answer of a tick: it is done, and what its caller should know ---
 NOT_DONE = 0
@@ -222,9 +222,7 @@ def _find_all_distances(model, arrays, is_moved, scratch):
 def _fetch_face(reals, slot):
     """Have the face that a finger starts from brought from memory, while another finger is done."""
     if slot >= 0:
-        base = BLOCK_STRIDE * (slot // LANES)
-        for line in range(BLOCK_STRIDE // 8):
-            prefetch(reals, base + 8 * line)
+        fetch_block(reals, BLOCK_STRIDE * (slot // LANES))
 
 
 @inlined
