@@ -186,9 +186,9 @@ static int adopt_parts(proximity_tracker *tracker)
 {
     const Archive *archive = &tracker->scene->archive;
     int64_t poses = archive->part_count * POSE_COLUMNS;
-    int64_t movers = MOVER_COLUMNS * LANES * (archive->part_count / LANES + 2);
+    int64_t movers = archive->part_count / LANES + 2;
     if (tracker->of_parts == NULL) {
-        tracker->of_parts = calloc((size_t)(poses + movers), sizeof(double));
+        tracker->of_parts = calloc(1, (size_t)poses * sizeof(double) + (size_t)movers * sizeof(EightMovers));
     }
     if (tracker->of_parts == NULL) {
         return 0;

@@ -1,8 +1,14 @@
-"""Rows of three numbers, loaded eight at a time or prefetched."""
+"""Rows of three numbers, alone, loaded eight at a time, or prefetched."""
 
 from proximity.kernels.layout import LANES
 from proximity.native import inlined
 from proximity.native.simd import load_each, prefetch
+
+
+@inlined
+def vector(values):
+    """The first three numbers of an array."""
+    return values[0], values[1], values[2]
 
 
 @inlined

@@ -12,10 +12,18 @@ import numpy as np
 from proximity.kernels.geometry.triangle import TINY, cross, dot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, ORIENTED_STRIDE
 from proximity.kernels.nodes import corners_at, corners_of_block
-from proximity.kernels.pair.boxes import SHRINK, mapped
-from proximity.kernels.pair.connection import BOTH, connect, read_both
+from proximity.kernels.pair.boxes import MAP_ROUNDING, SHRINK, mapped
 from proximity.kernels.pair.meeting import APART_HERE, ON_SURFACE, meeting_reach, share_at
-from proximity.kernels.pair.triangles import CROSSING, SIDE_ROUNDING, between, triangles_apart
+from proximity.kernels.pair.triangles import (
+    BOTH,
+    CROSSING,
+    SIDE_ROUNDING,
+    between,
+    connect,
+    in_all_lanes,
+    read_both,
+    triangles_apart,
+)
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
@@ -32,18 +40,6 @@ from proximity.native.simd import (
 
 REACH_ROUNDING = 1.0 + 2.0**-40
 """Factor on distances, where their squares have `SHRINK`."""
-MAP_ROUNDING = 2.0**-48
-"""More than rounding can move a box that is taken into the other frame, in sizes of coordinates."""
-
-
-@inlined
-def in_all_lanes(a, b, c):
-    """The corners of a triangle, (x, y, z) each, in all lanes."""
-    return (
-        (splat(a[0]), splat(a[1]), splat(a[2])),
-        (splat(b[0]), splat(b[1]), splat(b[2])),
-        (splat(c[0]), splat(c[1]), splat(c[2])),
-    )
 
 
 @inlined

@@ -13,12 +13,16 @@ from proximity.native.simd import fma, like, maximum, minimum, splat
 
 SHRINK = 1.0 - 2.0**-40
 """Factor on squared distances of boxes: it makes up for their rounding."""
+MAP_ROUNDING = 2.0**-48
+"""More than rounding can move a box that is taken into the other frame, in sizes of coordinates."""
+POSE_SIZE = 12
+"""Numbers of a part's pose: rotation, row by row, and translation."""
 
 
 @kernel
 def frames_between(frames, first, second, turn, offset):
     """Fill the map from the local frame of part *second* to that of *first*: (9,) row by row, and (3,)."""
-    one, other = stack_f64(12), stack_f64(12)
+    one, other = stack_f64(POSE_SIZE), stack_f64(POSE_SIZE)
     for k in range(9):
         one[k], other[k] = frames[first].rotation[k], frames[second].rotation[k]
     for k in range(3):
@@ -28,7 +32,7 @@ def frames_between(frames, first, second, turn, offset):
 
 @kernel
 def frames_at(frames, first, second, one, other, turn, offset):
-    """As `frames_between`, of parts in poses *one* and *other*, (12,): rotation row by row, translation."""
+    """As `frames_between`, of parts in poses *one* and *other*, (`POSE_SIZE`,)."""
     ratio = frames[first].scale / frames[second].scale
     moved = stack_f64(3)
     for axis in range(3):
@@ -55,6 +59,35 @@ def mapped(turn, offset, x, y, z):
         fma(like(turn[3], x), x, fma(like(turn[4], x), y, fma(like(turn[5], x), z, like(offset[1], x)))),
         fma(like(turn[6], x), x, fma(like(turn[7], x), y, fma(like(turn[8], x), z, like(offset[2], x)))),
     )
+
+
+@inlined
+def to_second(frame_map, x, y, z):
+    """A point of the first frame in that of the second; `frames_between` gives the map."""
+    turn, offset = frame_map
+    inverse_sq = 1.0 / (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+    dx, dy, dz = x - offset[0], y - offset[1], z - offset[2]
+    return (
+        (turn[0] * dx + turn[3] * dy + turn[6] * dz) * inverse_sq,
+        (turn[1] * dx + turn[4] * dy + turn[7] * dz) * inverse_sq,
+        (turn[2] * dx + turn[5] * dy + turn[8] * dz) * inverse_sq,
+    )
+
+
+@inlined
+def rounding_size(frames, first, second, offset):
+    """The size of coordinates of both parts in the frame of the first, for `MAP_ROUNDING`."""
+    ratio = abs(frames[first].scale / frames[second].scale)
+    size = 1.0 + 2.0 * ratio
+    for k in range(3):
+        size = max(size, abs(offset[k]) + 2.0 * ratio)
+    return size
+
+
+@inlined
+def gap_along(one, other, axis):
+    """Gap between the boxes of two parts along an axis, m; negative where they overlap. *one*: its frame."""
+    return max(one.box_lower[axis] - other.box_upper[axis], other.box_lower[axis] - one.box_upper[axis])
 
 
 @inlined

@@ -11,16 +11,22 @@ from proximity.kernels.nodes import boxes_of, corners_at, offset_of
 from proximity.kernels.pair.triangles import between
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part, slot_distance_sq
 from proximity.kernels.sign.side import signed_of_slot
-from proximity.native import inlined
+from proximity.kernels.stack_arrays import stack_arrays_of
+from proximity.native import inlined, record
 from proximity.native.simd import select, splat32
 
 CAPACITY = 512
 """Pieces or boxes that wait at once."""
 WIDENING = np.float32(2.0**-20)
 """Local units by which boxes are widened for the rounding to float32."""
-# State of a search in the outer part's local frame: the deepest point found so far and how deep it is; the
-# largest bound of what was settled; steps.
-BEST, POSITION, BOUND, STEPS, STATE_SIZE = 0, 1, 4, 5, 6
+DEEPEST_SEARCH = record(
+    "DeepestSearch",
+    best="f8",  # outer part's local frame, as all that follows: depth of the deepest point found so far
+    position="(3,)f8",
+    bound="f8",  # the largest of what was settled
+    steps="i8",
+)
+stack_search, _ = stack_arrays_of(DEEPEST_SEARCH)
 
 
 @inlined
@@ -39,7 +45,7 @@ def contains(model, part, p, slot, workspace):
     """Whether a part contains *p*, of which the nearest triangle is known."""
     state = state_in_part(model, part, p)
     return (
-        signed_of_slot(model, part, slot, p, workspace.closest) < 0.0
+        signed_of_slot(model, part, slot, p, workspace.closest[0]) < 0.0
         if state == CELL_CROSSED
         else state == CELL_INSIDE
     )
@@ -48,16 +54,16 @@ def contains(model, part, p, slot, workspace):
 @inlined
 def goal_of(state, limits):
     """A bound up to this settles a piece; *limits*: the share and the length, local, left between bounds."""
-    return state[BEST] * (1.0 + limits[0]) + limits[1]
+    return state.best * (1.0 + limits[0]) + limits[1]
 
 
 @inlined
 def keep_deeper(state, depth, p):
     """Keep a point inside both parts if it is the deepest so far."""
-    state[STEPS] += 1.0
-    if depth > state[BEST]:
-        state[BEST] = depth
-        state[POSITION], state[POSITION + 1], state[POSITION + 2] = p
+    state.steps += 1
+    if depth > state.best:
+        state.best = depth
+        state.position[0], state.position[1], state.position[2] = p
 
 
 @inlined

@@ -5,7 +5,6 @@ What comes after, the deepest of several parts that contain a point, is in `cont
 
 import numpy as np
 
-from proximity.kernels.geometry.closest_feature import CLOSEST_LENGTH
 from proximity.kernels.geometry.closest_lanes import (
     LANES_FEATURE,
     LANES_HEIGHT,
@@ -128,8 +127,8 @@ def signs_of_chunk(model, chunk, candidates, found, features, workspace):
             signed = table[LANES_HEIGHT * POINT_CHUNK + k] + 0.0  # never -0.0
             is_over = table[LANES_FEATURE * POINT_CHUNK + k] == FEATURE_FACE
             if not is_over or is_beyond(p) or not has_normals(words, parts, part, slot):
-                _, _, inside = closest_of_lane(model, part, slot, p, table, k, workspace.closest)
-                length = workspace.closest[CLOSEST_LENGTH]
+                _, _, inside = closest_of_lane(model, part, slot, p, table, k, workspace.closest[0])
+                length = workspace.closest[0].length
                 signed = -length if inside else length
             if candidates.certain[k]:
                 signed = -abs(signed)
@@ -148,7 +147,7 @@ def closest_of_chunk(model, chunk, found, features, workspace):
     _gather(model, chunk, found, features, len(model.parts) > 2)
     if chunk.point_count < FEWEST_IN_LANES:
         for k in range(chunk.point_count):
-            closest_of_row(model.reals, offsets, k, local_points, table, workspace.closest)
+            closest_of_row(model.reals, offsets, k, local_points, table, workspace.closest[0])
         return
     for at in range(0, chunk.point_count, LANES):
         closest_of_lanes(model.reals, offsets, at, local_points, table)

@@ -3,16 +3,13 @@
 import numpy as np
 
 from proximity.kernels.geometry.closest_feature import (
-    CLOSEST_ARM,
-    CLOSEST_LENGTH,
-    CLOSEST_NORMAL,
-    CLOSEST_TRIANGLE,
     closest_on_triangle,
     over_face,
     pseudo_normal,
     read_corners,
 )
-from proximity.kernels.geometry.closest_lanes import LANES_COLUMNS, LANES_FEATURE, LANES_WHICH
+from proximity.kernels.geometry.closest_lanes import LANES_COLUMNS, read_row
+from proximity.kernels.geometry.rows import vector
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import NO_GRID, SIGN_NONE, SIGN_PSEUDONORMAL
 from proximity.kernels.sign.folded_faces import is_folded
@@ -67,10 +64,7 @@ def closest_of_slot(model, part, slot, p, closest):
 @inlined
 def closest_of_lane(model, part, slot, p, table, k, closest):
     """As `closest_of_slot`, of what `closest_lanes.closest_of_lanes` has filled in column *k* of *table*."""
-    chunk = len(table) // LANES_COLUMNS
-    for column in range(CLOSEST_TRIANGLE):
-        closest[column] = table[column * chunk + k]
-    feature, which = np.int64(table[LANES_FEATURE * chunk + k]), np.int64(table[LANES_WHICH * chunk + k])
+    feature, which = read_row(table, len(table) // LANES_COLUMNS, k, closest)
     face = load_int(model.words, model.parts[part].slot_faces + slot)
     pseudo_normal(model, part, face, feature, which, closest)
     return face, feature, _is_inside(model, part, slot, p, closest)
@@ -80,18 +74,11 @@ def closest_of_lane(model, part, slot, p, table, k, closest):
 def _is_inside(model, part, slot, p, closest):
     """The side by a filled closest feature; on the surface: outside."""
     sign = model.parts[part].sign
-    length = closest[CLOSEST_LENGTH]
+    length = closest.length
     if sign == SIGN_NONE or length == 0.0 or is_beyond(p):
         return False
     if has_normals(model.words, model.parts, part, slot):
-        side = dot(
-            closest[CLOSEST_ARM],
-            closest[CLOSEST_ARM + 1],
-            closest[CLOSEST_ARM + 2],
-            closest[CLOSEST_NORMAL],
-            closest[CLOSEST_NORMAL + 1],
-            closest[CLOSEST_NORMAL + 2],
-        )
+        side = dot(*vector(closest.arm), *vector(closest.normal))
         if abs(side) > LEAST_SIDE_SINE * length:
             return side < 0.0
     is_inside, _ = is_inside_by_winding(model, part, p)
@@ -107,4 +94,4 @@ def signed_of_slot(model, part, slot, p, closest):
         if is_over and not is_beyond(p):
             return height + 0.0  # never -0.0
     _, _, inside = closest_of_slot(model, part, slot, p, closest)
-    return -closest[CLOSEST_LENGTH] if inside else closest[CLOSEST_LENGTH]
+    return -closest.length if inside else closest.length
