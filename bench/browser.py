@@ -1,10 +1,10 @@
-"""Time the engine for browsers beside three-mesh-bvh: ``python bench/browser.py --three FOLDER PART...``.
+"""Time the engine for browsers against three-mesh-bvh: ``python bench/browser.py --three FOLDER PART...``.
 
-FOLDER is where ``npm install three three-mesh-bvh`` was run. Every part is asked for the signed distances of
-five points a call, in Node and in headless Chromium, interleaved in one run, once answers were compared.
-Times are microseconds a call, in the quickest of many rounds; *native* is the same call in Python. *apart* is
-the largest difference from Python's signed distances, in metres; three-mesh-bvh knows no sign,
-and is compared with their sizes.
+FOLDER is where ``npm install three three-mesh-bvh`` was run. Every part answers the signed distances of five
+points a call, in Node and in headless Chromium, interleaved in one run, after a comparison of answers. Times
+are microseconds a call, in the fastest of many rounds; *native* is the same call in Python. *apart* is the
+largest difference from Python's signed distances, in metres; three-mesh-bvh has no sign, and is compared with
+their magnitudes.
 """
 
 import argparse
@@ -29,8 +29,8 @@ from proximity.clients.wasm_package import write_package
 COMPARE = Path(__file__).parent / "benchmarks" / "browser" / "compare.mjs"
 POINTS, CALL = 5000, 5
 ROUNDS, CALLS = 120, 50  # as in `COMPARE`
-NEAR = 0.05  # of the part's size: how far points are from its surface, at most
-RELAXED = "--experimental-wasm-relaxed-simd"  # Node has it by itself since version 21
+NEAR = 0.05  # of the part's size: maximum distance of points from its surface
+RELAXED = "--experimental-wasm-relaxed-simd"  # default in Node since version 21
 MODULES = {
     "three/build/three.module.js": "three.mjs",
     "three/build/three.core.js": "three.core.js",
@@ -55,13 +55,13 @@ class Files(http.server.SimpleHTTPRequestHandler):
     }  # fmt: skip
 
     def end_headers(self) -> None:
-        """Isolate the page: its clock is finer then."""
+        """Isolate the page, which gives it a finer clock."""
         self.send_header("Cross-Origin-Opener-Policy", "same-origin")
         self.send_header("Cross-Origin-Embedder-Policy", "require-corp")
         super().end_headers()
 
     def log_message(self, *unused: object) -> None:
-        """Say nothing."""
+        """Suppress the log."""
 
 
 def main() -> None:
@@ -86,7 +86,7 @@ def main() -> None:
 
 
 def prepare(part: Path, folder: Path, installed: Path) -> float:
-    """Write all that is asked into a folder; microseconds of a native call."""
+    """Write all inputs into a folder; return microseconds of a native call."""
     scene = proximity.load(part, units="mm")
     scene.save(folder / "scene.prox")
     write_package(folder)
@@ -111,7 +111,7 @@ def prepare(part: Path, folder: Path, installed: Path) -> float:
 
 
 def _native(scene: proximity.Scene, groups: np.ndarray, round: int) -> float:
-    """Seconds of a call, in one round."""
+    """Return seconds of a call, in one round."""
     chosen = [groups[(round * CALLS + call) % len(groups)] for call in range(CALLS)]
     started = time.perf_counter()
     for five in chosen:
@@ -120,13 +120,13 @@ def _native(scene: proximity.Scene, groups: np.ndarray, round: int) -> float:
 
 
 def in_node(program: str, folder: str) -> dict:
-    """What Node reports."""
+    """Return the report of Node."""
     command = [program, RELAXED, f"{folder}/compare.mjs", folder]
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
 def in_chromium(folder: str) -> dict:
-    """What a page in headless Chromium reports."""
+    """Return the report of a page in headless Chromium."""
     browser = project_module("tests/support", "browsing").browser
     handler = functools.partial(Files, directory=folder)
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server, browser() as running:

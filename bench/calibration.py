@@ -1,10 +1,10 @@
-"""Coverage of a calibration's intervals on a drum that has more than the model which is fitted to it.
+"""Coverage of a calibration's intervals on a drum with more effects than the fitted model.
 
     python bench/calibration.py [--gloves 20] [--drum gear51]
 
-`SimulatedGlove` answers a chirp by the very model that is fitted: inertia, Coulomb and viscous friction, a
-spring. Here the drum also rubs by a share of the force that its gear carries, sticks and cogs. The table has,
-for each number, how often the 95 % interval holds the true value with either drum, and the median error.
+`SimulatedGlove` responds to a chirp with the fitted model: inertia, Coulomb and viscous friction, a spring.
+Here the drum also has friction proportional to its gear's load, stiction and cogging. The table has, for each
+number, the share of 95 % intervals that contain the true value with either drum, and the median error.
 """
 
 import argparse
@@ -24,17 +24,17 @@ from proximity.decaff.calibration.simulated_glove import (
 from proximity.decaff.calibration.tasks import Bench
 from proximity.decaff.glove.glove import Glove, with_gear
 
-STICTION, STRIBECK_SPEED = 1.4, 0.3  # times the friction of a drum that slides; rad/s over which it goes
-COGGING, TEETH = 0.15, 14  # of the friction; periods of the rotor's turn
+STICTION, STRIBECK_SPEED = 1.4, 0.3  # friction at rest over that in motion; rad/s of the transition
+COGGING, TEETH = 0.15, 14  # of the friction; periods per turn of the rotor
 STEPS = 12  # of the plant, to a sample
 SHOWN = ("drum_mass", "drum_friction", "drum_latency", "cable_stiffness")
 
 
 class RicherGlove(SimulatedGlove):
-    """A simulated glove whose gear rubs by its load, sticks, and whose motor cogs."""
+    """A simulated glove with gear friction proportional to its load, stiction, and cogging."""
 
     def _swung(self, plant: np.ndarray, times: np.ndarray, torques: np.ndarray) -> np.ndarray:
-        """Angles of the richer drum, (N,), rad, from rest at 0."""
+        """Return the angles of the richer drum, (N,), rad, from rest at 0."""
         mass, friction, viscous, stiffness, damping = plant[0].tolist()
         step, loss = 1.0 / (RATE * STEPS), self._drum.loss
         teeth, cogging = TEETH * self._drum.gear.ratio, COGGING * friction
@@ -54,7 +54,7 @@ class RicherGlove(SimulatedGlove):
 
 
 def _errors(kind: type[SimulatedGlove], design: Glove, gloves: int) -> dict[str, np.ndarray]:
-    """Errors of each number, (gloves, 2): as shares of the interval's half and of the true value."""
+    """Return errors of each number, (gloves, 2): as shares of the half-width and of the true value."""
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in SHOWN}
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(gloves):
@@ -72,7 +72,7 @@ def _errors(kind: type[SimulatedGlove], design: Glove, gloves: int) -> dict[str,
 
 
 def main() -> None:
-    """Print the coverage with the model's own drum and with the richer one."""
+    """Print the coverage with the model's drum and with the richer one."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--gloves", type=int, default=20)
     parser.add_argument("--drum", default="gear51")

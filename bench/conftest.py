@@ -1,10 +1,10 @@
-"""Fixtures of the pytest-benchmark suites: contenders made once, answers compared, one table for each case.
+"""Fixtures of the pytest-benchmark suites: contenders built once, answers compared, one table for each case.
 
 ``python -m pytest bench`` runs all suites, ``python -m pytest bench -k "points and plate"`` a part. One group
-is one question about one case; its rows are the contenders. Times are those of one point, ray or call, in
-processor time, so that other programs do not count, and by the clock where frames are sent. Libraries that
-are not installed are left out and named below the tables. `report.py` compares more fairly, since it
-interleaves; these suites also cover what no rival does, from commit to commit.
+is one query of one case; its rows are the contenders. Times are those of one point, ray or call, in processor
+time, so that other programs do not count, and in wall-clock time for frames. Libraries that are not installed
+are left out and named below the tables. `report.py` compares more fairly, since it interleaves; these suites
+also cover functions without rivals, from commit to commit.
 """
 
 from benchmarks.support import threads
@@ -34,17 +34,15 @@ SMALL_CONTENDERS = (Proximity, ProximityTree, Trimesh, Embreex)
 TIMES = ("min", "max", "mean", "median", "stddev", "iqr")
 PAIR_COUNT, SMALL_PAIR_COUNT = 2_000_000, 20_000  # queries times faces that the oracle computes
 ROUND_S = 20e-6  # a shorter call is repeated within a round
-MOST_ROUNDS = 1000
+MAX_ROUNDS = 1000
 SLOW_S = 0.5  # a longer call is timed once
 
 left_out: dict[str, str] = {}
 
 
 def pytest_addoption(parser):
-    """One option of our own."""
-    parser.addoption(
-        "--small", action="store_true", help="only check that everything runs: small meshes, no figures"
-    )
+    """Add the option of these suites."""
+    parser.addoption("--small", action="store_true", help="smoke test: small meshes, no figures")
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -61,20 +59,20 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(items):
-    """Warnings of the rivals are theirs."""
+    """Ignore warnings of the rivals."""
     for item in items:
         item.add_marker(pytest.mark.filterwarnings("ignore"))
 
 
 def pytest_terminal_summary(terminalreporter):
-    """Name what was left out, and why."""
+    """Print the omitted cases and the reasons."""
     for name, reason in left_out.items():
         terminalreporter.write_line(f"left out: {name} ({reason})")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_benchmark_group_stats(benchmarks):
-    """Give the tables the time of one query of a call; JSON keeps that of the call."""
+    """Replace times in the tables by those of one query; JSON keeps those of the call."""
     for bench in benchmarks:
         for column in TIMES:
             bench[column] /= bench["extra_info"].get("count", 1)
@@ -82,19 +80,19 @@ def pytest_benchmark_group_stats(benchmarks):
 
 @pytest.fixture(scope="session")
 def made():
-    """Objects made once: contenders by name and mesh, answers by case and question."""
+    """Objects built once: contenders by name and mesh, answers by case and question."""
     return {}
 
 
 @pytest.fixture
 def is_small(request):
-    """Whether this run only checks that everything runs."""
+    """Return whether this run is only a smoke test."""
     return request.config.getoption("--small")
 
 
 @pytest.fixture
 def leave_out():
-    """A call that skips a test, and has the reason printed below the tables."""
+    """Return a call that skips a test, and has the reason printed below the tables."""
 
     def skip(name, reason):
         left_out[name] = str(reason)
@@ -105,7 +103,7 @@ def leave_out():
 
 @pytest.fixture
 def contender(made, leave_out):
-    """A call that gives the contender *name* with its structure for a mesh (of `cases`), each made once."""
+    """Return a call for the contender *name* with its structure for a mesh (of `cases`), each built once."""
 
     def give(name, mesh_name, mesh=None):
         if (name, mesh_name) not in made:
@@ -123,7 +121,7 @@ def contender(made, leave_out):
 
 
 def load_mesh(name, leave_out):
-    """The mesh, or a test that is skipped where it is not here."""
+    """Return the mesh, or skip the test if it is missing."""
     try:
         return cases.load_mesh(name)
     except cases.MissingMeshError as reason:
@@ -132,7 +130,7 @@ def load_mesh(name, leave_out):
 
 @pytest.fixture
 def load_case(leave_out):
-    """A call that makes the case *name*, or skips where its mesh is not here."""
+    """Return a call that makes the case *name*, or skips if its mesh is missing."""
 
     def load(name, query_count):
         load_mesh(name.partition("/")[0], leave_out)
@@ -143,7 +141,7 @@ def load_case(leave_out):
 
 @pytest.fixture
 def timed(benchmark, request):
-    """A call that times *run*, which asks for *count* at once, as a row called *who* of a group."""
+    """Return a call that times *run*, which answers *count* queries, as a row called *who* of a group."""
 
     def time_it(who, group, run, count=1, *, arguments=None):
         benchmark.name, benchmark.group = who, group
@@ -151,13 +149,13 @@ def timed(benchmark, request):
         if benchmark.disabled:
             return benchmark.pedantic(run, setup=arguments)
         if arguments is not None:  # other ones each time
-            return benchmark.pedantic(run, setup=arguments, rounds=MOST_ROUNDS, warmup_rounds=20)
+            return benchmark.pedantic(run, setup=arguments, rounds=MAX_ROUNDS, warmup_rounds=20)
         seconds = _seconds(run)
         if seconds < SLOW_S:
             seconds = min(seconds, _seconds(run))
         budget = float(request.config.option.benchmark_max_time)
         iterations = max(1, round(ROUND_S / seconds))
-        rounds = min(MOST_ROUNDS, max(3, round(budget / (seconds * iterations))))
+        rounds = min(MAX_ROUNDS, max(3, round(budget / (seconds * iterations))))
         return benchmark.pedantic(run, rounds=1 if seconds > SLOW_S else rounds, iterations=iterations)
 
     return time_it
@@ -171,7 +169,7 @@ def _seconds(run):
 
 @pytest.fixture
 def compared(made, contender, is_small):
-    """A call that compares a contender's answers with the oracle's and ours, and says how they differ."""
+    """Return a call that compares a contender's answers with the oracle's and ours."""
 
     def compare(asked, case, mesh_name, question):
         key = case.name, len(case.points), question
@@ -199,7 +197,7 @@ def _words(found):
 
 @pytest.fixture
 def ask_case(timed, contender, compared, load_case):
-    """A call that compares the answers of one contender and times them, as a row of the case's group."""
+    """Return a call that compares and times the answers of one contender, as a row of the group."""
 
     def ask(title, question, case_name, count, name):
         case, mesh_name = load_case(case_name, count), case_name.partition("/")[0]

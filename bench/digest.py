@@ -3,11 +3,11 @@
 Afterwards ``python bench/digest.py --against before.json`` names the cases that differ.
 
 Prints a line a case, and a total: SHA-256 over the raw bytes of the answers to every query, of the sample
-parts, of the parts in ``shared/data/cad`` beside the project, of random scenes, and of a tracker over 100 000
-ticks. Inputs are seeded and no clock is read, so that two runs on one machine agree, with any number of
-workers. The nodes and leaves that ticks visit (``work`` in their records) are hashed by themselves: another
+parts, of the parts in ``shared/data/cad`` next to the project, of random scenes, and of a tracker over 100
+000 ticks. Inputs are seeded and no clock is read, so that two runs on one machine agree, with any number of
+workers. The nodes and leaves that ticks visit (``work`` in their records) are hashed separately: another
 search may change them without changing an answer. Other processors, NumPy or numba may round differently:
-compare runs of one machine. With ``--library`` scenes are saved, and the library in C is asked about them.
+compare runs of one machine. With ``--library`` scenes are saved, and answered by the library in C.
 """
 
 import argparse
@@ -30,7 +30,7 @@ from benchmarks.support.project import MESHES, SHARED_PARTS
 from proximity import Tracker
 
 PART_FILES = {".stl", ".ply", ".glb", ".gltf", ".obj", ".off", ".3mf", ".step", ".stp"}
-SCENE_POINTS, SOLID_POINTS, MOST_SOLIDS = 8000, 400, 6
+SCENE_POINTS, SOLID_POINTS, MAX_SOLIDS = 8000, 400, 6
 WORK_CASE = "/work"
 
 
@@ -71,13 +71,13 @@ def digests(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
 
 
 def total_of(found: dict[str, str]) -> str:
-    """Digest of the digests of answers, in their order; the work of ticks is not in it."""
+    """Return the digest of the digests of answers, in order, without the work of ticks."""
     lines = [f"{name} {digest}" for name, digest in found.items() if not name.endswith(WORK_CASE)]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 def compare(before: dict[str, str], now: dict[str, str]) -> int:
-    """Name the cases that differ, count those that one run lacks; 1 if answers differ or none is common."""
+    """Print differing and missing cases; return 1 if answers differ or no case is common."""
     both = [name for name in now if name in before]
     different = [name for name in both if before[name] != now[name]]
     lacking = sorted(before.keys() ^ now.keys())
@@ -92,7 +92,7 @@ def compare(before: dict[str, str], now: dict[str, str]) -> int:
 
 
 def _of_file(name: str, path: Path, options: argparse.Namespace) -> Iterator[tuple[str, str]]:
-    """A file as a scene, that scene saved and opened again, and its solids; or the error of loading."""
+    """Yield a file as a scene, that scene saved and opened again, and its solids; or the error of loading."""
     try:
         scene = proximity.load(path)
     except proximity.ProximityError as error:
@@ -102,7 +102,7 @@ def _of_file(name: str, path: Path, options: argparse.Namespace) -> Iterator[tup
     yield from queries.digests_of(name, _asked(scene, options), triangles, SCENE_POINTS, options.workers)
     saved = _asked(scenes.open_saved(scene), options)
     yield from queries.digests_of(f"{name} saved", saved, triangles, SOLID_POINTS, options.workers)
-    for part in scene.parts[:MOST_SOLIDS] if options.library is None and not options.program else ():
+    for part in scene.parts[:MAX_SOLIDS] if options.library is None and not options.program else ():
         solid = part.solid
         solid_name = f"{name} solid {part.name}"
         triangles = queries.triangles_of(solid)
@@ -110,14 +110,14 @@ def _of_file(name: str, path: Path, options: argparse.Namespace) -> Iterator[tup
 
 
 def _asked(scene: proximity.Scene, options: argparse.Namespace) -> Any:
-    """Whom to ask about a scene: itself, the library, or a program that is linked with it."""
+    """Return the scene to query: itself, the library's, or a linked program's."""
     if options.program:
         return through_program(scene, shlex.split(options.program))
     return scene if options.library is None else through_library(scene, options.library)
 
 
 def _of_random_scenes(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
-    """Each random scene as it is made, and after parts were deformed, moved and hidden."""
+    """Yield each random scene as made, and after parts were deformed, moved and hidden."""
     for part_count, size, offset in scenes.RANDOM_SCENES:
         name = f"random/{part_count} parts of {size:g} m"
         rng = scenes.generator(name)
@@ -135,7 +135,7 @@ def _parse(arguments):
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the digests to FILE")
     parser.add_argument("--against", type=Path, metavar="FILE", help="compare with the digests in FILE")
     parser.add_argument(
-        "--library", nargs="?", const="", metavar="SET", help="ask the library in C, with these instructions"
+        "--library", nargs="?", const="", metavar="SET", help="query the library in C, with these sets"
     )
     parser.add_argument("--program", metavar="COMMAND", help="ask library_server.c, started by this command")
     parser.add_argument("--workers", type=int, default=1, help="threads of large calls")

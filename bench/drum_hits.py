@@ -1,7 +1,7 @@
-"""How hard a drum hits a finger: ``python bench/drum_hits.py [--presses N] [--seed N] [--before COMMIT]``.
+"""Drum hits on a finger: ``python bench/drum_hits.py [--presses N] [--seed N] [--before COMMIT]``.
 
-The controller in C, around a plant, goes through seeded presses with faults in mid-flight; the known hazards
-are tried with it and with that of an earlier commit.
+The controller in C, around a plant, runs seeded presses with faults in mid-flight; the known hazards are
+tested with it and with that of an earlier commit.
 """
 
 import argparse
@@ -34,7 +34,7 @@ STARTS = {(-1, -1): "H3 motor and encoder reversed", (-1, 1): "H4 motor reversed
 
 
 def main() -> None:
-    """Print the table of hazards, and how many hits had which energy."""
+    """Print the table of hazards, and the number of hits by energy."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--presses", type=int, default=10_000, help="of all gears together")
     options.add_argument("--seed", type=int, default=1, help="of the presses")

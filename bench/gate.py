@@ -1,9 +1,9 @@
-"""Fail if anything became slower, by ratios to a yardstick in the same run: ``python bench/gate.py``.
+"""Fail if a call became slower, by ratios to a yardstick in the same run: ``python bench/gate.py``.
 
-Our call and the yardstick's take turns of a few milliseconds, in thread time; a case's ratio is the median
-over the turns. So a machine that is busy with other things, or twice as slow, gives the same ratios. A case
-above its limit (``gate.toml``) is measured once more, over more turns, before the gate fails.
-``--twice CASE`` makes our call twice, to see that the gate fails then.
+Calls of the package and of the yardstick take turns of a few milliseconds, in thread time; a case's ratio is
+the median over the turns. So a busy machine, or one half as fast, gives the same ratios. A case above its
+limit (``gate.toml``) is measured again, over more turns, before the gate fails. ``--twice CASE`` makes our
+call twice, to see that the gate fails then.
 """
 
 import argparse
@@ -28,7 +28,7 @@ from benchmarks.support.output import open_console, table_of
 from proximity.system.memory import collector_paused
 
 ROUNDS, MORE_ROUNDS, TURN_NS = 60, 200, 4_000_000
-MOST_SECONDS = 3.0  # a case of long calls has fewer rounds, a third as many at least
+MAX_SECONDS = 3.0  # of a case; one with long calls has fewer rounds, at least a third
 HEADINGS = ("case", "ours / yardstick", "measured", "limit", "verdict")
 
 
@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
         verdicts = limits.judge(ratios, allowed)
         again = {each.case for each in verdicts if not each.is_met}
         if again:
-            console.print(f"Once more, over {options.more_rounds} rounds: {', '.join(sorted(again))}")
+            console.print(f"Again, over {options.more_rounds} rounds: {', '.join(sorted(again))}")
             slow = [case for case in found if case.name in again]
             ratios |= {case.name: measure(case, options.more_rounds) for case in slow}
             verdicts = limits.judge(ratios, allowed)
@@ -61,13 +61,13 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def measure(case: GateCase, round_count: int) -> float:
-    """Our time divided by the yardstick's: the median over paired turns."""
+    """Return the case's time divided by the yardstick's: the median over paired turns."""
     ours, theirs = _turn(case.ours), _turn(case.theirs)
     with collector_paused():
         started, ratios = time.perf_counter(), []
         while len(ratios) < round_count:
             ratios.append(ours() / theirs())
-            is_late = time.perf_counter() - started > MOST_SECONDS
+            is_late = time.perf_counter() - started > MAX_SECONDS
             if is_late and 3 * len(ratios) >= round_count:
                 break
         gc.collect()
@@ -84,7 +84,7 @@ def verdict_table(verdicts: list[limits.GateVerdict]) -> Table:
 
 
 def _turn(run: Callable[[], Any]) -> Callable[[], float]:
-    """A call that repeats *run* for about `TURN_NS`, and returns the thread time of one run, ns."""
+    """Return a call that repeats *run* for about `TURN_NS`, and returns the thread time of one run, ns."""
     run()
     first_ns = min(_timed(run, 1) for _ in range(3))
     count = max(1, round(TURN_NS / max(1.0, first_ns)))

@@ -1,8 +1,8 @@
-"""Measure how cost grows, with faces, parts, points and distance: ``python bench/growth.py``.
+"""Measure the growth of costs with faces, parts, points and distance: ``python bench/growth.py``.
 
 Times are thread times, each call's shortest of three; work is nodes and leaves visited and the same on every
-machine. Slopes are fitted to the upper two decades of the medians, in logarithms of both. ``--out`` gets
-a CSV, a PNG and an SVG for each axis. numba compiles all kernels here, those that count among them.
+machine. Slopes are fitted to the upper two decades of the medians, in logarithms of both. ``--out`` gets a
+CSV, a PNG and an SVG for each axis. numba compiles all kernels here, including the counting ones.
 """
 
 import argparse
@@ -59,10 +59,8 @@ def _parse(arguments):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--only", nargs="+", metavar="AXIS", default=list(MEASURES), help=", ".join(MEASURES))
     parser.add_argument("--quick", action="store_true", help="shorter, in less than a minute")
-    parser.add_argument(
-        "--small", action="store_true", help="only check that everything runs: figures mean nothing"
-    )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write everything to FILE")
+    parser.add_argument("--small", action="store_true", help="smoke test: figures are meaningless")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all results to FILE")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="write plots and CSV to FOLDER")
     options = parser.parse_args(arguments)
     refuse_unknown(parser, "axis", options.only, MEASURES)
@@ -71,7 +69,7 @@ def _parse(arguments):
 
 
 def _table(axis, rows, seconds):
-    """A row for each curve: its ends, and its slope."""
+    """Return a row for each curve: its ends, and its slope."""
     table = table_of(f"{axis}  [{seconds:.0f} s]", HEADINGS, left=3)
     slopes = {(fit.series, fit.quantity): fit.words for fit in fit_rows(rows)}
     for curve in dict.fromkeys((row.series, row.quantity, row.unit) for row in rows):

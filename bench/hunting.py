@@ -1,9 +1,9 @@
 """Cures for the hunting of a drum at rest, whose wall lies between two counts of its encoder.
 
-Without a cure the servo's integral drives the drum to and fro between the two counts. Each cure is tried at
-walls at random within a count, after slow and quick touches; the worst counts. Dither and friction
-compensation are tried here only; they do not help, and no servo of ours has them. ``python bench/hunting.py``
-prints the table of the documentation.
+Without a cure the servo's integral drives the drum back and forth between the two counts. Each cure is tested
+with walls at random within a count, after slow and fast touches; the worst counts. Dither and friction
+compensation are tested here only; they do not help, and the servo does not use them. ``python
+bench/hunting.py`` prints the table of the documentation.
 """
 
 import math
@@ -23,15 +23,15 @@ from proximity.lab.simulation.target_policies import Target, TargetPolicy
 SPEEDS = (0.1, 1.0)  # m/s, of the touch
 HOLD = 0.5  # s, after which a drum rests
 PHASES = 16  # of the encoder, at random
-SETTLING = 0.060  # s after the touch, from which on single steps are looked for
-SLOW = 0.010  # s: what changes more slowly is no step
-STILL = 1e-4  # N p-p, that has no frequency
-LEAST_FREQUENCY = 50.0  # Hz: below, there is one step, not a swing to and fro
+SETTLING = 0.060  # s after the touch, start of the search for single steps
+SLOW = 0.010  # s: slower changes are not steps
+STILL = 1e-4  # N p-p, without a frequency
+MIN_FREQUENCY = 50.0  # Hz: lower ones are one step, not an oscillation
 SPEED_CUTOFF = 300.0  # Hz, of the speed that is smoothed
-COMPENSATED = 8  # samples after a count, for which friction is made up for
+COMPENSATED = 8  # samples after a count, for which friction is compensated
 
 Force = Callable[[float], float]
-"""Force that is added to what a servo demands, N, by where it read the drum last, m, at each sample."""
+"""Force added to a servo's demand, N, by the last reading of the drum, m, at each sample."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Cure:
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """Force of a drum with a cure; each is the worst of all phases and speeds but for the frequency."""
+    """Force of a drum with a cure; each is the worst of all phases and speeds except for the frequency."""
 
     swing: float  # N p-p, at rest
     frequency: float  # Hz, of the largest swing; nan: it is still
@@ -55,7 +55,7 @@ class Rest:
 
 
 def rest_of(drum: Drum, cure: Cure, *, phases: int = PHASES, speeds: Sequence[float] = SPEEDS) -> Rest:
-    """Return how still a drum is with a cure."""
+    """Return the residual motion of a drum with a cure."""
     motor = replace(drum.motor, encoder_counts=drum.motor.encoder_counts * cure.fineness)
     swings, frequencies, errors, steps = [], [], [], []
     for placed in with_random_phases(replace(drum, motor=motor), phases):
@@ -72,7 +72,7 @@ def rest_of(drum: Drum, cure: Cure, *, phases: int = PHASES, speeds: Sequence[fl
 
 
 def markdown(phases: int = PHASES) -> str:
-    """Return how still every drum is with every cure, as a table."""
+    """Return the residual motion of every drum with every cure, as a table."""
     rows = [f"| cure | {' | '.join(DRUMS)} |", f"|---|{'---|' * len(DRUMS)}"]
     for cure in CURES.values():
         cells = [cell(rest_of(drum, cure, phases=phases)) for drum in DRUMS.values()]
@@ -81,14 +81,14 @@ def markdown(phases: int = PHASES) -> str:
 
 
 def cell(found: Rest) -> str:
-    """Return what the table says of one drum with one cure."""
-    often = f"{found.frequency:.0f} Hz" if found.frequency > LEAST_FREQUENCY else "once"
+    """Return the cell of one drum with one cure."""
+    often = f"{found.frequency:.0f} Hz" if found.frequency > MIN_FREQUENCY else "once"
     swing = "still" if math.isnan(found.frequency) else f"{_short(found.swing)} mN, {often}"
     return f"{swing}; {_short(found.step)} mN; {100.0 * found.error:.1f} %"
 
 
 def _short(force: float) -> str:
-    """A force in mN, with two digits at least."""
+    """Return a force in mN, with two digits at least."""
     return f"{1e3 * force:.{0 if force >= 0.010 else 1}f}"
 
 
@@ -113,7 +113,7 @@ def _frequency(response: Response) -> float:
 
 
 def _largest_step(response: Response) -> float:
-    """Swing of the force less its mean over `SLOW`, from `SETTLING` until it rests."""
+    """Return the swing of the force less its mean over `SLOW`, from `SETTLING` until rest."""
     width = round(SLOW / response.step)
     first = response.zero + round(SETTLING / response.step)
     force = response.force[first - width // 2 : int(np.argmax(rest(response))) + width // 2]
@@ -122,11 +122,11 @@ def _largest_step(response: Response) -> float:
     return float(np.ptp(force[width // 2 :][: len(means)] - means))
 
 
-# --- forces that are added ---
+# --- added forces ---
 
 
 def _dither(counts: float) -> Callable[[Drum, Servo], Force]:
-    """A force to and fro, a sample each, that moves a free drum by so many counts p-p."""
+    """Return an alternating force, a sample each way, that moves a free drum by *counts* p-p."""
 
     def of(drum: Drum, servo: Servo) -> Force:
         size = 8.0 * drum.mass * counts * drum.resolution * servo.rate**2
@@ -142,7 +142,7 @@ def _dither(counts: float) -> Callable[[Drum, Servo], Force]:
 
 
 def _friction(drum: Drum, servo: Servo) -> Force:
-    """The drum's friction, in the direction of its last count, for a few samples."""
+    """Return the drum's friction, in the direction of its last count, for a few samples."""
     read, direction, left = math.nan, 0.0, 0
 
     def force(now: float) -> float:
@@ -157,7 +157,7 @@ def _friction(drum: Drum, servo: Servo) -> Force:
 
 
 def _smooth_speed(drum: Drum, servo: Servo) -> Force:
-    """What the damping lacks or exceeds when its speed is low-passed."""
+    """Return the change of the damping when its speed is low-passed."""
     share = -math.expm1(-2.0 * math.pi * SPEED_CUTOFF / servo.rate)
     read, smooth = math.nan, 0.0
 

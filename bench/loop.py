@@ -1,12 +1,11 @@
 """Measure the loop of a service on this machine: ``python bench/loop.py [--realtime] [--busy]``.
 
-A pose of five fingers above a part is published at instants that have nothing to do with ticks, and who
-published it looks without pause for the frame that has been made of it. Times are in µs; *published* and
-*seen* count from the pose. ``--recording``: poses are played from one, and both count from the beginning of a
-tick. ``--moving``: the part moves with each pose. ``--sensor``: measured distances come in place of poses.
-``--busy``: a process beside that computes all the time; ``--thread``: a thread of Python in the service's
-process that does; ``--rate HZ``: of ticks. ``--csv FILE`` appends how late they were, ``--plot FILE`` draws
-such a file.
+A pose of five fingers above a part is published at instants unrelated to ticks, and the publisher polls
+without pause for the frame of that pose. Times are in µs; *published* and *seen* count from the pose.
+``--recording``: poses are played from one, and both count from the start of a tick. ``--moving``: the part
+moves with each pose. ``--sensor``: measured distances replace poses. ``--busy``: with another process that
+computes all the time; ``--thread``: with such a Python thread in the service's process; ``--rate HZ``: of
+ticks. ``--csv FILE`` appends their lateness, ``--plot FILE`` draws such a file.
 """
 
 import argparse
@@ -52,7 +51,7 @@ Delays = tuple[float, float]
 INSTANTS = {POSES: "pose_ns", MEASURED: "measured_ns"}
 SPIN = "while True: pass"
 POSE_NS_AT, START_NS_AT, PUBLISH_NS_AT = 96 + 8, 40, 48
-"""In a frame: of the first contact, and of the header."""
+"""Offsets in a frame: in the first contact, and in the header."""
 FRAME_MAGIC = FRAME.magic.to_bytes(4, "little")
 
 
@@ -74,7 +73,7 @@ def child(path: str, *, has_thread: bool) -> None:
 
 
 def seen_after(publisher, mover, inlet, message, seconds: float, rng) -> list[Delays]:
-    """Publish poses for so long; after how many µs a frame of each was published, and seen."""
+    """Publish poses for a time; return the delays, µs, until a frame of each was published, and seen."""
     data, taken, ends = np.zeros(1 << 16, np.uint8), [], time.monotonic() + seconds
     move = Message(MOVES, 1)
     move.records["name"], move.records["rotation"], move.records["angular_velocity"] = (
@@ -105,7 +104,7 @@ def seen_after(publisher, mover, inlet, message, seconds: float, rng) -> list[De
 
 
 def seen_frames(inlet, seconds: float) -> list[Delays]:
-    """After how many µs from the beginning of its tick each frame was published, and seen."""
+    """Return the delays, µs, from the start of its tick until each frame was published, and seen."""
     data, taken, ends = np.zeros(1 << 16, np.uint8), [], time.monotonic() + seconds
     started, published = (data[at : at + 8].view("<i8") for at in (START_NS_AT, PUBLISH_NS_AT))
     while time.monotonic() < ends:
@@ -116,7 +115,7 @@ def seen_frames(inlet, seconds: float) -> list[Delays]:
 
 
 def measured(options: argparse.Namespace, folder: str) -> tuple[dict, list[Delays]]:
-    """Report of one run, and delays from pose to frame."""
+    """Return the report of one run, and delays from pose to frame."""
     name = f"shm://bench-{os.getpid()}-{time.time_ns()}"
     path = Path(folder, "scene.toml")
     kind, key = (MEASURED, "sensor") if options.sensor else (POSES, "poses")
@@ -184,7 +183,7 @@ COLUMNS = "loop,beside,priority,load,least_ns,most_ns,ticks"
 
 
 def append(path: Path, options: argparse.Namespace, rows: list[tuple[int, int, int]]) -> None:
-    """Write a row a bin: what computes beside, and how many ticks were so late."""
+    """Append a row a bin: the load, and the number of ticks with a lateness."""
     beside = "busy process" if options.busy else "busy thread" if options.thread else "alone"
     priority = "real-time" if options.realtime else "ordinary"
     lines = [] if path.exists() else [COLUMNS]

@@ -1,11 +1,11 @@
-"""Distances of pairs of parts beside other libraries: ``python bench/pairs.py [PAIR ...]``.
+"""Distances of pairs of parts against other libraries: ``python bench/pairs.py [PAIR ...]``.
 
 Rivals are those of Coal, python-fcl and MeshLib that are installed (extra ``bench``). Each pair moves along a
-path; at every pose all are asked in turn, and answers are compared before their times count. Thread CPU time
-from Python, on one core, µs, median and 99th percentile. MeshLib computes in float32.
+path; at every pose all libraries answer in turn, and answers are compared before their times count. Thread
+CPU time from Python, on one core, µs, median and 99th percentile. MeshLib computes in float32.
 
-``python bench/pairs.py assembly``: 200 parts, a million faces. All pairs within 5 mm beside the broad phase
-of python-fcl; and a part that is followed among the others. ``--files ONE OTHER``: the first parts of two
+``python bench/pairs.py assembly``: 200 parts, a million faces. All pairs within 5 mm against the broad phase
+of python-fcl; and a part that is tracked among the others. ``--files ONE OTHER``: the first parts of two
 files, each made 0.1 m large, 2 mm apart.
 """
 
@@ -32,7 +32,7 @@ AGREEMENT = 2e-6
 
 
 def lathe(profile: list[tuple[float, float]], steps: int, turns: int) -> Mesh:
-    """A solid of revolution: each side of the closed profile (radius, height) in *steps*, *turns* around."""
+    """Return a solid of revolution: each side of the profile (radius, height) in *steps*, *turns* around."""
     corners = np.array(profile)
     shares = np.linspace(0.0, 1.0, steps, endpoint=False)[:, None]
     line = np.concatenate(
@@ -49,7 +49,7 @@ def lathe(profile: list[tuple[float, float]], steps: int, turns: int) -> Mesh:
 
 
 def free_form(turns: int, seed: int) -> Mesh:
-    """A bent ring, 0.1 m large, of four times *turns* squared faces."""
+    """Return a bent ring, 0.1 m large, of 4 *turns*² faces."""
     circle = np.linspace(0.0, 2.0 * np.pi, 2 * turns, endpoint=False)
     profile = [(0.03 + 0.0125 * np.cos(angle), 0.0125 * np.sin(angle)) for angle in circle]
     vertices, faces = lathe(profile, 1, turns)
@@ -63,7 +63,7 @@ def free_form(turns: int, seed: int) -> Mesh:
 
 
 def beside(scene: Scene, gap: float) -> Pose:
-    """The pose of the part that moves at which it is *gap* from the other."""
+    """Return the pose of the moving part at a *gap* from the other."""
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     turn *= np.linalg.det(turn)
     near, far = 0.0, 0.3
@@ -75,7 +75,7 @@ def beside(scene: Scene, gap: float) -> Pose:
 
 
 def path(start: Pose, radius: float, count: int, step: float) -> Iterator[Pose]:
-    """Poses on a circle through *start*, turning a little, *step* m from one to the next."""
+    """Return poses on a circle through *start*, turning a little, *step* m from one to the next."""
     for k in range(count):
         angle = k * step / radius
         turn = 25.0 * radius * np.sin(angle)
@@ -87,7 +87,7 @@ def path(start: Pose, radius: float, count: int, step: float) -> Iterator[Pose]:
 
 
 def free_pair(one: int, other: int, gap: float) -> Callable[[], tuple[Mesh, Mesh, Pose]]:
-    """A pair of free forms of so many turns."""
+    """Return a pair of free forms with *one* and *other* turns."""
 
     def make() -> tuple[Mesh, Mesh, Pose]:
         meshes = free_form(one, 1), free_form(other, 2)
@@ -98,14 +98,14 @@ def free_pair(one: int, other: int, gap: float) -> Callable[[], tuple[Mesh, Mesh
 
 
 def peg() -> tuple[Mesh, Mesh, Pose]:
-    """A peg of 16 thousand faces in a hole of 33 thousand, with a clearance of 1 % of its radius."""
+    """Return a peg of 16 thousand faces in a hole of 33 thousand, with a clearance of 1 % of its radius."""
     hole = lathe([(0.010, -0.02), (0.02, -0.02), (0.02, 0.02), (0.010, 0.02)], 32, 128)
     pin = lathe([(0.0005, -0.015), (0.0099, -0.015), (0.0099, 0.025), (0.0005, 0.025)], 16, 128)
     return hole, pin, Pose(None, [3e-5, 0.0, 0.0])
 
 
 def files_pair(one: Path, other: Path, gap: float) -> Callable[[], tuple[Mesh, Mesh, Pose]]:
-    """The first parts of two files, each 0.1 m large, that far apart."""
+    """Return the first parts of two files, each 0.1 m large, at a gap."""
 
     def sized(path: Path) -> Mesh:
         mesh = load(path).parts[0].solid.mesh
@@ -193,19 +193,19 @@ RIVALS = {"coal": coal_asker, "fcl": fcl_asker, "meshlib": meshlib_asker}
 
 
 def timed(ask: Callable[[], float]) -> tuple[float, float]:
-    """An answer, and how long it took, µs."""
+    """Return an answer, and its duration, µs."""
     start = thread_time_ns()
     answer = ask()
     return 1e-3 * (thread_time_ns() - start), float(answer)
 
 
 def shown(times: list[float]) -> str:
-    """Median and 99th percentile."""
+    """Return median and 99th percentile."""
     return "{:9.1f} ({:.1f})".format(*np.percentile(times, [50, 99]))
 
 
 def compare(one: Mesh, other: Mesh, start: Pose, radius: float) -> None:
-    """Print the times of all, from nothing."""
+    """Print the times of all, without history."""
     scene = Scene([Solid(*one, name="a"), Solid(*other, name="b")])
     askers = {name: make(one, other) for name, make in RIVALS.items() if util.find_spec(name)}
     times: dict[str, list[float]] = {name: [] for name in ("proximity", *askers)}
@@ -249,12 +249,12 @@ def report_followed(options: dict[str, float], speed: float, times: list[float],
 WITHIN = 0.005  # m
 ROUNDS = 3
 COLUMNS, PITCH, AISLE = 5, 0.06, 0.05
-"""Columns to each side, how far apart, m, and how much wider the aisle is in which a part moves."""
+"""Columns to each side, their pitch, m, and the additional width of the aisle in which a part moves."""
 FOLLOWED = ({}, {"tolerance": 0.05}, *({"tolerance": 0.05, "budget": steps} for steps in (100, 300, 600)))
 
 
 def column(rng: np.random.Generator, x: float, y: float) -> Iterator[tuple[Mesh, Pose]]:
-    """A shaft, six discs around it with 1 mm of clearance, and a bent ring: about 5 thousand faces each."""
+    """Return a shaft, six discs with 1 mm of clearance, and a bent ring: about 5 thousand faces each."""
     yield lathe([(0.001, 0.0), (0.008, 0.0), (0.008, 0.1), (0.001, 0.1)], 8, 80), Pose(None, [x, y, 0.0])
     height = 0.002
     for _ in range(6):
@@ -269,13 +269,13 @@ def column(rng: np.random.Generator, x: float, y: float) -> Iterator[tuple[Mesh,
 
 
 def turn_about_z(angle: float) -> np.ndarray:
-    """A rotation."""
+    """Return a rotation."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def assembly() -> list[tuple[Mesh, Pose]]:
-    """200 parts of a million faces in all, as close to each other as in a machine, with an aisle."""
+    """Return 200 parts of a million faces in total, as close to each other as in a machine, with an aisle."""
     rng, parts = np.random.default_rng(47), []
     for i, j in product(range(COLUMNS), repeat=2):
         parts += column(rng, PITCH * i + (AISLE if i > 1 else 0.0), PITCH * j)
@@ -283,9 +283,9 @@ def assembly() -> list[tuple[Mesh, Pose]]:
 
 
 def fcl_pairs(parts: list[tuple[Mesh, Pose]]) -> Callable[[], dict[frozenset, float]]:
-    """Pairs of parts within 5 mm, and their distances, by python-fcl's tree of boxes.
+    """Return pairs of parts within 5 mm, and their distances, by python-fcl's tree of boxes.
 
-    Parts are turned beforehand: boxes of its objects are tight as long as these are not turned.
+    Parts are rotated beforehand: boxes of its objects are tight only for unrotated ones.
     """
     fcl, rows, manager = import_module("fcl"), {}, import_module("fcl").DynamicAABBTreeCollisionManager()
     for row, ((vertices, faces), pose) in enumerate(parts):
@@ -366,7 +366,7 @@ def measure_assembly() -> None:
 
 
 def main(words: list[str] | None = None) -> None:
-    """Compare the pairs that are named, or all."""
+    """Compare the named pairs, or all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
         "pairs", nargs="*", choices=[[], *PAIRS, "assembly"], help="names of pairs; default: all"

@@ -1,19 +1,19 @@
 """Check the tracker's guarantees on all cores: ``python bench/prove_bounds.py --finger-ticks 1e7``.
 
-Runs numbered trials of `tests/trials/bound_trials.py` until that many finger-ticks were checked. Prints how
-often each guarantee was checked and how near it came to being broken: *worst* is the largest excess, in
-tolerances for rounding (1 would be broken), *closest* the smallest distance to the bound where there was no
-excess. At the first violation it stops, with exit code 1 and the option that repeats the trial: ``--trial
-N``. With ``--program`` a program ticks that has the engine for browsers: ``"node
---experimental-wasm-relaxed-simd tests/support/clients/module_server.mjs FOLDER plain"``.
+Runs numbered trials of `tests/trials/bound_trials.py` until the given number of finger-ticks was checked.
+Prints the number of checks of each guarantee and its margin: *worst* is the largest excess, in tolerances for
+rounding (1 would be broken), *closest* the smallest distance to the bound without an excess. At the first
+violation it stops, with exit code 1 and the option that repeats the trial: ``--trial N``. With ``--program``
+a program with the engine for browsers ticks:
+``"node --experimental-wasm-relaxed-simd tests/support/clients/module_server.mjs FOLDER plain"``.
 
 With ``--parts --ticks 1e6`` the trials are those of `tests/trials/part_trials.py`: a part that moves among
-others, with bounds, flags and certified times beside what `Scene.clearance` answers at one tick in ten; and
-every second one is of `tests/trials/flush_trials.py`: solids of cubes that slide along each other, with
-shared volume, distance and way out counted from the cubes.
+others, with bounds, flags and certified times compared with `Scene.clearance` at one tick in ten; and every
+second one is of `tests/trials/flush_trials.py`: solids of cubes that slide along each other, with shared
+volume, distance and way out counted from the cubes.
 
-With ``--recording HAND.csv --part FILE`` a recorded hand, put where it touches the part, is ticked at 1 kHz,
-and a sample of its bounds, predictions and certified times is checked instead.
+With ``--recording HAND.csv --part FILE`` a recorded hand, placed so that it touches the part, is ticked at 1
+kHz, and a sample of its bounds, predictions and certified times is checked instead.
 """
 
 import argparse
@@ -43,7 +43,7 @@ Tally = project_module("tests/trials", "trial_log").Tally
 SIZES = (2000, 5000, 12_000, 40_000)
 """Finger-ticks of a trial, in turn: short ones meet more scenes, long ones drift farther."""
 LIGHT_SHARE = 3
-"""One in this many trials has only the scenes of the tests."""
+"""One trial in this number has only the scenes of the tests."""
 MARGIN = 1.5
 """Planned finger-ticks for each wanted one: lost fingers do not count."""
 SHOWN = 5
@@ -84,7 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def finger_ticks(tally: Tally) -> int:
-    """Return for how many finger-ticks the distance was compared with the true one."""
+    """Return the number of finger-ticks whose distance was compared with the true one."""
     return tally.checks["the distance lies between its bounds"].count if tally.checks else 0
 
 
@@ -125,7 +125,7 @@ def _size(number):
 
 
 def _paced(numbers, wanted):
-    """Yield numbers of trials that together have about *wanted* finger-ticks."""
+    """Yield numbers of trials with about *wanted* finger-ticks in total."""
     planned = 0
     for number in numbers:
         if planned >= wanted:

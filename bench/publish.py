@@ -1,10 +1,10 @@
-"""Measure everything, and write the figures and pictures of the documentation: ``python bench/publish.py``.
+"""Run all measurements, and write the figures and pictures of the documentation: ``python bench/publish.py``.
 
 Runs `report.py`, `ticks.py`, `service.py`, `vr.py` and `growth.py` in turn, on a quiet machine if possible,
-keeps their JSON in ``bench/published``, and makes of it the pages in ``docs/performance`` and
-the README's table. `report.py` and `ticks.py` run twice: ``NAME_v3.json`` is of kernels for AVX2, which most
-processors have, ``NAME.json`` of the best kernels for this one. The ticks of another machine are a
-``ticks_MACHINE.json`` beside them. ``--from-json`` measures nothing.
+stores their JSON in ``bench/published``, and makes the pages in ``docs/performance`` and the README's table
+from it. `report.py` and `ticks.py` run twice: ``NAME_v3.json`` is of kernels for AVX2, which most processors
+have, ``NAME.json`` of the best kernels for this one. The ticks of another machine are in
+``ticks_MACHINE.json``. ``--from-json`` skips the measurements.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from benchmarks.publication import sections
 from benchmarks.publication.vr_tables import draw_vr
 from benchmarks.support.project import BENCH, environment
 
-# Together half an hour on a quiet machine of two cores; twice that beside others (2026-11-26).
+# Together half an hour on a quiet machine of two cores; twice that on a busy one (2026-11-26).
 RUNS = {
     "report_v3": ["--rounds", "5"],
     "report": ["--rounds", "5"],
@@ -45,7 +45,7 @@ JUDGED = (0, 1)  # exit codes of a complete run: every requirement met, or one n
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure and write; the exit code is 1 if a run failed, and then nothing is written."""
+    """Measure and write; the exit code is 1 if a run failed, and then no page is written."""
     options = _parse(arguments)
     if not options.from_json:
         with tempfile.TemporaryDirectory(prefix="proximity_published_") as folder:
@@ -95,13 +95,13 @@ def _measured(name, words, folder):
     print(f"--- {name}: {time.monotonic() - start:.0f} s", flush=True)
     if done.returncode in JUDGED and (folder / f"{name}.json").is_file():
         return True
-    print(f"{script}.py ended with {done.returncode}: nothing is published", file=sys.stderr)
+    print(f"{script}.py ended with {done.returncode}: no figures are published", file=sys.stderr)
     return False
 
 
 def _parse(arguments):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--from-json", action="store_true", help="only pages and pictures, of what is there")
+    parser.add_argument("--from-json", action="store_true", help="pages and pictures from the stored JSON")
     parser.add_argument("--only", nargs="+", choices=list(RUNS), metavar="RUN", help=", ".join(RUNS))
     parser.add_argument("--quick", action="store_true", help="a look whether all runs: no figure means much")
     parser.add_argument("--published", type=Path, default=sections.PUBLISHED, metavar="FOLDER")

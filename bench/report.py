@@ -1,7 +1,7 @@
-"""Measure all contenders in one run, and print how they compare: ``python bench/report.py``.
+"""Measure all contenders in one run, and print the comparison: ``python bench/report.py``.
 
-Answers are compared before anything is timed. Rounds are interleaved; times a query or a call are medians
-over rounds, and ratios medians over paired rounds. ``--json`` keeps everything.
+Answers are compared before timing. Rounds are interleaved; times a query or a call are medians over rounds,
+and ratios medians over paired rounds. ``--json`` stores all results.
 """
 
 import argparse
@@ -25,7 +25,7 @@ QUICK_ROUNDS, QUICK_QUERIES = 3, 2000
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the comparison; the exit code is 1 if a requirement that was measured is not met."""
+    """Run the comparison; the exit code is 1 if a measured requirement is not met."""
     options = _parse(arguments)
     console = open_console()
     contenders, missing = registry.available(_chosen(options))
@@ -62,7 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _parse(arguments):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--cases", nargs="+", metavar="MESH/PATTERN", default=DEFAULT_CASES)
-    files = "mesh files that are measured beside the cases, near and with rays"
+    files = "mesh files to measure with the cases, near and with rays"
     parser.add_argument("--files", nargs="+", type=Path, default=[], metavar="FILE", help=files)
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--queries", type=int, default=cases.BATCH_COUNT, help="points or rays of a batch")
@@ -70,7 +70,7 @@ def _parse(arguments):
     parser.add_argument("--quick", action="store_true", help=quick)
     parser.add_argument("--without-us", action="store_true", help="the rivals among themselves")
     parser.add_argument("--rivals", nargs="+", metavar="NAME", help="only those whose names start so")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write everything to FILE")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all results to FILE")
     options = parser.parse_args(arguments)
     refuse_unknown(parser, "case", options.cases, CASE_NAMES)
     added = [cases.add_file(path) for path in options.files]
@@ -81,7 +81,7 @@ def _parse(arguments):
 
 
 def _chosen(options):
-    """The kinds of contenders that take part."""
+    """Return the kinds of contenders that take part."""
     kinds = registry.RIVALS if options.without_us else registry.CONTENDERS
     wanted = (OURS, *options.rivals) if options.rivals else ("",)
     return tuple(kind for kind in kinds if kind.name.startswith(wanted))

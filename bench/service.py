@@ -1,10 +1,9 @@
 """Measure the service, from one publish to a minute of serving: ``python bench/service.py``.
 
 Publishing is timed call by call, with a subscriber in another process that reads every frame; there, the time
-from ``publish_ns``, taken just before a frame is sealed, to the return of the read is measured. A process
-of its own serves a minute from a recorded hand, with its log, and every frame is counted here. Both are
-compared with what this machine takes by itself. The exit code is 1 if a requirement that was
-measured is not met.
+from ``publish_ns``, taken just before a frame is sealed, to the return of the read is measured. A separate
+process serves a minute from a recorded hand, with its log, and every frame is counted here. Both are compared
+with the times of this machine alone. The exit code is 1 if a measured requirement is not met.
 """
 
 import argparse
@@ -37,7 +36,7 @@ PERCENTILES = ("p50", "p90", "p99", "p99.9", "max")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the cases; the exit code is 1 if a requirement that was measured is not met."""
+    """Run the cases; the exit code is 1 if a measured requirement is not met."""
     options = _parse(arguments)
     console = open_console()
     machine = describe_machine(threads.UNLIMITED)
@@ -74,10 +73,8 @@ def _parse(arguments):
     )
     parser.add_argument("--seconds", type=float, default=60.0, help="of the minute")
     parser.add_argument("--minutes", type=float, default=10.0, help="over which the memory is watched")
-    parser.add_argument(
-        "--small", action="store_true", help="only check that everything runs: nothing is judged"
-    )
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write everything to OUT")
+    parser.add_argument("--small", action="store_true", help="smoke test: requirements are not checked")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write all results to OUT")
     options = parser.parse_args(arguments)
     refuse_unknown(parser, "case", options.cases, CASES)
     options.cases = options.cases or [name for name in CASES if name != "memory"]

@@ -1,9 +1,9 @@
 """Measure ticks, case by case, against their requirements: ``python bench/ticks.py``.
 
-Every tick is timed by itself: thread time (of the processor) and wall time, from call to answer, in Python;
-nothing is subtracted. "Best of 3" is the shortest thread time of each tick in three equal runs: its tail is
-due to the work. "A bare loop" only counts, for as long as the median tick takes: its tail is due to the
-machine. The exit code is 1 if a requirement that was measured is not met.
+Every tick is timed separately: thread time (of the processor) and wall time, from call to answer, in Python,
+without subtractions. "Best of 3" is the shortest thread time of each tick in three equal runs: its tail is
+due to the work. "A bare loop" only counts, for the time of the median tick: its tail is due to the
+machine. The exit code is 1 if a measured requirement is not met.
 """
 
 import argparse
@@ -52,7 +52,7 @@ PERCENTILES = ("p50", "p90", "p99", "p99.9", "max")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the cases; the exit code is 1 if a requirement that was measured is not met."""
+    """Run the cases; the exit code is 1 if a measured requirement is not met."""
     options = _parse(arguments)
     console = open_console()
     machine = describe_machine(THREADS)
@@ -74,7 +74,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.json:
         write_json(options.json, machine, rows=rows)
     if options.small:
-        console.print("Small scenes: nothing is judged.")
+        console.print("Small scenes: requirements are not checked.")
         return 0
     return 0 if all(verdict.is_met for verdict in verdicts) else 1
 
@@ -84,10 +84,8 @@ def _parse(arguments):
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}; all by default")
     parser.add_argument("--ticks", type=int, default=TICKS, help="of each case, at least one")
     parser.add_argument("--quick", action="store_true", help=f"{QUICK_TICKS} ticks of each case")
-    parser.add_argument(
-        "--small", action="store_true", help="only check that everything runs: small scenes, few ticks"
-    )
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write everything to OUT")
+    parser.add_argument("--small", action="store_true", help="smoke test: small scenes, few ticks")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write all results to OUT")
     options = parser.parse_args(arguments)
     refuse_unknown(parser, "case", options.cases, CASES)
     if options.ticks < 1:

@@ -1,10 +1,10 @@
 """Measure VR applications, from the pose of a hand to its distances: ``python bench/vr.py [FILE ...]``.
 
-*native* publishes poses and subscribes to frames, *page* does what a page of ``proximity serve --web`` does.
-With files of parts, both run with these at 90 and 120 Hz for five and ten fingers. Without, with tori of
-3 k, 100 k and 1 M faces, 90 and 120 Hz, five and ten fingers, still and moving: each is varied by itself from
-ten fingers at 90 Hz over 100 k faces. The native application is then run with other libraries' signed
-distances in the place of ours as well.
+*native* publishes poses and subscribes to frames, *page* does the work of a page of ``proximity serve
+--web``. With files of parts, both run with these at 90 and 120 Hz for five and ten fingers. Without, with
+tori of 3 k, 100 k and 1 M faces, 90 and 120 Hz, five and ten fingers, still and moving: each is varied
+separately from ten fingers at 90 Hz over 100 k faces. The native application is then also run with other
+libraries' signed distances instead of ours.
 """
 
 import argparse
@@ -31,7 +31,7 @@ from benchmarks.support.project import BENCH, PROJECT, environment
 from proximity.recording import Recording, read_recording
 from proximity.web.running_page import Addresses
 
-SECTIONS = {3_000: (60, 25), 100_000: (360, 139), 1_000_000: (1100, 455)}  # of tori, about so many faces
+SECTIONS = {3_000: (60, 25), 100_000: (360, 139), 1_000_000: (1100, 455)}  # of tori, by number of faces
 BASE, BASE_FACES = VrCase(), 100_000
 POSE_RATES_HZ, FINGER_COUNTS = (90.0, 120.0), (5, 10)
 RIVALS = (Open3D, Fcpw, Trimesh)
@@ -44,8 +44,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--units", default="mm", help="of the files, where they do not say; mm")
     parser.add_argument("--recording", type=Path, metavar="CSV", help="of a hand, instead of the sample")
     parser.add_argument("--seconds", type=float, default=10.0, help="that each application runs")
-    parser.add_argument("--small", action="store_true", help="only check that everything runs")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write everything to OUT")
+    parser.add_argument("--small", action="store_true", help="smoke test")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write all results to OUT")
     options = parser.parse_args(arguments)
     seconds = 0.5 if options.small else options.seconds
     console = open_console()
@@ -66,13 +66,13 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _of_files(files: list[str], hand: Recording, seconds: float, units: str) -> list[VrRow]:
-    """Both applications with parts of the user's."""
+    """Run both applications with parts of the user."""
     cases = product(PATHS, POSE_RATES_HZ, FINGER_COUNTS)
     return [measure(files, VrCase(*case, seconds=seconds), hand, units=units) for case in cases]
 
 
 def _of_tori(hand: Recording, seconds: float, *, small: bool) -> tuple[list[VrRow], list[dict]]:
-    """Both applications with tori, and the native one with the distances of other libraries."""
+    """Run both applications with tori, and the native one with the distances of other libraries."""
     rows: list[VrRow] = []
     others: list[dict] = []
     with tempfile.TemporaryDirectory(prefix="proximity_vr_") as folder:

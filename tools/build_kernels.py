@@ -1,7 +1,7 @@
 """Compile the kernels ahead of time: ``python tools/build_kernels.py [--target NAME] [--out FOLDER]``.
 
 Without a target, for this machine, into ``proximity/native`` of the checkout: for the best set of
-instructions that its processor has. With ``--every-set``, or PROXIMITY_INSTRUCTIONS=all, for every set of the
+instructions of its processor. With ``--every-set``, or PROXIMITY_INSTRUCTIONS=all, for every set of the
 target.
 """
 
@@ -22,7 +22,7 @@ from kernel_build.targets import TARGETS, Target, host_target, made_files  # noq
 
 
 def main() -> None:
-    """Build for each target that was asked for, or say what has been built."""
+    """Build each requested target, or print the state of the builds."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
         "--target", choices=sorted(TARGETS), action="append", help="a system; default: this one"
@@ -33,8 +33,8 @@ def main() -> None:
     parser.add_argument(
         "--every-set", action="store_true", default=every_set_is_wanted(), help="all instructions"
     )
-    parser.add_argument("--state", action="store_true", help="say what has been built, and build nothing")
-    parser.add_argument("--anew", action="store_true", help="use no code that an earlier build has kept")
+    parser.add_argument("--state", action="store_true", help="print the state of the builds only")
+    parser.add_argument("--anew", action="store_true", help="ignore the code kept by earlier builds")
     parser.add_argument(
         "--isolated", action="store_true", help="install what compiling takes into a temporary folder first"
     )
@@ -65,7 +65,7 @@ def _begin_with_requirements() -> None:
 
 
 def _fix_order() -> None:
-    """Begin anew with a fixed seed of hashes: numba walks over sets, and the bytes are to be the same."""
+    """Restart with a fixed hash seed: numba iterates over sets, and builds must be reproducible."""
     if os.environ.get("PYTHONHASHSEED") != "0":
         again = subprocess.run(
             [sys.executable, *sys.argv], env=os.environ | {"PYTHONHASHSEED": "0"}, check=False

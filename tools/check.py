@@ -1,4 +1,4 @@
-"""Check format, lint and types: ``python tools/check.py``; ``--fix`` mends what it can."""
+"""Check format, lint and types: ``python tools/check.py``; ``--fix`` applies automatic fixes."""
 
 import subprocess
 import sys
@@ -10,7 +10,7 @@ MENDING = (("ruff", "format", "."), ("ruff", "check", "--fix", "."), ("mypy",))
 
 
 def main() -> int:
-    """Run all checks, each to its end; return how many failed."""
+    """Run all checks to the end; return the number of failures."""
     failed = []
     for words in MENDING if "--fix" in sys.argv[1:] else CHECKS:
         print("$", *words, flush=True)

@@ -1,6 +1,7 @@
-"""What the library in C takes from the kernels: layouts of records, numbers, sentences, and their wrappers.
+"""Tables for the C library from the kernels: layouts of records, numbers, sentences, and their wrappers.
 
-Text that is generated when kernels are compiled, so that nothing is written twice. Only that imports it.
+The text is generated when kernels are compiled, so that each table has one source. Only the build imports
+this module.
 """
 
 import inspect
@@ -50,8 +51,8 @@ ENTRIES = (
     "morton_order", "ray_order", "fault_in_header", "fault_in_arrays", "complete_model", "first_unfit",
     "move_parts", "copies_in_use", "make_static", "thin_static", "bring_up_to_date", "forget_surfaces",
     "adopt_parts", "tick", "observe", "update_newest", "drop_stale", "sense_contacts",
-    "connect_parts", "surface_faces", "contains_corner", "place_part", "copy_nodes", "plan_scene", "copy_part",
-    "finish_scene", "split_faces", "face_topology", "signed_volume", "frame_of_box", "plan_part", "fill_part",
+    "connect_parts", "surface_faces", "contains_corner", "place_part", "copy_nodes", "plan_scene",
+    "copy_part", "finish_scene", "split_faces", "face_topology", "signed_volume", "frame_of_box", "plan_part", "fill_part",
     "choose_sign",
 )  # fmt: skip
 """The entry points that the library calls."""
@@ -126,7 +127,7 @@ _RECORDS = {
 
 
 def tables_header() -> str:
-    """Return the text of ``core_tables.h``: records of kernels, numbers, and which wrapper is which."""
+    """Return the text of ``core_tables.h``: records of kernels, numbers, and indices of wrappers."""
     lines = [
         "#ifndef PROXIMITY_CORE_TABLES_H",
         "#define PROXIMITY_CORE_TABLES_H",
@@ -150,8 +151,8 @@ def tables_header() -> str:
 def tables_source(sets: Iterable[tuple[str, dict[str, str]]], digest: str, digest_in_c: str = "") -> str:
     """Return the text of ``core_tables.c``.
 
-    *sets*: of each set of instructions, from the least to the best, its name, and the symbols of wrappers by
-    the names of entry points. *digest*: of the sources; *digest_in_c*: of those in C alone.
+    *sets*: for each set of instructions, in ascending order, its name, and the symbols of wrappers by the
+    names of entry points. *digest*: of the sources; *digest_in_c*: of the C sources alone.
     """
     sets = list(sets)
     lines = ['#include "core.h"']

@@ -1,4 +1,4 @@
-"""Build hook: puts kernels that were compiled ahead of time into the checkout, and into wheels.
+"""Build hook: compiles kernels ahead of time for the checkout, and for wheels.
 
 ``PROXIMITY_TARGET`` names another system to build a wheel for, see ``kernel_build/targets.py``.
 """
@@ -13,18 +13,18 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 REQUIREMENTS = Path(__file__).with_name("kernel_build") / "requirements.txt"
-"""What compiling takes: numba's internals are leaned on, so its version is fixed."""
+"""Build requirements: internals of numba are used, so its version is fixed."""
 PLACE = "proximity/native/{}"
 SECONDS = 100
 
 
 class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
-    """Compiles kernels where they have not been compiled from these sources."""
+    """Compiles kernels unless they are up to date."""
 
     PLUGIN_NAME = "custom"
 
     def dependencies(self) -> list[str]:
-        """Return what has to be installed for this build.
+        """Return the requirements of this build.
 
         Installers ask in a process whose arguments name the hook, as ``get_requires_for_build_editable``.
         """
@@ -34,7 +34,7 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         return REQUIREMENTS.read_text(encoding="ascii").split()
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Compile, and tell the builder of a wheel what to take in."""
+        """Compile, and set the files of a wheel."""
         if self.target_name != "wheel":
             return
         every_set = version != "editable"  # a wheel is for all processors of its system
@@ -51,7 +51,7 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
                 if version != "editable":
                     raise
                 self._say(
-                    "nothing could be compiled: numba compiles kernels when they are called; drums and the "
+                    "compiling failed: numba compiles kernels when they are called; drums and the "
                     "page in the browser do not run"
                 )
                 return
@@ -64,7 +64,7 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
                 build_data["force_include"][made] = PLACE.format(Path(made).name)
 
     def _state(self, target: str | None = None, *, every_set: bool) -> dict[str, str]:
-        """Of the target: its name, tag and files, and whether they are as the sources are."""
+        """Return name, tag and files of the target, and whether they are up to date."""
         chosen = ["--target", target] if target else self._target()
         lines = self._tool("--state", *chosen, *self._sets(every_set), capture=True).splitlines()
         return dict(line.split("=", 1) for line in lines)
@@ -75,7 +75,7 @@ class KernelHook(BuildHookInterface):  # type: ignore[type-arg]
         return all(state == "yes" for state in states)
 
     def _web_target(self, every_set: bool) -> list[str]:
-        """The modules for browsers: a checkout has them when they are first wanted, or with all sets."""
+        """Return the modules for browsers: a checkout compiles them on first use, or with all sets."""
         is_wanted = every_set or os.environ.get("PROXIMITY_INSTRUCTIONS") == "all"
         return ["--target", "wasm32"] if is_wanted else []
 

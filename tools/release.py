@@ -1,11 +1,11 @@
-"""Build a release and try it as a stranger would: ``python tools/release.py [--out FOLDER]``.
+"""Build a release and test it in a clean environment: ``python tools/release.py [--out FOLDER]``.
 
 1. Build the source distribution, and from it the wheel of this machine.
 2. Check both with twine.
 3. Install the wheel in an empty environment.
 4. Run the demo and the Python blocks of the README there, in a folder that has only the sample parts.
 
-Nothing is uploaded. The working tree is what is built: commit first.
+Uploads no files. It builds the working tree: commit first.
 """
 
 import argparse
@@ -24,7 +24,7 @@ IMPORTED_FROM = "import proximity; print(proximity.__file__)"
 
 
 class Environment:
-    """A fresh virtual environment, whose programs do not see the checkout."""
+    """A new virtual environment, whose programs do not see the checkout."""
 
     def __init__(self, folder: Path, *packages: str) -> None:
         venv.create(folder, with_pip=True)
@@ -32,7 +32,7 @@ class Environment:
         self.run("python", "-m", "pip", "install", "--quiet", *packages)
 
     def run(self, program: str, *arguments: str | Path, folder: Path | None = None) -> str:
-        """Run one of its programs and return what it prints; end where it fails."""
+        """Run one of its programs and return its output; exit if it fails."""
         path = shutil.which(program, path=str(self._programs))
         assert path is not None, f"{program} was not installed"
         done = subprocess.run(
@@ -44,7 +44,7 @@ class Environment:
 
 
 def main() -> None:
-    """Build, check and try; the files are in the folder at the end."""
+    """Build, check and test; the files are in the folder at the end."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="where the files go")
     out = parser.parse_args().out.resolve()
@@ -58,7 +58,7 @@ def main() -> None:
 
 
 def build(work: Path, out: Path) -> list[Path]:
-    """Return the source distribution and the wheel that was made of it, checked."""
+    """Return the source distribution and the wheel built from it, checked."""
     say("building and checking; compiling the kernels takes a minute or two")
     tools = Environment(work / "tools", "build", "twine")
     tools.run("python", "-m", "build", "--outdir", out, ROOT)

@@ -1,1 +1,1 @@
-"""What the commands in this folder's parent are made of: one package for each thing that is measured."""
+"""Parts of the commands in the parent folder: one package for each measured subject."""

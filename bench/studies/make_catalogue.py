@@ -2,8 +2,8 @@
 
     python bench/studies/make_catalogue.py --count 1000
 
-A part is a plate, a block or a shaft with bosses, balls and holes, 20 to 200 mm long; its curves are cut into
-as many segments as give it between 10³ and 10⁶ faces, evenly in the logarithm.
+A part is a plate, a block or a shaft with bosses, balls and holes, 20 to 200 mm long; the number of segments
+of its curves gives it between 10³ and 10⁶ faces, evenly in the logarithm.
 """
 
 import argparse
@@ -16,12 +16,12 @@ import numpy as np
 FEWEST, MOST = 1e3, 1e6  # faces
 SIZES = (20.0, 200.0)  # mm
 ROUNDS = 3  # of adjusting the segments
-MOST_SEGMENTS = 1024  # a ball has a million faces then; where it is hidden, flat faces are divided instead
+MAX_SEGMENTS = 1024  # a ball has a million faces then; inside others, flat faces are divided instead
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def part(seed: int, segments: int) -> manifold3d.Manifold:
-    """The part of a seed; circles have so many *segments*."""
+    """Return the part of a seed; circles have *segments* segments."""
     rng = np.random.default_rng(seed)
     length = rng.uniform(*SIZES)
     width, height = length * rng.uniform(0.2, 1.0, 2)
@@ -43,11 +43,11 @@ def part(seed: int, segments: int) -> manifold3d.Manifold:
 
 
 def sized(seed: int, faces: float) -> manifold3d.Manifold:
-    """The part of a seed with about so many *faces*; those of balls grow with the square of the segments."""
+    """Return the part of a seed with about *faces* faces; those of balls grow quadratically."""
     segments = 64
     solid = part(seed, segments)
     for _ in range(ROUNDS):
-        segments = min(max(8, round(segments * math.sqrt(faces / solid.num_tri()))), MOST_SEGMENTS)
+        segments = min(max(8, round(segments * math.sqrt(faces / solid.num_tri()))), MAX_SEGMENTS)
         solid = part(seed, segments)
     divided = round(math.sqrt(faces / solid.num_tri()))
     return solid.refine(divided) if divided > 1 else solid

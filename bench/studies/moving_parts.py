@@ -12,7 +12,7 @@ from moving_parts import SITUATIONS, WALL, shown
 
 
 def main(folder: Path) -> None:
-    """Draw where part, drum and finger are, and the force, one picture for each situation."""
+    """Draw positions of part, drum and finger, and the force, one picture for each situation."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, situation in SITUATIONS.items():
         rows = shown(situation)

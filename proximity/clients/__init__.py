@@ -62,8 +62,8 @@ def license_text() -> str:
 
 
 def write_client(language: str, folder: str | os.PathLike[str]) -> dict[str, bool]:
-    """Write the files of a client into a folder, which is made where it is not there.
+    """Write the files of a client into a folder, created if needed.
 
-    Returned: by the files' paths, whether they were written: an example that is there already is left alone.
+    Returned: by the files' paths, whether they were written: existing examples are left unchanged.
     """
     return write_files(client_files(language), folder, EXAMPLES)

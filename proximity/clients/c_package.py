@@ -1,4 +1,4 @@
-"""The library in C as a folder that compilers and CMake find things in: header, library, examples."""
+"""The C library as a folder for compilers and CMake: header, library, examples."""
 
 import os
 from pathlib import Path
@@ -13,7 +13,7 @@ from proximity.system.whole_file import write_files
 
 HERE = Path(__file__).parent / "c"
 ANDROID = "android-aarch64/libproximity.so"
-"""Beside the library of this system, where it was built, see `tools/kernel_build/targets.py`."""
+"""Next to the library of this system, if it was built, see `tools/kernel_build/targets.py`."""
 PLACES = {
     CORE / "library" / "proximity.h": "include",
     CORE / "library" / "proximity_tracker.h": "include",
@@ -61,7 +61,7 @@ def write_csharp_library(folder: str | os.PathLike[str]) -> dict[str, bool]:
     written = write_files(client_files("csharp", "client"), folder, EXAMPLES)
     try:
         library = library_path()
-    except ProximityError:  # sources are of use without it, and with one of another system
+    except ProximityError:  # sources are useful without it, and with one of another system
         return written
     plugins = {library.name: library, "Android/arm64-v8a/libproximity.so": library.parent / ANDROID}
     contents = {name: path.read_bytes() for name, path in plugins.items() if path.is_file()}

@@ -14,9 +14,9 @@ from proximity.system.whole_file import write_files
 
 HERE = Path(__file__).parent / "wasm"
 MODULES = ("proximity.plain.wasm", "proximity.relaxed.wasm")
-"""Of which a checkout may have only the second, for browsers that have relaxed vector instructions."""
+"""A checkout may have only the second, for browsers with relaxed vector instructions."""
 CLIENT_FILES = ("proximity_client.mjs", "layout.mjs")
-"""Of the service's client: its clock, and the layout of contacts."""
+"""From the service's client: its clock, and the layout of contacts."""
 TOOL = Path(proximity.__file__).parent.parent / "tools" / "build_kernels.py"
 BUILD = "python tools/build_kernels.py --target wasm32 --every-set --isolated"
 
@@ -24,7 +24,7 @@ BUILD = "python tools/build_kernels.py --target wasm32 --every-set --isolated"
 def package_files() -> dict[str, str | bytes]:
     """Return the files of the package by name, `proximity.plain.wasm` only if it is compiled.
 
-    A checkout compiles the other one if it is not there yet.
+    A checkout compiles the other one if it is missing.
     """
     if not (NATIVE / MODULES[1]).is_file():
         _compile()
@@ -45,7 +45,7 @@ def package_files() -> dict[str, str | bytes]:
 
 
 def _compile() -> None:
-    """Have the checkout compile the engine for browsers."""
+    """Compile the engine for browsers in the checkout."""
     if TOOL.is_file():
         print("compiling the engine for browsers, once: about a minute", file=sys.stderr, flush=True)
         command = [sys.executable, os.fspath(TOOL), "--target", "wasm32", "--isolated"]
@@ -59,5 +59,5 @@ def _compile() -> None:
 
 
 def write_package(folder: str | os.PathLike[str]) -> dict[str, bool]:
-    """Write the package into a folder: by the files' paths, whether they were written; an example is kept."""
+    """Write the package into a folder; return by path whether files were written; an example is kept."""
     return write_files(package_files(), folder, {"example.mjs"})

@@ -1,8 +1,8 @@
 """Drums for all fingers of a service: controllers, simulated plants or motors, and potentiometers.
 
-The finger is where the service has it, or, where that tells no bend, as `with_bend` has it. The
-potentiometer tells that bend, or where the simulated drum stops the link. A finger with a motor needs a bend,
-and a fault of its controller ends everything: somebody must look why.
+The finger's position is the service's, or, without a bend, that of `with_bend`. The potentiometer reads that
+bend, or the one where the simulated drum stops the link. A finger with a motor needs a bend, and a fault of
+its controller ends the program: a person must check it.
 """
 
 import math
@@ -36,15 +36,15 @@ from proximity.message.contact import ContactFlag, Contacts
 from proximity.system.time_units import S_PER_NS
 from proximity.transport import Reading
 
-LONGEST_STEP = 0.1  # s that one action is served for
+LONGEST_STEP = 0.1  # s, maximum duration of one action
 
 
 class DrumPlant:
-    """The drum of a path, or another, and the pad of a finger that leans on it; *cable* in N/m there."""
+    """Drum of a path, or another, and the pad of a finger on it; *cable* in N/m there."""
 
     drum: Drum
     force: float  # N, on the finger
-    link: float  # m, of the replica's link: where the cable pulls it, or where the drum stops it
+    link: float  # m, of the replica's link: pulled by the cable, or stopped by the drum
 
     def __init__(self, path: FingerPath, drum: Drum | None = None, cable: float = math.inf) -> None:
         drum = drum or path.drum
@@ -63,7 +63,7 @@ class DrumPlant:
 
     @property
     def angle(self) -> float:
-        """Angle that the drum's encoder reads, rad."""
+        """Angle read by the drum's encoder, rad."""
         return self._path.drum_angle(self.position)
 
     @property
@@ -72,7 +72,7 @@ class DrumPlant:
         return self.drum.motor_torque(-self._served.applied)
 
     def advance(self, action: DrumAction, finger: float, seconds: float) -> None:
-        """Serve an action in whole samples, at most for a tenth of a second; what is left over comes next."""
+        """Serve an action in whole samples, at most for a tenth of a second; the remainder is served next."""
         served = self._served
         command = commanded(action, action.force if action.mode == DriveMode.FORCE else action.position)
         time = self._left + min(max(seconds, 0.0), LONGEST_STEP)
@@ -85,21 +85,21 @@ class DrumPlant:
         self.follow(finger)
 
     def follow(self, finger: float) -> float:
-        """Return where the link is with the finger at a position, m: as it opens, the cable's play behind."""
+        """Return the link's position for a finger's position, m: behind by the cable's play as it opens."""
         self.link = min(max(self.link, finger), finger + self._path.play, self.position)
         return self.link
 
 
-CARRIED_NS = 20_000_000  # so long a finger is thought to go on as it did
+CARRIED_NS = 20_000_000  # extrapolation time of a finger's motion
 POWERS = "force", "speed_cap", "force_cap", "torque", "torque_cap", "motor_speed_cap"
 NO_POWER: dict[str, Any] = dict.fromkeys(POWERS, 0.0)
-SOFTER = 1e-6  # share by which a displayed stiffness must fall short before that is said
+SOFTER = 1e-6  # relative reduction of a displayed stiffness from which it is reported
 SLOPE_STEP = 1e-3  # m, of a difference
 NEAR = (Mode.POSITION, Mode.FORCE)
 
 
 def with_bend(contact: Any, path: FingerPath) -> Any:
-    """Return a record as if the finger bent straight into what is nearest; itself where nothing is near.
+    """Return a record as if the finger bent straight to its nearest point; unchanged without one.
 
     For simulated drums only: a real drum without a bend stays retracted.
     """
@@ -113,20 +113,20 @@ def with_bend(contact: Any, path: FingerPath) -> Any:
     if int(contact["mode"]) in NEAR:
         reported["contact_bend"], reported["contact_bend_error"] = CONTACT_BEND, 0.0
     else:
-        reported["bend_rate"] = math.nan  # nothing will be touched: nothing is to be extrapolated
+        reported["bend_rate"] = math.nan  # no contact is expected: no extrapolation
     return reported
 
 
 @dataclass(slots=True)
 class FingerBench:
-    """One finger: controller, plant, and what became of them."""
+    """One finger: controller, plant, and results."""
 
     path: FingerPath
     controller: FingerController
     plant: DrumPlant | MotorDrum
     action: DrumAction | None = None
-    bend: float = 0.0  # as the service had it last
-    has_bend: bool = False  # the service tells where on its path the finger is
+    bend: float = 0.0  # as last reported by the service
+    has_bend: bool = False  # the service reports the finger's position on its path
     is_seen: bool = False  # the service has reported it
     touches: int = 0
     faults: int = 0
@@ -163,15 +163,15 @@ class FingerBench:
             self.reasons[self.controller.fault] += 1
             if isinstance(self.plant, MotorDrum):
                 raise self.plant.failed(self.controller.fault)
-            self.controller.reset()  # there is nobody to press a button
+            self.controller.reset()  # there is no person to press a button
 
     @property
     def has_motor(self) -> bool:
-        """Whether a real motor moves the drum."""
+        """True if a real motor moves the drum."""
         return isinstance(self.plant, MotorDrum)
 
     def switch_off(self, why: str) -> None:
-        """Leave the motor without power, whatever the controller wanted last; nothing is computed."""
+        """Leave the motor without power, despite the controller's last command; no step is computed."""
         self.controller.fault = why
         self.faults += 1
         if isinstance(self.plant, MotorDrum):
@@ -180,7 +180,7 @@ class FingerBench:
             self.action = replace(self.action, state=DrumState.FAULT, mode=DriveMode.BRAKED, **NO_POWER)
 
     def _follow(self, contact: Any, now_ns: int) -> Any:
-        """Take in where the finger is; the record that the controller gets."""
+        """Update the finger's position; return the record for the controller."""
         if contact is None or not int(contact["flags"]) & ContactFlag.TRACKED:
             return contact
         self.is_seen, self.has_bend = True, math.isfinite(contact["bend"])
@@ -194,10 +194,10 @@ class FingerBench:
 
 
 class DrumBench:
-    """The drums of all fingers.
+    """Drums of all fingers.
 
-    *gloves*: one for all fingers, or one each; one of our own dimensions where not given. *motors*: of the
-    first fingers, homed; the others are simulated.
+    *gloves*: one for all fingers, or one each; by default one with default dimensions. *motors*: of the first
+    fingers, homed; the others are simulated.
     """
 
     fingers: list[FingerBench]
@@ -215,14 +215,14 @@ class DrumBench:
         self._paths = [FingerPath(glove) for glove in gloves or [Glove()]]
         self._sample_ns: int | None = None
         self._announced: set[str] = set()  # matters
-        self._is_stale = False  # the newest frame, once there were some
-        self._silent: list[int] = []  # fingers without a bend, as of the last whole sample
+        self._is_stale = False  # the newest frame, after the first
+        self._silent: list[int] = []  # fingers without a bend, at the last whole sample
         self.fingers = []
 
     def step(self, reading: Reading, sample_ns: int) -> None:
         """Run a sample of every finger.
 
-        *sample_ns*: now, on this machine's monotonic clock: that of the reading may be another one's, and
+        *sample_ns*: now, on this machine's monotonic clock: the reading may use another clock, which may
         jump.
         """
         count, frame = len(reading.contacts), FrameMark.of(reading.header)
@@ -240,23 +240,23 @@ class DrumBench:
         self._is_stale = bool(self.fingers) and reading.state == State.STALE
 
     def switch_off(self, why: str) -> None:
-        """Leave all motors without power, where nobody steps their controllers any more."""
+        """Leave all motors without power, when their controllers are no longer stepped."""
         for motor in self._motors:
             motor.switch_off()
         for finger in self.fingers:
             finger.switch_off(why)
 
     def warm_up(self) -> None:
-        """Compile what a step needs, on a finger that is thrown away."""
+        """Compile the code of a step, on a temporary finger."""
         finger = self._finger(self._paths[0], self._plant(self._paths[0]))
         nothing = Reading(State.STALE, False, 0, -1, None, np.zeros(0, CONTACT).view(Contacts))
         finger.step(nothing, 0, 0.0, None, None)
         finger.step(nothing, 1_000_000, 1e-3, None, None)
 
     def warnings(self) -> list[str]:
-        """Return sentences on what these drums cannot do as the service has it; each matter is said once.
+        """Return sentences on limitations of these drums with this service; each is reported once.
 
-        Another thread may ask than the one that steps.
+        Any thread may call it.
         """
         silent, reported = self._silent, []
         bendless = [i for i in silent if i < len(self._motors)]

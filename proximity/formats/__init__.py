@@ -1,12 +1,12 @@
 """Readers of mesh files: the only package that knows formats, units and scene graphs.
 
-`read_geometries` gives every mesh of a file as it stands there: nothing is merged, dropped or repaired,
-only scaled to metres and cut into triangles; what a 3MF calls a hole is cut out. A file of which only a part
-can be read is refused: what a file declares is compared with what it holds, format by format, whoever reads.
+`read_geometries` returns every mesh of a file, only scaled to metres and cut into triangles, without merging,
+dropping or repairs; holes declared in a 3MF are cut out. Partly readable files are refused: the counts and
+sizes that a file declares are compared with its contents, in every format.
 
 STL, PLY, OFF, OBJ and 3MF are read here: trimesh keeps no rows of polygons, cuts concave ones wrongly,
-reorders OBJ faces by material, takes damaged files for empty ones and loses placements of 3MF objects. It is
-asked for rare dialects only. glTF is read here too, STEP by cascadio (OpenCASCADE), behind checks of its own.
+reorders OBJ faces by material, takes damaged files for empty ones and loses placements of 3MF objects. It
+reads rare dialects only. glTF is read here too, STEP by cascadio (OpenCASCADE), with additional checks.
 """
 
 from proximity.formats.contents import STEP_TOLERANCE, UNPACKED_LIMIT, FileContents, Geometry

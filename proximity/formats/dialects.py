@@ -1,8 +1,8 @@
-"""Dialects of STL, PLY and OBJ that our own readers refuse, read by trimesh.
+"""Dialects of STL, PLY and OBJ that the readers of this package refuse, read by trimesh.
 
-trimesh passes over much that it does not know: of 56 damaged files that our readers refuse in the tests, it
-reads 19 as something else (5.2, November 2026). A reader therefore hands over a file for its grammar alone,
-never for numbers that are missing or contradict each other, and says how many faces trimesh has to find.
+trimesh ignores much that it does not know: of 56 damaged files that the tests expect to be refused, it reads
+19 with other contents (5.2, November 2026). A reader therefore passes on a file for its grammar alone, never
+for missing or contradictory numbers, with the number of faces that trimesh has to find.
 
 On some files its time grows with the square of their size.
 """
@@ -14,34 +14,34 @@ import numpy as np
 from proximity.errors import MeshFormatError
 from proximity.formats.contents import DialectError, RawFile, RawMesh
 
-_MOST_SECONDS, _MOST_BYTES = 60, 4 << 30
+_MAX_SECONDS, _MAX_BYTES = 60, 4 << 30
 
 
 def read_dialect(data: bytes, kind: str, refusal: DialectError) -> RawFile:
-    """Read a refused file, of *kind* stl, ply or obj, or raise the refusal where trimesh misses a face."""
+    """Read a refused file, of *kind* stl, ply or obj, or raise the refusal if trimesh misses a face."""
     try:
         vertices, faces = _read(data, kind)
-    except Exception:  # whatever it is, the file was not read
+    except Exception:  # any failure: the file was not read
         raise MeshFormatError(str(refusal)) from None
     is_mesh = faces.shape == (refusal.face_count, 3) and 0 <= faces.min() <= faces.max() < len(vertices)
-    # Facets of STL were counted corner by corner; of the others no other proof is at hand.
+    # The facets of STL were counted corner by corner; the other formats offer no further check.
     if not is_mesh or not (kind == "stl" or _is_closed(vertices, faces)):
         raise MeshFormatError(str(refusal))
     rows = np.arange(len(faces), dtype=np.int32)
-    note = f"trimesh read it, and numbered its faces; our own reader refuses it: {refusal}"
+    note = f"trimesh read it, and numbered its faces; the reader of this package refuses it: {refusal}"
     return RawFile(kind.upper(), [RawMesh("", vertices, faces, rows)], notes=[note])
 
 
 def _read(data: bytes, kind: str) -> tuple[np.ndarray, np.ndarray]:
     from proximity.formats.libraries import run_library  # few files need a process
 
-    done = run_library("trimesh", data, seconds=_MOST_SECONDS, byte_count=_MOST_BYTES, kind=kind)
+    done = run_library("trimesh", data, seconds=_MAX_SECONDS, byte_count=_MAX_BYTES, kind=kind)
     arrays = np.load(io.BytesIO(done.output))
     return arrays["vertices"].astype(np.float64).reshape(-1, 3), arrays["faces"].astype(np.int64)
 
 
 def _is_closed(vertices: np.ndarray, faces: np.ndarray) -> bool:
-    """Whether every edge between two positions is run through as often in one direction as in the other."""
+    """Return whether every edge between two positions is used equally often in both directions."""
     positions = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)
     starts = positions[faces].ravel()
     ends = positions[faces[:, [1, 2, 0]]].ravel()

@@ -31,11 +31,11 @@ from proximity.formats.units import UNITS, metres_per_unit, unit_name
 from proximity.system.regular_file import NotRegularFileError, open_regular
 
 _LARGE_BYTES, _HEAD_BYTES = 1 << 26, 1 << 20
-"""Files from which on headers are compared with sizes first, and what of them is read for that."""
+"""File size from which the header is compared with the size first, and the number of bytes read for that."""
 
 
 def _imported(module: str, name: str) -> Callable[..., Any]:
-    """Return a function of a reader, which is imported when that is called: all of them take 40 ms."""
+    """Return a function of a reader that is imported on its first call: importing all of them takes 40 ms."""
 
     def function(*arguments: Any, **options: Any) -> Any:
         return getattr(import_module(f"proximity.formats.{module}"), name)(*arguments, **options)
@@ -69,15 +69,16 @@ def read_geometries(
     unpacked_limit: float = UNPACKED_LIMIT,
     cache: bool = True,
 ) -> FileContents:
-    """Read every mesh of a file, in metres, at its place.
+    """Read every mesh of a file, in metres, at its pose.
 
-    *path*: a file with one of the extensions of `EXTENSIONS`. *units*: what a number means in a file that
-    does not say (STL, OBJ, PLY, OFF); a key of `UNITS`. Files that declare their unit (glTF, 3MF, STEP) are
-    read in that one, whatever stands here. *scale*: by which all lengths are multiplied.
-    *step_tolerance*: how far triangles may leave the curved surfaces of a STEP file. *unpacked_limit*: what a
-    3MF file, which is an archive, may unpack to. *cache*: take the triangles of a STEP file from the user's
-    cache, or keep them there. Returned: at least one geometry; nothing merged, dropped or repaired. Identical
-    instances share their arrays.
+    *path*: a file with one of the extensions of `EXTENSIONS`. *units*: the unit of files that do not declare
+    one (STL, OBJ, PLY, OFF); a key of `UNITS`. Files with a unit (glTF, 3MF, STEP) are read in their own.
+    *scale*: factor of all lengths. *step_tolerance*: maximum distance of triangles from the curved surfaces
+    of a STEP file. *unpacked_limit*: maximum unpacked size of a 3MF file, which is an archive. *cache*: read
+    the triangles of a STEP file from the user's cache, or store them there.
+
+    Returned: at least one geometry; nothing merged, dropped or repaired. Identical instances share their
+    arrays.
     """
     units = unit_name(units)
     metres = metres_per_unit(units)
@@ -146,7 +147,7 @@ def _read(reader: Callable[[Source], RawFile], source: Source) -> RawFile:
     except ProximityError:
         raise
     except (TypeError, AttributeError, LookupError, ArithmeticError, RecursionError, ValueError) as reason:
-        # what no check of the reader foresaw
+        # an error that no check of the reader foresaw
         raise MeshFormatError(f"it cannot be read ({text_rows.in_one_line(reason)})") from reason
 
 
@@ -158,7 +159,7 @@ def _read_bytes(path: str, unpacked_limit: float) -> bytes:
                 _check_large(file.read(_HEAD_BYTES), size, Path(path).suffix.lower(), unpacked_limit)
                 file.seek(0)
             data = file.read()
-    except MeshFormatError as reason:  # a ValueError, too; a large file is not handed to trimesh
+    except MeshFormatError as reason:  # a ValueError, too; a large file is not passed to trimesh
         raise MeshFormatError(str(reason)) from None
     except FileNotFoundError:
         raise MeshFormatError("there is no such file") from None
@@ -175,7 +176,7 @@ def _read_bytes(path: str, unpacked_limit: float) -> bytes:
 
 
 def _check_large(head: bytes, size: int, extension: str, unpacked_limit: float) -> None:
-    """Raise if the header of a large file contradicts its size: before gigabytes are read for nothing."""
+    """Raise if the header of a large file contradicts its size, before gigabytes are read in vain."""
     format_detection.check_size(head, size, extension)
     if extension == ".ply":
         from proximity.formats.ply import ply_header  # of this format only
@@ -245,7 +246,7 @@ def _check_finite(mesh: RawMesh, vertices: np.ndarray, name: str) -> None:
 
 
 def _with_assemblies(meshes: list[RawMesh], names: list[str]) -> list[str]:
-    """Put the names of their assemblies before names that several meshes have, without a common root."""
+    """Prefix names that several meshes share with those of their assemblies, without a common root."""
     levels = zip(*(mesh.above for mesh in meshes), strict=False)
     common = sum(1 for _ in takewhile(lambda level: len(set(level)) == 1, levels))
     counts = Counter(names)
@@ -256,9 +257,9 @@ def _with_assemblies(meshes: list[RawMesh], names: list[str]) -> list[str]:
 
 
 def unique_names(names: list[str]) -> tuple[list[str], list[str]]:
-    """Return names that differ, and notes about those that had to be changed.
+    """Return unique names, and notes about the changed ones.
 
-    *names*: as the file has them. The first of a name keeps it; the others get the first free number.
+    *names*: as in the file. The first mesh of a name keeps it; the others get the first free number.
     """
     taken = set(names)
     unique: list[str] = []

@@ -1,4 +1,4 @@
-"""Detection of a file's format by its contents, whatever its name."""
+"""Detection of a file's format from its contents, whichever name it has."""
 
 import re
 
@@ -43,7 +43,7 @@ _TEXT_EXTENSIONS = frozenset([".obj", ".off", ".gltf", ".step", ".stp"])
 
 
 def find_format(source: Source, extension: str) -> str:
-    """The format of a file by its extension, which the content must not contradict."""
+    """Return the format of a file by its extension; raise if the content contradicts it."""
     looks_like = describe_content(source.data)
     if extension == ".toml":
         raise MeshFormatError(
@@ -60,13 +60,13 @@ def find_format(source: Source, extension: str) -> str:
 
 
 def describe_content(data: bytes) -> str | None:
-    """Return what *data* looks like: a format of `EXTENSIONS`, another thing, or None where nothing fits."""
+    """Return the format of *data*: one of `EXTENSIONS`, the name of another format, or None."""
     head = data[:_SNIFFED_BYTES]
     if head.startswith(b"\xef\xbb\xbf"):
         head = head[3:]
     if is_binary_stl(data):
         return "STL"
-    # The list of contents of an archive stands at its end.
+    # The directory of an archive is at its end.
     if head.startswith(b"PK\x03\x04") and b".model" in (head + data[-_SNIFFED_BYTES:]).lower():
         return "3MF"
     for pattern, name in _SIGNATURES:
@@ -78,7 +78,7 @@ def describe_content(data: bytes) -> str | None:
 
 
 def is_binary_stl(data: bytes) -> bool:
-    """Whether a file has the length that its face count asks for, whether or not it begins with "solid"."""
+    """Return whether a file has the length required by its face count, with or without a leading "solid"."""
     if len(data) <= STL_HEADER_BYTES:
         return False
     return len(data) == STL_HEADER_BYTES + STL_FACET_BYTES * stl_face_count(data)
@@ -90,7 +90,7 @@ def stl_face_count(data: bytes) -> int:
 
 
 def is_ascii_stl(data: bytes) -> bool:
-    """Whether the file begins with "solid", comments aside, and goes on as text."""
+    """Return whether the file begins with "solid", comments aside, and continues as text."""
     return _ASCII_STL.match(data[:_SNIFFED_BYTES]) is not None and b"\0" not in data[:1024].rstrip(b"\0")
 
 

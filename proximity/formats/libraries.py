@@ -1,7 +1,7 @@
-"""Libraries that read files in a process of their own, within limits of time and memory.
+"""Libraries that read files in a separate process, within limits of time and memory.
 
-Damaged files can crash them or take hours, and what they print can only be caught by exchanging file
-descriptors, which would swallow what other threads print.
+Damaged files can crash them or take hours, and their output can only be captured by exchanging file
+descriptors, which would swallow the output of other threads.
 """
 
 import json
@@ -22,15 +22,15 @@ _LARGE_BYTES = 1 << 24
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a library ended, and what it made."""
+    """Exit code of a library and its output."""
 
     returncode: int  # of `worker`; negative: the signal that it crashed by
     printed: str
-    output: bytes  # empty where nothing was written
+    output: bytes  # empty without output
 
 
 class Library:
-    """A library in a process that does one of `worker.TASKS` as often as needed; it starts with the first.
+    """A library in a process that performs one of `worker.TASKS` repeatedly; the first task starts it.
 
     *seconds*: of one task.
     """
@@ -41,7 +41,7 @@ class Library:
         self._folder: tempfile.TemporaryDirectory[str] | None = None
 
     def run(self, data: bytes, **settings: Any) -> Outcome:
-        """Do the task on *data*; raise OSError if the system has no space for it."""
+        """Run the task on *data*; raise OSError if the system has no space for it."""
         self._folder = self._folder or tempfile.TemporaryDirectory(prefix="proximity-")
         folder = Path(self._folder.name)
         process = self._process = self._process or self._started(folder)
@@ -63,8 +63,8 @@ class Library:
         return outcome
 
     def _started(self, folder: Path) -> "subprocess.Popen[bytes]":
-        """Start the worker; it sees the end of the pipe when this process ends, however that comes."""
-        # No -m: the worker imports nothing of ours. Threads of BLAS would use up its memory.
+        """Start the worker; it sees the end of the pipe when this process ends for any reason."""
+        # No -m: the worker must not import this package. Threads of BLAS would use up its memory.
         command = [sys.executable, "-P", worker.__file__]
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
         with (folder / "log").open("wb") as log:
@@ -92,6 +92,6 @@ class Library:
 
 
 def run_library(task: str, data: bytes, *, seconds: int, byte_count: int, **settings: Any) -> Outcome:
-    """Do one of `worker.TASKS` on *data*; raise OSError if the system has no space for it."""
+    """Run one of `worker.TASKS` on *data*; raise OSError if the system has no space for it."""
     with Library(task, seconds, byte_count) as library:
         return library.run(data, **settings)

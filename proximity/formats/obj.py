@@ -1,8 +1,8 @@
 """Wavefront OBJ: vertices, polygons that refer to them, names of objects; no units.
 
-Objects (lines ``o``) become geometries of their own; groups and materials do not, as they colour pieces of
-one body. OBJ has no counts: a file that was cut exactly between two lines cannot be distinguished from a
-whole one unless a face refers to what is missing.
+Objects (lines ``o``) become geometries of separate geometries; groups and materials do not, as they colour
+pieces of one body. OBJ has no counts: a file truncated between two lines is only detected if a face refers to
+a missing vertex.
 """
 
 import re
@@ -22,12 +22,12 @@ _LOWER_DIMENSIONS = frozenset(["l", "p"])
 _NAMING = frozenset(("g", "o", "usemtl", "mtllib", "usemap", "maplib", "shadow_obj", "trace_obj"))
 _STRAY_SLASH = re.compile(r"\s/")
 _UNKNOWN = re.compile(r"(?!(?:call|csh)$|[vf][-+.\d])[a-zA-Z$!%&@/;*_][!-~]*")
-"""Statements to pass over; not those that take in other files, nor a vertex or face without its blank."""
+"""Statements to ignore; not those that include other files, nor a vertex or face without its blank."""
 _FREE_FORM = frozenset(["curv", "curv2", "surf", "bsp", "bzp", "cdc", "cdp", "res"])
 
 
 class _Lines:
-    """The lines that matter, sorted by what they are."""
+    """The relevant lines by kind."""
 
     def __init__(self, data: bytes) -> None:
         self.vertices: list[str] = []
@@ -61,7 +61,7 @@ class _Lines:
         if key in ("v", "f", "V", "F", "fo"):  # indented, with a tab, in capitals, or of the first version
             self._sort(line_id, f"{key[0].lower()} {rest[0] if rest else ''}")
         elif key == "o":
-            # A name may hold a #; a comment begins behind blank space.
+            # A name may contain a #; a comment begins after blank space.
             _, *name = re.split(r"\s#", line, maxsplit=1)[0].split(maxsplit=1)
             self.objects.append(name[0].strip() if name else "")
             self.object_starts.append(len(self.faces))
@@ -79,7 +79,7 @@ class _Lines:
 
 
 def _joined(lines: Iterable[tuple[int, str]]) -> Iterator[tuple[int, str]]:
-    """Put together lines of numbers that a backslash continues; comments and names may end in one."""
+    """Join lines of numbers that a backslash continues; comments and names may end in one."""
     pieces: list[str] = []
     for line_id, line in lines:
         continues = line.endswith("\\") and "#" not in line
@@ -99,15 +99,15 @@ def read_obj(source: Source) -> RawFile:
     if len(vertices) and not lines.faces:
         kind = "lines" if "l" in lines.others else "points"
         raise MeshFormatError(
-            f"it holds {len(vertices)} vertices and no faces, only {kind}: there is no surface"
+            f"it holds {len(vertices)} vertices and no faces, only {kind}: it has no surface"
         )
     faces, source_faces = _read_faces(lines, vertices)
-    notes = ["its points and lines were ignored: they enclose nothing"] if lines.others else []
+    notes = ["its points and lines were ignored: they enclose no volume"] if lines.others else []
     if lines.unknown and not lines.faces:
         raise MeshFormatError(f"{lines.unknown[0]}, which is not a statement of OBJ")
     if lines.unknown:
         count = len(lines.unknown)
-        notes.append(f"{count} of its lines are no statements of OBJ and were ignored: {lines.unknown[0]}")
+        notes.append(f"{count} of its lines are not statements of OBJ and were ignored: {lines.unknown[0]}")
     notes += text_rows.end_notes(source.data)
     return RawFile("OBJ", _split_objects(lines, vertices, faces, source_faces), notes=notes)
 
@@ -118,7 +118,7 @@ def read_obj_points(data: bytes) -> np.ndarray:
 
 
 def _read_vertices(lines: _Lines) -> np.ndarray:
-    """Positions; weights and colours may follow them."""
+    """Return positions; weights and colours may follow them."""
 
     def locate(row: int) -> str:
         return f"line {lines.vertex_lines[row]} (vertex {row + 1})"
@@ -170,7 +170,7 @@ def _read_faces(lines: _Lines, vertices: np.ndarray) -> tuple[np.ndarray, np.nda
 def _split_objects(
     lines: _Lines, vertices: np.ndarray, faces: np.ndarray, source_faces: np.ndarray
 ) -> list[RawMesh]:
-    """One mesh for each object that has faces; lines of one name belong together."""
+    """Return one mesh for each object with faces; lines of one name belong together."""
     names = ["", *lines.objects]
     ids = {name: k for k, name in enumerate(dict.fromkeys(names))}
     lengths = np.diff([0, *lines.object_starts, len(lines.faces)])
@@ -185,7 +185,7 @@ def _split_objects(
     ends = np.searchsorted(face_names[order], present, side="right")
     meshes = []
     for k, rows in zip(present, np.split(order, ends[:-1]), strict=True):
-        # Each object keeps its own vertices only, else a file of many objects would be copied many times.
+        # Each object keeps only its own vertices, else a file of many objects would be copied many times.
         used, local = np.unique(faces[rows], return_inverse=True)
         meshes.append(RawMesh(_decoded(known[k]), vertices[used], local.reshape(-1, 3), source_faces[rows]))
     return meshes

@@ -1,7 +1,7 @@
 """OFF: counts of vertices and polygons, then one row of each, as text or binary; no units.
 
-Rows are lines in nearly every file, though the format lets them run over lines: colours may then follow no
-polygon, as nothing says where they end.
+Rows are lines in nearly every file, though the format lets them run over lines: then colours must not follow
+polygons, as their end would be unknown.
 """
 
 import re
@@ -52,18 +52,18 @@ def read_off(source: Source) -> RawFile:
 
 
 def _content_lines(data: bytes) -> list[tuple[int, str]]:
-    """Lines that say something, comments removed, with their numbers from 1."""
+    """Return the lines that are not blank, comments removed, with their numbers from 1."""
     text = text_rows.as_text(data)
     return text_rows.numbered_lines(re.sub(r"#[^\n]*", "", text) if "#" in text else text)
 
 
 def _width(extras: Sequence[str | bytes | None]) -> int:
-    """Numbers of a vertex by the letters of the keyword."""
+    """Return the count of numbers of a vertex, by the letters of the keyword."""
     return 3 + sum(width for width, extra in zip(_WIDTHS, extras, strict=True) if extra)
 
 
 def _read_binary(data: bytes, start: int, width: int) -> RawMesh:
-    """All is big-endian; colours of any length follow the corners of each polygon."""
+    """Read big-endian data; colours of any length follow the corners of each polygon."""
     if len(data) < start + 12:
         raise MeshFormatError("it ends within its counts of vertices, faces and edges: it is cut off")
     vertex_count, face_count = np.frombuffer(data, _INT, 2, start).tolist()
@@ -81,7 +81,7 @@ def _read_binary(data: bytes, start: int, width: int) -> RawMesh:
 
 
 def _counts(lines: list[tuple[int, str]]) -> tuple[int, int, list[tuple[int, str]]]:
-    """Numbers of vertices and faces, and the words behind the counts where those are no line of their own."""
+    """Return the numbers of vertices and faces, and the words after the counts if those share a line."""
     words = [(lines[0][0], word) for word in lines[0][1].split()] if lines else []
     behind: list[tuple[int, str]] = []
     if len(words) not in (2, 3):
@@ -102,7 +102,7 @@ def _read_vertices(rows: list[str], line_ids: list[int]) -> np.ndarray:
         if table.shape[1] < 3:
             raise MeshFormatError(f"{locate(row_ids[0])} has {table.shape[1]} numbers, expected 3 or more")
     if len(groups) > 1:
-        # A polygon among the vertices, or a number torn in two.
+        # A polygon among the vertices, or a number split in two.
         groups.sort(key=lambda group: len(group[0]))
         (odd_ids, odd), (_, usual) = groups[0], groups[-1]
         raise MeshFormatError(
@@ -118,7 +118,7 @@ def _read_faces(rows: list[str], line_ids: list[int], vertices: np.ndarray) -> t
 
     pieces = []
     for row_ids, table in text_rows.read_rows(rows, locate):
-        # A colour may follow the corners, so the width says only the most that a polygon can have.
+        # A colour may follow the corners, so the width is only an upper limit of a polygon's size.
         counts = text_rows.as_integers(table[:, :1], text_rows.located_in(locate, row_ids))[:, 0]
         wrong = np.flatnonzero((counts < 0) | (counts > table.shape[1] - 1))
         if len(wrong):

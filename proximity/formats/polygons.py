@@ -1,10 +1,10 @@
 """Polygons to triangles, each with the row of the polygon that it came from.
 
-A polygon of n corners always gives n - 2 triangles that use its own corners and keep its sense of turning,
-also where it is concave. Corners on a straight side are legal and never cut into a triangle without area
-if that can be avoided: such a triangle would be dropped later and leave a hole.
+A polygon of n corners, convex or concave, always gives n - 2 triangles that use its corners and keep its
+orientation. Corners on a straight side are legal and never cut into a triangle without area if that can be
+avoided: such a triangle would be dropped later and leave a hole.
 
-Quadrilaterals are cut here, all at once; larger polygons by `manifold3d`, in the plane.
+Quadrilaterals are cut here, all together; larger polygons by `manifold3d`, in the plane.
 """
 
 from collections.abc import Callable
@@ -14,21 +14,21 @@ import numpy as np
 from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
 
-MOST_CORNERS = 20_000
-"""Of one polygon. Cutting takes up to the square of them: a second for a star of so many."""
-_LARGE, _MOST_IN_LARGE = 1000, 10 * MOST_CORNERS  # corners: of a large one, and of all of them
+MAX_CORNERS = 20_000
+"""Maximum size of a polygon. Cutting takes up to the square of it: a second for a star of this size."""
+_LARGE, _MAX_IN_LARGE = 1000, 10 * MAX_CORNERS  # corners: of a large one, and of all of them
 
 Piece = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Polygons that stood in rows of one width: polygon rows (n,), corner counts (n,), the rows (n, width)."""
+"""Polygons of rows of one width: polygon rows (n,), corner counts (n,), the rows (n, width)."""
 
 
 def assemble(
     vertices: np.ndarray, pieces: list[Piece], polygon_count: int, locate: Callable[[int], str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Put polygons in order, check them, and cut them into triangles.
+    """Sort polygons, check them, and cut them into triangles.
 
-    *vertices*: (V, 3). *pieces*: together every polygon once; what stands behind the corners in a row is
-    passed over. *locate*: polygon row -> where it is in the file.
+    *vertices*: (V, 3). *pieces*: together every polygon once; values after the corners in a row are ignored.
+    *locate*: polygon row -> its place in the file.
     """
     sizes = np.zeros(polygon_count, dtype=np.int64)
     for row_ids, counts, _ in pieces:
@@ -49,20 +49,20 @@ def check_polygons(
 ) -> None:
     """Raise if a polygon has too few or too many corners, or refers to a vertex that is not there.
 
-    *locate*: polygon row -> where it is in the file.
+    *locate*: polygon row -> its place in the file.
     """
     small = np.flatnonzero(sizes < 3)
     if len(small):
         raise MeshFormatError(f"{locate(int(small[0]))} has {sizes[small[0]]} corners, expected at least 3")
-    large = np.flatnonzero(sizes > MOST_CORNERS)
+    large = np.flatnonzero(sizes > MAX_CORNERS)
     if len(large):
         raise MeshFormatError(
-            f"{locate(int(large[0]))} has {sizes[large[0]]} corners, expected at most {MOST_CORNERS}"
+            f"{locate(int(large[0]))} has {sizes[large[0]]} corners, expected at most {MAX_CORNERS}"
         )
-    if sizes[sizes > _LARGE].sum() > _MOST_IN_LARGE:
+    if sizes[sizes > _LARGE].sum() > _MAX_IN_LARGE:
         raise MeshFormatError(
             f"its polygons of more than {_LARGE} corners have {sizes[sizes > _LARGE].sum()} together, "
-            f"expected at most {_MOST_IN_LARGE}"
+            f"expected at most {_MAX_IN_LARGE}"
         )
     outside = np.flatnonzero((corners < 0) | (corners >= vertex_count))
     if len(outside):
@@ -78,7 +78,7 @@ def triangulate(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cut polygons into triangles.
 
-    *vertices*: (V, 3); positions; those that are not finite are cut anyhow.
+    *vertices*: (V, 3); positions, which need not be finite.
     """
     source_faces = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes - 2)
     if (sizes == 3).all():
@@ -86,7 +86,7 @@ def triangulate(
     faces = np.empty((len(source_faces), 3), dtype=np.int64)
     first_corner = np.cumsum(sizes) - sizes
     first_face = np.cumsum(sizes - 2) - (sizes - 2)
-    # triangles and quadrilaterals all at once, the others one by one
+    # triangles and quadrilaterals together, the others one by one
     rows = np.flatnonzero(sizes == 3)
     faces[first_face[rows]] = corners[first_corner[rows, None] + np.arange(3)]
     rows = np.flatnonzero(sizes == 4)
@@ -99,8 +99,9 @@ def triangulate(
 
 
 def _cut_quads(vertices: np.ndarray, quads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Both triangles of each quadrilateral: from corner 0 to corner 2 where both halves turn the same way
-    then, else from corner 1 to corner 3."""
+    """Return both triangles of each quadrilateral: cut from corner 0 to corner 2 if both have one orientation
+    then, else from corner 1 to corner 3.
+    """
     if not len(quads):
         return np.empty((0, 3), dtype=np.int64), np.empty((0, 3), dtype=np.int64)
     with np.errstate(all="ignore"):
@@ -122,7 +123,7 @@ def _cut_rings(
     faces: np.ndarray,
     first_faces: np.ndarray,
 ) -> None:
-    """Cut polygons of any size into rows of *faces*, each from its first corner and its first face on.
+    """Cut polygons of any size into rows of *faces*, each from its first corner and its first face.
 
     Degenerate: one that crosses itself, or has no area, is cut into triangles that overlap, or have none.
     Cost: 0.1 ms for one of a few corners, 50 ms for a gear of 5 000.
@@ -136,7 +137,7 @@ def _cut_rings(
 
 
 def _flattened(points: np.ndarray) -> np.ndarray:
-    """The polygon in the plane, counter-clockwise: without the axis along which it has most area."""
+    """Return the polygon in the plane, counter-clockwise, without the axis of its largest area."""
     with np.errstate(all="ignore"):
         # in units of the polygon's own size, so that products neither overflow nor vanish
         centred = points - points.mean(axis=0)

@@ -1,8 +1,7 @@
 """STL files, binary (a count and fixed records) and text.
 
-Neither variant names units or shares vertices. The binary one is three lines of NumPy, and reading it here
-spares the time that importing trimesh takes. Text without normals or loops, or with more words, is left to
-trimesh.
+Neither variant names units or shares vertices. Reading the binary one takes three lines of NumPy and saves
+the time to import trimesh. Text without normals or loops, or with more words, is left to trimesh.
 """
 
 import re
@@ -23,14 +22,14 @@ from proximity.formats.format_detection import (
 
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
-# No anchor in front: with it the search takes a quarter of the whole reading.
+# No anchor at the start: with it the search takes a quarter of the whole reading.
 _SOLID_LINE = re.compile(r"solid\b[ \t]*([^\n]*)")
-_COMMENTS = re.compile(r"(\s|[#;!/][^\n]*\n)*")  # in front of the first solid
+_COMMENTS = re.compile(r"(\s|[#;!/][^\n]*\n)*")  # before the first solid
 _APART = re.compile(r"^([ \t]*end)[ \t]+(?=(?:solid|loop|facet)\b)", re.IGNORECASE | re.MULTILINE)
 _FACET_OR_VERTEX = re.compile(r"(?<!end)facet|vertex(?=(?:\s+[-+.\de]+){3}\s+[a-z])")
 
 # Each facet becomes one row of numbers: its words turn into marks, so that one strict reading of the table
-# checks that every word and every number stands where it belongs.
+# checks the position of every word and number.
 _FACET_MARK, _VERTEX_MARK, _END_MARK = 1.0, 2.0, 3.0
 _MARKED_COLUMNS = {0: _FACET_MARK, 4: _VERTEX_MARK, 8: _VERTEX_MARK, 12: _VERTEX_MARK, 16: _END_MARK}
 _FACET_COLUMNS = 17
@@ -59,7 +58,7 @@ def _read_binary(data: bytes) -> RawFile:
             f"it has {len(data)} bytes, but a binary STL file begins with {STL_HEADER_BYTES} bytes "
             "before its faces, and an ASCII one with the word solid"
         )
-    # Compared before anything is allocated: the count may claim four billion faces.
+    # Compared before any allocation: the count may claim four billion faces.
     claimed = stl_face_count(data)
     held, rest = divmod(len(data) - STL_HEADER_BYTES, STL_FACET_BYTES)
     if held != claimed:
@@ -97,7 +96,9 @@ def _read_ascii(data: bytes) -> RawFile:
 
 
 def _plain_facets(lowered: str) -> int:
-    """Number of facets if each has three vertices of three numbers, and all or none have each other word."""
+    """Return the number of facets if each has three vertices of three numbers, and all or none the other
+    words.
+    """
     found = "".join(word[0] for word in _FACET_OR_VERTEX.findall(lowered))
     count = len(found) // 4
     counts = {lowered.count(word) for word in ("normal", "outer", "endloop", "endfacet")}
@@ -119,9 +120,9 @@ def _read_solids(text: str, lowered: str) -> list[RawMesh]:
 
 
 def _solids(text: str, lowered: str) -> Iterator[tuple[str, slice]]:
-    """Name and body of each solid; nothing may stand outside of them."""
-    begin = None  # of the solid that is open
-    end = 0  # of what was looked at
+    """Yield name and body of each solid; raise for text outside of them."""
+    begin = None  # of the open solid
+    end = 0  # of the parsed text
     for line in _SOLID_LINE.finditer(lowered):
         closes = lowered.endswith("end", 0, line.start())
         start = line.start() - (3 if closes else 0)
@@ -145,13 +146,13 @@ def _check_blank(text: str) -> None:
 
 
 def _read_facets(body: str, first_row: int) -> np.ndarray:
-    """Corners of all facets of one solid, in lower case, as (3 F, 3) float64."""
+    """Return the corners of all facets of one solid, in lower case, as (3 F, 3) float64."""
     counts = {word: body.count(word) for word in ("normal", "outer", "endloop", "endfacet")}
     marked = body.replace("\n", " ")
     for word, mark in _WORDS:
         marked = marked.replace(word, mark)
     if "#" in marked or "(" in marked:
-        # how some compilers print a normal that is not a number
+        # the NaN of some compilers
         marked = re.sub(r"-?(nan|1\.)[#(]\w+\)?", "nan", marked)
     rows = marked.split("\n")
     if rows[-1].isspace() or not rows[-1]:
@@ -174,7 +175,7 @@ def _read_facets(body: str, first_row: int) -> np.ndarray:
 
 
 def _first_odd(groups: list[tuple[np.ndarray, np.ndarray]]) -> int:
-    """The first row that is not a facet; 0 where only the filling words are wrong."""
+    """Return the first row that is not a facet; 0 if only the filling words are wrong."""
     odd: list[int] = []
     for row_ids, table in groups:
         if table.shape[1] != _FACET_COLUMNS:

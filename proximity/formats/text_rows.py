@@ -1,7 +1,7 @@
 """Strict reader of rows of numbers in text.
 
-NumPy's loadtxt is as fast as its lenient fromstring, and refuses what is not a number; on a refusal the
-rows are walked once more to name the offender.
+NumPy's loadtxt is as fast as its lenient fromstring, and refuses non-numbers; on a refusal the rows are read
+again to name the offender.
 """
 
 from collections.abc import Callable
@@ -11,17 +11,17 @@ import numpy as np
 from proximity.errors import MeshFormatError
 
 LARGEST_EXACT_INTEGER = 2.0**53
-"""Indices are read as float64; up to here that loses nothing."""
+"""Indices are read as float64, which is exact up to here."""
 
 PADDING = b"\0\x1a \t\r\n"
-"""What may stand behind the end of a file: blanks, the end-of-file mark of CP/M and DOS, full blocks."""
+"""Allowed after the end of a file: blanks, the end-of-file mark of CP/M and DOS, full blocks."""
 
-MOST_COUNT_DIGITS = 18
-"""Of the number of rows that a file declares; that many fit into 64 bits."""
+MAX_COUNT_DIGITS = 18
+"""Digits of the number of rows that a file declares: these fit into 64 bits."""
 
 
 def read_rows(rows: list[str], locate: Callable[[int], str]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Rows of numbers, grouped by how many they have: row ids (n,) and table (n, k) of each width."""
+    """Return rows of numbers, grouped by width: row ids (n,) and table (n, k) of each."""
     if not rows:
         return []
     table = _uniform_table(rows)
@@ -39,7 +39,7 @@ def read_rows(rows: list[str], locate: Callable[[int], str]) -> list[tuple[np.nd
 
 
 def as_integers(values: np.ndarray, locate: Callable[[int], str]) -> np.ndarray:
-    """A table of whole numbers (n, k) as int64; *locate* says where a row is in the file."""
+    """Return a table of whole numbers (n, k) as int64; *locate* says where a row is in the file."""
     if values.dtype.kind in "iu" and values.dtype.itemsize < 8:
         return values.astype(np.int64)
     is_good = np.abs(values.astype(np.float64)) <= LARGEST_EXACT_INTEGER
@@ -54,12 +54,12 @@ def as_integers(values: np.ndarray, locate: Callable[[int], str]) -> np.ndarray:
 
 
 def _uniform_table(rows: list[str]) -> np.ndarray | None:
-    """All rows as one (n, k) table, or None where that is not possible."""
+    """Return all rows as one (n, k) table, or None."""
     try:
         table = np.loadtxt(rows, dtype=np.float64, comments=None, ndmin=2)
     except (ValueError, UserWarning):
         return None
-    # loadtxt passes over blank rows.
+    # loadtxt ignores blank rows.
     return table if len(table) == len(rows) else None
 
 
@@ -73,22 +73,22 @@ def _not_a_number(rows: list[str], locate: Callable[[int], str]) -> MeshFormatEr
     for row_id, word in words:
         if _uniform_table([word]) is None:
             return MeshFormatError(f"{locate(row_id)} has {shortened(word)}, expected a number")
-    return MeshFormatError("something in it is not a number")
+    return MeshFormatError("it contains a word that is not a number")
 
 
 def as_count(word: str) -> int | None:
-    """A number of rows, or None where *word* is none, or of more digits than any file has rows."""
-    return int(word) if word.isdecimal() and len(word) <= MOST_COUNT_DIGITS else None
+    """Return a number of rows, or None if *word* is not one or has too many digits."""
+    return int(word) if word.isdecimal() and len(word) <= MAX_COUNT_DIGITS else None
 
 
 def as_text(data: bytes) -> str:
-    """The text of a file, byte by byte; byte order mark and padding are taken off, and lines end with \\n."""
+    """Return the text of a file, byte by byte, without byte order mark and padding; lines end with \\n."""
     text = data.rstrip(PADDING).decode("latin-1").removeprefix("\xef\xbb\xbf")
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
 def numbered_lines(text: str, first: int = 1) -> list[tuple[int, str]]:
-    """Lines that are not blank, with their numbers in the file."""
+    """Return the lines that are not blank, with their numbers in the file."""
     return [
         (line_id, row) for line_id, row in enumerate(text.split("\n"), first) if row and not row.isspace()
     ]
@@ -97,7 +97,7 @@ def numbered_lines(text: str, first: int = 1) -> list[tuple[int, str]]:
 def regrouped(
     lines: list[tuple[int, str]], tables: list[tuple[int, list[bool]]]
 ) -> list[tuple[int, str]] | None:
-    """One row a line, of tables whose rows run over lines; None where the numbers do not come out even.
+    """Return tables whose rows run over lines with one row a line; None if the numbers do not fit.
 
     A table is its number of rows, and for each column whether it is a list with its length in front.
     """
@@ -117,21 +117,21 @@ def regrouped(
 
 
 def end_notes(data: bytes) -> list[str]:
-    """A note if the last line of a text file has no end: its last number may have lost digits.
+    """Return a note if the last line of a text file has no line end: its last number may have lost digits.
 
-    Many editors leave files like that, so that it is no error.
+    Many editors leave files like that, so that it is not an error.
     """
     has_end = data.rstrip(b"\0\x1a")[-1:] in (b"\n", b"\r")
     return [] if has_end else ["its last line has no end: it may have been cut off"]
 
 
 def located_in(locate: Callable[[int], str], row_ids: np.ndarray) -> Callable[[int], str]:
-    """*locate* for a table that holds only some of the rows."""
+    """Return *locate* for a table with only some of the rows."""
     return lambda row: locate(int(row_ids[row]))
 
 
 def shortened(word: str, length: int = 24) -> str:
-    """A word of a file, quoted, without control characters, no longer than a message can bear."""
+    """Return a word of a file, quoted, without control characters, shortened for a message."""
     return repr(word if len(word) <= length else word[:length] + "...")
 
 
@@ -142,5 +142,5 @@ def in_one_line(reason: Exception) -> str:
 
 
 def listed(names: list[str], most: int = 3) -> str:
-    """Return the first names of many, for a note, and how many there are besides."""
+    """Return the first names of many, for a note, and the number of the others."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

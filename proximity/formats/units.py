@@ -1,7 +1,7 @@
 """Units of length that a file or a caller may name, and the one that a file of an implausible size is in.
 
-A file that declares no unit is read in the one that the caller names. An inch file read as millimetres is
-the commonest mistake: parts are then 25.4 times too small, which nothing but their size can show.
+A file that declares no unit is read in the one that the caller names. An inch file read as millimetres is the
+commonest mistake: parts are then 25.4 times too small, which only their size can show.
 """
 
 import math
@@ -30,29 +30,29 @@ SYNONYMS |= {
     "micron": "um", "\N{GREEK SMALL LETTER MU}m": "um", "inch": "in", "inche": "in", "foot": "ft",
     "feet": "ft", "yard": "yd", "mile": "mi", "thou": "mil",
 }  # fmt: skip
-"""Other words for units, in small letters and without an s at the end."""
+"""Other words for units, in lower case and without a final s."""
 
 SMALLEST_PART = 0.0005
-"""m; a part is not likely to be smaller."""
+"""m; a smaller part is unlikely."""
 LARGEST_PART = 50.0
-"""m; a part is not likely to be larger."""
+"""m; a larger part is unlikely."""
 SMALL_FILE = 0.010
-"""m; a whole file below this that declares no unit is more often in inches than of so small parts."""
+"""m; a smaller whole file without a unit is more often in inches than of parts this small."""
 TYPICAL_PART = 0.1
-"""m; of parts that a hand touches."""
+"""m; of parts touched by hand."""
 UNLIKELY_RATIO, ALIKE = math.log(5.0), math.log(2.0)
-"""Of the sizes of part and scan: the ratio beyond which other units are tried, and the one of equal units."""
+"""Ratios of the sizes of part and scan: minimum for trying other units, and maximum for the chosen one."""
 UNIT_NAMES = {"mm": "millimetres", "in": "inches", "m": "metres", "um": "micrometres"}
 """Units that modelling programs commonly write."""
 
 
 def unit_name(name: str) -> str:
-    """Return the key of `UNITS` for a unit, also where it is spelt as a word or in capitals."""
+    """Return the key of `UNITS` for a unit, also if spelt as a word or in capitals."""
     if isinstance(name, str):
         word = name.casefold()
         if (unit := SYNONYMS.get(word.removesuffix("s"), word)) in UNITS:
             return unit
-    raise MeshError(f"there is no unit {name!r}, expected one of {', '.join(UNITS)}")
+    raise MeshError(f"unknown unit {name!r}, expected one of {', '.join(UNITS)}")
 
 
 def metres_per_unit(name: str) -> float:
@@ -61,10 +61,10 @@ def metres_per_unit(name: str) -> float:
 
 
 def likely_unit(size: float, units: str) -> str | None:
-    """Return the unit that makes a size most like that of a part, or None if no common unit makes it likely.
+    """Return the unit that makes a size most like a part's, or None if no common unit makes it likely.
 
-    *size*: longest side of a part's box, as it was read. *units*: in which it was read; a key of `UNITS`. It
-    is the answer where it suits as well as the others.
+    *size*: longest side of a part's box, as read. *units*: its unit, a key of `UNITS`; it is preferred if as
+    likely as the others.
     """
     if not 0.0 < size < math.inf:
         return None
@@ -78,7 +78,7 @@ def scan_unit(scan: Sequence[float], part: Sequence[float], units: str) -> str |
     """Return the unit in which a scan has the size of its part, or None if *units* are likely enough.
 
     *scan*, *part*: sides of boxes, m; the scan's as read in *units*. Scans of a region are smaller than their
-    part: therefore the two longest sides must differ by the factor of one unit.
+    part, so the two longest sides must differ by the factor of one unit.
     """
     ratios = [own / side if side > 0.0 else 0.0 for side, own in zip(sorted(scan), sorted(part), strict=True)]
     if not all(0.0 < ratio < math.inf for ratio in ratios[1:]) or abs(math.log(ratios[2])) < UNLIKELY_RATIO:
@@ -92,7 +92,7 @@ def scan_unit(scan: Sequence[float], part: Sequence[float], units: str) -> str |
 
 
 def size_notes(parts: Sequence[tuple[str, float]], whole: float, units: str, is_declared: bool) -> list[str]:
-    """Return a sentence about sizes that are not likely, with the likely unit; none where all are likely."""
+    """Return sentences about unlikely sizes, with the likely unit."""
     small = [part for part in parts if part[1] < SMALLEST_PART]
     large = [part for part in parts if part[1] > LARGEST_PART]
     what = []

@@ -1,9 +1,10 @@
-"""The processes in which libraries read what could crash them, or take time and memory without end.
+"""Processes in which libraries read files that could crash them, or take unlimited time and memory.
 
-A guard, and below it one that runs the library. Started by path, they import nothing of this package. Lines
-on standard input are JSON: first the settings of all tasks, then those of each task, which a line with its
-code answers. When the input ends, because the other process ends or is killed, the guard ends the work and
-removes its folder. A library may hold the interpreter's lock, so that a thread of its own process could not.
+A guard, and below it a worker that runs the library. Started by path, they import nothing from this package.
+Lines on standard input are JSON: first the settings of all tasks, then those of each task, which a line with
+its code answers. When the input ends, because the other process ends or is killed, the guard ends the work
+and removes its folder. A library may hold the interpreter's lock, so that a thread of its process could not
+do this.
 """
 
 import ctypes
@@ -20,12 +21,12 @@ from contextlib import suppress
 from typing import Any
 
 FAILED, NOT_INSTALLED, TOO_MUCH = 1, 3, 4
-"""Codes: an exception, which is printed; the library cannot be imported; a limit was passed."""
+"""Codes: an exception, which is printed; the library cannot be imported; a limit was exceeded."""
 _PR_SET_PDEATHSIG = 1  # of <sys/prctl.h>
 
 
 def guard() -> int:
-    """Have the work done within the limits; return the exit code."""
+    """Run the work within the limits; return the exit code."""
     line = sys.stdin.readline()
     settings, is_over = json.loads(line), threading.Event()
     command = [sys.executable, "-P", __file__, "work"]
@@ -39,7 +40,7 @@ def guard() -> int:
         return 1
     if code < 0 and -code not in (signal.SIGXCPU, signal.SIGKILL):
         with suppress(OSError):
-            os.kill(os.getpid(), -code)  # as it ended
+            os.kill(os.getpid(), -code)  # the same end
     return TOO_MUCH if code < 0 else code
 
 
@@ -59,17 +60,17 @@ def _pass_on(child: "subprocess.Popen[str]", seconds: float, is_over: threading.
 
 
 def work() -> int:
-    """Do tasks until there are no more; return the exit code."""
+    """Run tasks until the input ends; return the exit code."""
     settings = json.loads(sys.stdin.readline())
     sys.path[:] = settings["path"]
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Python's own would wait for the end of the work
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Python's would wait for the end of the work
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what libraries print
+    os.dup2(2, 1)  # output of libraries
     for line in sys.stdin:
         _limit(settings["seconds"], settings["bytes"])
         code = _done(TASKS[settings["task"]], json.loads(line))
         sys.stdout.flush()
-        ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fflush(None)  # what C printed
+        ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fflush(None)  # output of C
         print(code, file=answers, flush=True)
     return 0
 
@@ -87,7 +88,7 @@ def _done(task: Any, settings: dict[str, Any]) -> int:
 
 
 def _limit(seconds: int, byte_count: int) -> None:
-    """Limit time of all processors from now on and memory, and end with the guard, as far as possible."""
+    """Limit the processor time from now on and the memory, and end with the guard, as far as possible."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
     if sys.platform != "win32":
@@ -105,7 +106,7 @@ def _limit(seconds: int, byte_count: int) -> None:
 
 
 def _convert_step(settings: dict[str, Any]) -> int:
-    """Convert STEP to GLB; *include_brep*: every triangle says which CAD face it belongs to."""
+    """Convert STEP to GLB; *include_brep*: every triangle names its CAD face."""
     import cascadio
 
     return cascadio.step_to_glb(
@@ -130,7 +131,7 @@ def _load_by_trimesh(settings: dict[str, Any]) -> int:
 
 
 def _unpack_draco(settings: dict[str, Any]) -> int:
-    """Unpack streams: identifiers of positions, then as many arrays of bytes; write faces and positions."""
+    """Unpack streams: identifiers of positions, then equally many byte arrays; write faces and positions."""
     import DracoPy
     import numpy as np
 

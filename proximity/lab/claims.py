@@ -38,18 +38,18 @@ SHAKING = 0.1  # N rms
 GLOVE = Glove()
 DRUM = GLOVE.tip_drum()
 CABLE = TipCable.of(GLOVE)
-GEARINGS = (2, 4, 6, 8, 10, 12, 14, 16, 20)  # in all, of which the least is looked for
+GEARINGS = (2, 4, 6, 8, 10, 12, 14, 16, 20)  # total ratios; the smallest that suffices is searched
 NEAR_FLOOR = 0.01  # of force error, above a drum that never moves
-FREE = 0.010  # s before the touch, until when the finger is free
-STIFFEST_CABLE = 1e6  # N/m, as good as rigid
-RESTED = 0.5  # s of hold, after which the slowest compensation is through
+FREE = 0.010  # s before the touch, the end of free motion
+STIFFEST_CABLE = 1e6  # N/m, practically rigid
+RESTED = 0.5  # s of hold, after which the slowest compensation has settled
 SYMBOLS = (
     "x_f: compression of the fingertip on a real wall; x_s: how deep the finger enters the simulated one.",
     "k_f: stiffness of the fingertip; k_eq: that of fingertip and wall in series.",
     "Numbers in brackets after a claim are the paper's equations; 5a to 5h are its figures.",
 )
 HOW = "All of this comes from models of this project; nothing was measured on hardware or with people."
-SMOOTH_STOP = 26.0 / 35.0  # of the damper's loss: the mean of the speed that is left over the way of a press
+SMOOTH_STOP = 26.0 / 35.0  # of the damper's loss: mean share of the speed over the path of a press
 PAIR = sampled_mass.Gains(3900.0, 60.0)  # the paper's
 
 
@@ -57,13 +57,13 @@ PAIR = sampled_mass.Gains(3900.0, 60.0)  # the paper's
 class Claim:
     """One claim of the paper."""
 
-    paper: str  # what it says
+    paper: str  # the paper's statement
     holds: str  # ``yes``, ``yes, if`` or ``no``
-    here: str  # what comes out here; after ``yes, if`` it begins with the condition
+    here: str  # the result here; after ``yes, if`` it begins with the condition
 
 
 def claims() -> list[Claim]:
-    """Return every claim with figures that are computed now; takes a few seconds."""
+    """Return every claim with newly computed figures; takes a few seconds."""
     return [claim() for claim in _CLAIMS]
 
 
@@ -85,7 +85,7 @@ def _stiffest() -> Claim:
     )
 
 
-def _most_damping() -> Claim:
+def _max_damping() -> Claim:
     largest = largest_damping(sampled_mass.SampledMass())
     return Claim(
         "60 N s/m is the largest damping",
@@ -311,7 +311,7 @@ def _load() -> Claim:
 
 
 _CLAIMS: tuple[Callable[[], Claim], ...] = (
-    _exact_match, _exact_match_by_cable, _gearing, _delay, _transparency, _load, _stiffest, _most_damping,
+    _exact_match, _exact_match_by_cable, _gearing, _delay, _transparency, _load, _stiffest, _max_damping,
     _love_and_book, _steady_excess, _energy, _late_force, _penetration, _longer, _operator, _soft, _slow,
 )  # fmt: skip
 
@@ -328,20 +328,20 @@ def _figure(name: str) -> figure_5.Comparison:
 
 
 def _half_times(name: str) -> tuple[float, float]:
-    """Times at which half of the steady force of 5c and 5h is reached and lost, s."""
+    """Return the times at which half of the steady force of 5c and 5h is reached and lost, s."""
     times, force = _curve(name)
     rows = np.flatnonzero(force >= 0.5 * _figure(name).steady)
     return float(times[rows[0]]), float(times[rows[-1]])
 
 
 def _reported(latency: float) -> list[Decaff]:
-    """Gloves that are told so late, with the wall at random within a count of the encoder."""
+    """Return gloves with this latency, with the wall at random within a count of the encoder."""
     sensing = Sensing(latency=latency)
     return [Decaff(drum, sensing=sensing) for drum in with_random_phases(DRUM, PHASES)]
 
 
 def _geared(ratio: float) -> Drum:
-    """The motor of our drum behind another gear, which loses and weighs nothing."""
+    """Return the drum's motor behind another gear without losses or mass."""
     return replace(with_random_phases(DRUM, 1)[0], gear=Gear(f"{ratio:g}:1", ratio))
 
 
@@ -350,19 +350,19 @@ def _percents(errors: np.ndarray) -> str:
 
 
 def _rest_with_play() -> float:
-    """Force at rest less the real wall's, N, where the gear's backlash is unknown and nothing takes it up."""
+    """Return the force at rest less the real wall's, N, if the gear's backlash is unknown and untaken."""
     sensing = Sensing(latency=0.001, bias=DRUM.play)
     press = HAND.press(0.1, hold=RESTED)
     return deviation(decaff(HAND, press, replace(_reported(0.001)[0], sensing=sensing))).steady_error
 
 
 def _built(latency: float, stretch: Stretch) -> list[Decaff]:
-    """The same with cable, sheath, potentiometer, winding and current loop."""
+    """Return the same with cable, sheath, potentiometer, winding and current loop."""
     return [with_transmission(glove, CABLE, stretch) for glove in _reported(latency)]
 
 
 def _rest(stretch: Stretch) -> float:
-    """Force at rest less the real wall's, N: the largest difference over all phases of the encoder."""
+    """Return the force at rest less the real wall's, N: the largest difference over all encoder phases."""
     press = HAND.press(0.1, hold=RESTED)
     found = [deviation(decaff(HAND, press, glove)).steady_error for glove in _built(0.001, stretch)]
     return max(found, key=abs)
@@ -373,13 +373,13 @@ def _two_digits(number: float) -> str:
 
 
 def _largest_error(speed: float, latency: float, target: Target) -> float:
-    """Largest force error over all phases of the encoder."""
+    """Return the largest force error over all phases of the encoder."""
     press = HAND.press(speed)
     return max(_error(decaff(HAND, press, glove, target)) for glove in _reported(latency))
 
 
 def _shaking() -> tuple[float, float]:
-    """Least latency, in tenths of a millisecond, from which on a naive drum shakes, s, and by how much, N."""
+    """Return the minimum latency, within 0.1 ms, at which a naive drum shakes, s, and the amplitude, N."""
     for tenths in range(11):
         press, gloves = HAND.press(0.5), _reported(1e-4 * tenths)
         ripple = max(deviation(decaff(HAND, press, glove, Target.NAIVE)).ripple for glove in gloves)

@@ -1,4 +1,4 @@
-"""One press on a CAD part: with the engine in the loop, with the ideal distance, and on the real surface."""
+"""Press on a CAD part: with the engine in the loop, with the ideal distance, and on the real surface."""
 
 import math
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ def simulate_on_part(
 
 
 def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
-    """Return in words what was pressed on, by whom, and what informed the drum."""
+    """Return a description of the press: part, hand, and source of the drum's data."""
     press = simulation.engine
     finger, setup, part = press.finger, press.setup, press.finger.scene.parts[press.finger.part]
     surface = "rigid" if part.stiffness is None else f"{part.stiffness:g} N/m, {part.damping:g} N·s/m"
@@ -85,7 +85,7 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
 
 
 def _displayed(part: Part, setup: EngineSetup) -> str | None:
-    """What the controller displays of a part that is too stiff for it, in words; None of others."""
+    """Return a text about the displayed surface of a part too stiff for the controller; None of others."""
     if setup.reading is not None or part.stiffness is None:
         return None
     stiffness, _ = SurfaceLaw(ControllerSettings(SERVO_RATE)).displayed(part.stiffness, part.damping or 0.0)
@@ -95,7 +95,7 @@ def _displayed(part: Part, setup: EngineSetup) -> str | None:
 
 
 def document(simulation: PartSimulation) -> dict[str, Any]:
-    """Return all that is reported of a press, as plain values in SI units."""
+    """Return the reported values of a press, as plain values in SI units."""
     press = simulation.engine
     finger, setup = press.finger, press.setup
     names = ("engine", "ideal", "real")
@@ -125,7 +125,7 @@ def document(simulation: PartSimulation) -> dict[str, Any]:
 
 
 def numbers(simulation: PartSimulation) -> Table:
-    """Return the press about every 0.1 ms, with the ideal distance and on the real wall beside it."""
+    """Return the press every 0.1 ms or so, with the ideal distance and on the real wall."""
     engine, ideal = simulation.engine, simulation.ideal.response
     return curves(engine.response, engine.real, has_drum=True, ideal=ideal)
 

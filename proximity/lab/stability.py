@@ -1,4 +1,4 @@
-"""Stability of sampled and delayed walls: on a free mass, and under a device that hangs on a finger.
+"""Stability of sampled and delayed walls: on a free mass, and under a device carried by a finger.
 
 A mass feels a force that is held for a period and was computed from positions some samples old; the damping
 is from the difference of two of them. Equation (1) itself has one sample of delay. With a = k T²/2m and
@@ -6,8 +6,8 @@ b = B T/2m the characteristic polynomial is z^(d+1) (z-1)² + (z+1) ((a+b) z - b
 for a = 2 tan²h cos((2d+2)h), b = tan h sin((2d+2)h) - a/2; the stable region is what this curve and a = 0
 enclose for h from 0 to pi/(4(d+1)).
 
-A device that hangs on a finger is a mass with a damper; behind it come pad, finger and hand. The loop of a
-spring is lost at the least stiffness for which, felt late, it takes away what all these resist with.
+A device carried by a finger is a mass with a damper, connected to pad, finger and hand. The loop of a spring
+becomes unstable at the smallest stiffness whose delayed force cancels their resistance.
 """
 
 import math
@@ -30,7 +30,7 @@ from proximity.lab.simulation.devices import COUPLED_DEVICE, CoupledWall, Hand, 
 
 
 class Verdict(StrEnum):
-    """Why a sampled wall is stable or not: what Love and Book say destabilises it."""
+    """Reason why a sampled wall is stable or not: the causes of instability of Love and Book."""
 
     STABLE = "stable"
     TOO_STIFF = "too stiff for any damping"
@@ -41,7 +41,7 @@ class Verdict(StrEnum):
 def boundary(device: SampledMass, count: int = 400) -> tuple[np.ndarray, np.ndarray]:
     """Return the edge of the stable region: stiffness (count,), N/m, and damping (count,), N·s/m.
 
-    *count*: how many points, from no stiffness and no damping to no stiffness and the largest damping.
+    *count*: number of points, from no stiffness and no damping to no stiffness and the largest damping.
     """
     half_angle = np.linspace(0.0, device.last_half_angle, whole("count", count, 2))
     a, b = edge_at(device, half_angle)
@@ -54,7 +54,7 @@ def largest_damping(device: SampledMass) -> float:
 
 
 def verdict(device: SampledMass, gains: Gains) -> Verdict:
-    """Return whether a wall is stable, and if not, what is wrong with it."""
+    """Return whether a wall is stable, and if not, the cause."""
     low, high = damping_window(device, gains.stiffness)
     damping = finite("damping", gains.damping, "newton seconds a metre")
     if math.isnan(low):
@@ -89,9 +89,9 @@ FREQUENCY_TOLERANCE = 1e-12  # rad/s
 
 
 def device_resistance(hand: Hand, device: Link, s: ArrayLike) -> np.ndarray:
-    """Return the force over the displacement of a device that hangs on a finger, (...) complex, N/m.
+    """Return the force over the displacement of a device carried by a finger, (...) complex, N/m.
 
-    *device*: mass and damping; what it touches is not looked at. *s*: (...) complex, rad/s.
+    *device*: mass and damping; its contact is ignored. *s*: (...) complex, rad/s.
     """
     s = np.asarray(s)
     finger = hand.finger_mass * s**2 + hand.damping * s + hand.stiffness
@@ -100,9 +100,9 @@ def device_resistance(hand: Hand, device: Link, s: ArrayLike) -> np.ndarray:
 
 
 def critical_stiffness(hand: Hand, device: Link, delay: float) -> float:
-    """Return the stiffness up to which a device rests on an undamped spring that is felt late, N/m.
+    """Return the stiffness up to which a device rests on an undamped spring with a delay, N/m.
 
-    *delay*: of the spring's force, in all: latency, and half a period of sampling and holding.
+    *delay*: total, of the spring's force: latency, and half a period of sampling and holding.
     """
     positive("delay", delay, "seconds")
 
@@ -124,7 +124,7 @@ def critical_stiffness(hand: Hand, device: Link, delay: float) -> float:
 def rests_on(hand: Hand, wall: CoupledWall, device: Link = COUPLED_DEVICE) -> bool:
     """Return whether a finger comes to rest on a sampled wall, by the eigenvalues of the loop.
 
-    *wall*: its latency is rounded to whole samples, and the steps of its encoder are not looked at.
+    *wall*: its latency is rounded to whole samples, and the steps of its encoder are ignored.
 
     Notes
     -----
@@ -133,7 +133,7 @@ def rests_on(hand: Hand, wall: CoupledWall, device: Link = COUPLED_DEVICE) -> bo
     """
     moved, pushed = _sampled(hand, device, 1.0 / wall.rate)
     delay, size = round(wall.latency * wall.rate), len(pushed)
-    # The state: of device and finger now, and the device's positions of the samples before.
+    # The state: of device and finger now, and the device's positions at earlier samples.
     loop = np.zeros((size + delay + 1, size + delay + 1))
     position = np.eye(len(loop))[[0, *range(size, len(loop))]]  # now, one sample ago, and so on
     damping = wall.damping * wall.rate
@@ -145,7 +145,7 @@ def rests_on(hand: Hand, wall: CoupledWall, device: Link = COUPLED_DEVICE) -> bo
 
 
 def _sampled(hand: Hand, device: Link, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """Step of device and finger over a period, (4, 4), and what 1 N on the device adds to it, (4,).
+    """Return the step of device and finger over a period, (4, 4), and the effect of 1 N on the device, (4,).
 
     The state is position and speed of the device, then those of the finger: m, m/s.
     """

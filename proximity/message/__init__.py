@@ -1,8 +1,8 @@
 """Messages: frames of contacts for the drum's controller, the inputs of a service, and its description.
 
 Fixed NumPy structured types, little-endian, every field on a multiple of its size, sizes multiples of eight,
-lengths in metres, times in int64 nanoseconds of one monotonic clock. What the tracker fills is what travels
-and what a log holds, byte for byte.
+lengths in metres, times in int64 nanoseconds of one monotonic clock. Tracker, transports and logs share this
+layout, byte for byte.
 """
 
 from proximity.message.changes import (

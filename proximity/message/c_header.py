@@ -1,7 +1,7 @@
 """The C and C++ header ``proximity_message.h``, generated from the tables of the NumPy types.
 
-The header needs the standard library's types only, so that a microcontroller needs nothing else: structures,
-numbers, and a function that tells whether bytes are a frame.
+It needs only types of the standard library, also on a microcontroller: structures, numbers, and a function
+that validates bytes as a frame.
 """
 
 import ast
@@ -60,9 +60,9 @@ RECORDS = {
     "description_header": ("The header of a description; `count` labels follow.", DESCRIPTION_FIELDS),
     "label": ("One part or finger of a description.", LABEL_FIELDS),
 }
-"""What messages are made of: name, what it is, fields."""
+"""Records of messages: name, description, fields."""
 NAMES_IN_C = {"pose": "finger_pose", "move": "part_move"}
-"""Of records whose names the library in C has for others."""
+"""Names of records whose own have another meaning in the C library."""
 KINDS = (
     FRAME, POSES, PATH_POSES, GLOVE_POSES, MOVES, MEASURED, CHANGES, ADDITIONS, DEFORMATIONS, DESCRIPTION,
 )  # fmt: skip
@@ -77,17 +77,17 @@ ENUMS: dict[str, type[Enum]] = {
 SENT = (
     "pose", "path_pose", "glove_pose", "move", "measurement", "addition", "deformation",
 )  # fmt: skip
-"""Records with reals that others send to a service: they begin as not given, see `blank_of`."""
+"""Records with reals that clients send to a service: initially unset, see `blank_of`."""
 ZEROS = {("addition", name) for name in ADDITIONS.zeros}
 WIDTH = 100
 CRC_POLYNOMIAL = 0xEDB88320
-"""Of the CRC-32, lowest bit first."""
+"""Polynomial of the CRC-32, lowest bit first."""
 _C_TYPES = {"u1": "uint8_t", "u2": "uint16_t", "u4": "uint32_t", "u8": "uint64_t"}
 _C_TYPES |= {"i4": "int32_t", "i8": "int64_t", "f8": "double"}
 
 
 def header_text() -> str:
-    """The text of ``proximity_message.h``, in ASCII."""
+    """Return the text of ``proximity_message.h``, in ASCII."""
     kinds = {
         "VERSION": str(VERSION),
         "MAX_RECORDS": str(MAX_RECORDS),
@@ -113,14 +113,14 @@ def header_text() -> str:
 
 
 def meanings_of(values: type[Enum]) -> dict[str, str]:
-    """Meanings of an enumeration's members: the texts below them in its source; empty where there is none."""
+    """Return the descriptions of an enumeration's members: the texts below them in its source, or ""."""
     (definition,) = ast.parse(inspect.getsource(values)).body
     assert isinstance(definition, ast.ClassDef)
     return dict.fromkeys(values.__members__, "") | _texts_below(definition.body)
 
 
 def _texts_below(statements: Sequence[ast.stmt]) -> dict[str, str]:
-    """The texts below assignments, by the names that are assigned."""
+    """Return the texts below assignments, by the assigned names."""
     texts = {}
     for statement, below in pairwise(statements):
         is_text = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
@@ -132,7 +132,7 @@ def _texts_below(statements: Sequence[ast.stmt]) -> dict[str, str]:
 def structure(
     name: str, record: np.dtype, declared: Mapping[str, np.dtype], passed: Iterable[str] = ()
 ) -> str:
-    """The declaration of a record in C: of numbers of eight bytes, and of records that are *declared* before.
+    """Return the declaration of a record in C: of numbers of eight bytes, and of records *declared* before.
 
     Fields of *passed* are other names for bytes of others.
     """
@@ -146,7 +146,7 @@ def structure(
 
 
 def c_type(field: Field) -> str:
-    """The type of a field in C, such as ``double[3]``."""
+    """Return the type of a field in C, such as ``double[3]``."""
     numbers = np.dtype(field.type)
     if numbers.kind == "S":
         return f"char[{numbers.itemsize}]"
@@ -154,7 +154,7 @@ def c_type(field: Field) -> str:
 
 
 def record_name(name: str) -> str:
-    """The name of a record in C."""
+    """Return the name of a record in C."""
     return f"proximity_{NAMES_IN_C.get(name, name)}"
 
 
@@ -173,7 +173,7 @@ def _limits() -> Iterator[str]:
 
 
 def enum_text(name: str, values: type[Enum]) -> str:
-    """An enumeration in C. Members whose values are words are numbered in their order.
+    """Return an enumeration in C. Members with text values are numbered in order.
 
     *values*: with a text below each member that needs one.
     """
@@ -193,7 +193,7 @@ def _flaws() -> Iterator[str]:
 
 
 def _record(name: str, what: str, fields: Sequence[Field]) -> str:
-    """A structure, each field with its unit and meaning."""
+    """Return a structure, each field with its unit and meaning."""
     size = dtype_of(fields).itemsize
     lines = comment_lines(f"{what} {size} bytes.", "")
     own = record_name(name)
@@ -207,12 +207,12 @@ def _record(name: str, what: str, fields: Sequence[Field]) -> str:
 
 
 def is_nan(name: str, field: Field) -> bool:
-    """Whether a field of that record begins as nan."""
+    """Return whether a field of a record is initially nan."""
     return field.type.endswith("f8") and (name, field.name) not in ZEROS
 
 
 def _first(name: str, field: Field) -> str:
-    """What a field that is not given begins as in C; of many rows the first, which says it of all."""
+    """Return the initial value of an unset field in C; of many rows the first, which stands for all."""
     if not is_nan(name, field):
         return "{0.0, 0.0, 0.0}" if (name, field.name) in ZEROS else ""
     if field.shape == ROTATION:
@@ -252,7 +252,7 @@ def _assertions() -> Iterator[str]:
 
 
 def _crc_table() -> str:
-    """Table of the checksum for four bits at a time."""
+    """Return the table of the checksum for four bits at a time."""
     table = []
     for bits in range(16):
         for _ in range(4):
@@ -262,7 +262,7 @@ def _crc_table() -> str:
 
 
 def comment_lines(text: str, indent: str) -> list[str]:
-    """Lines of a C comment, in ASCII."""
+    """Return the lines of a C comment, in ASCII."""
     text = text.replace("``", "`").replace("…", "...").replace("²", "2")
     lines = textwrap.wrap(text, WIDTH - len(indent) - 6)
     if len(lines) == 1:

@@ -1,7 +1,7 @@
-"""Changes of a served scene: parts that are hidden, shown, removed, added or deformed by another program.
+"""Changes of a served scene: parts hidden, shown, removed, added or deformed by another program.
 
-They travel as the other inputs of a service do. A part is named, not numbered: numbers change with the epoch,
-names do not. What one message says is done as a whole or, if some of it cannot be, not at all.
+They use the same transports as other inputs. Parts are named, not numbered: numbers change with the epoch,
+names do not. A message takes effect completely or, if part of it is invalid, not at all.
 """
 
 from enum import IntEnum
@@ -11,23 +11,23 @@ from proximity.message.fields import VECTOR, Field, dtype_of, reserved
 from proximity.message.inputs import INPUT_HEADER
 
 NAME_BYTES = 64
-"""Of the name of a part or finger, in UTF-8. A part with a longer name cannot be changed by messages."""
+"""Maximum size of a part's or finger's name in UTF-8. Messages cannot change a part with a longer name."""
 BLOCK_VERTICES = 64
 """Vertices in a record of a ``deformations`` message. Over UDP a message has 40 records at most, which are
 2560 vertices; elsewhere 4096, which are 262 144."""
 
 
 class PartAction(IntEnum):
-    """What is to be done."""
+    """Action on a part."""
 
     HIDE = 0
-    """No question finds the part until it is shown."""
+    """No query finds the part until it is shown."""
     SHOW = 1
-    """Questions find the part again."""
+    """Queries find the part again."""
     REMOVE = 2
-    """The part is taken out of the scene."""
+    """The part is removed from the scene."""
     DESCRIBE = 3
-    """Nothing changes, and no part is named: the service publishes its description now."""
+    """No change, and no part is named: the service publishes its description now."""
 
 
 CHANGE_FIELDS = (
@@ -53,7 +53,7 @@ ADDITION = dtype_of(ADDITION_FIELDS)
 DEFORMATION_FIELDS = (
     Field("name", f"S{NAME_BYTES}", "", "of the part, UTF-8; the same in all records of a message"),
     Field("first", "<u4", "", "row of the first vertex of this record: 0, 64, 128, …"),
-    Field("vertex_count", "<u4", "", "of the whole part; what is beyond it in the last record is ignored"),
+    Field("vertex_count", "<u4", "", "of the whole part; further rows of the last record are ignored"),
     Field("vertices", "<f8", "m", "from now on, in the part's frame", (BLOCK_VERTICES, 3)),
 )
 DEFORMATION = dtype_of(DEFORMATION_FIELDS)
@@ -62,5 +62,5 @@ DEFORMATION = dtype_of(DEFORMATION_FIELDS)
 CHANGES = Kind("changes", 0x43434544, INPUT_HEADER, CHANGE, sent="send_ns")  # "DECC"
 ADDITIONS = Kind(
     "additions", 0x41434544, INPUT_HEADER, ADDITION, sent="send_ns", zeros=("translation",)
-)  # "DECA"; a file that is not placed is where it was drawn
+)  # "DECA"; a file without a pose keeps its own coordinates
 DEFORMATIONS = Kind("deformations", 0x56434544, INPUT_HEADER, DEFORMATION, sent="send_ns")  # "DECV"

@@ -1,4 +1,4 @@
-"""The record of one finger's answer at a tick, as it is kept, logged and published.
+"""Record of one finger's answer at a tick, as stored, logged and published.
 
 One record is `CONTACT`. Kernels write `kernels.contact_record`; a test compares both.
 """
@@ -16,7 +16,7 @@ from proximity.message.fields import VECTOR, Field, dtype_of
 
 
 class ContactFlag(IntFlag):
-    """What is known about a finger at this tick; a set of bits in ``contacts["flags"]``."""
+    """State of a finger's answer at this tick; a set of bits in ``contacts["flags"]``."""
 
     TRACKED = contact_record.TRACKED
     """The finger had a position at this tick. Otherwise the bounds are -inf and inf."""
@@ -25,11 +25,11 @@ class ContactFlag(IntFlag):
     EXACT = contact_record.EXACT
     """lower = signed_distance = upper."""
     BOUNDED = contact_record.BOUNDED
-    """The work budget ran out, or a part moves and its pose is of another instant: the bounds hold, the
-    distance is the nearest surface found so far."""
+    """The work budget was exhausted, or a part moves and its pose is of another instant: the bounds hold, the
+    distance is the nearest surface found."""
     SKIPPED = contact_record.SKIPPED
-    """No search was made: the finger is outside the working range, within the tolerance, or the budget of
-    all fingers was used up. The bounds follow from the last search and from the motion of finger and parts
+    """No search was made: the finger is outside the working range, within the tolerance, or the budget of all
+    fingers was exhausted. The bounds follow from the last search and from the motion of finger and parts
     since."""
     SIGNED = contact_record.SIGNED
     """Inside or outside is known. Otherwise the distance has no sign, because the nearest part has no
@@ -44,25 +44,25 @@ class ContactFlag(IntFlag):
     """The pose is farther from the previous one than a hand can move, or of an earlier instant. The velocity
     is reset; after a jump of one or two poses it continues."""
     ON_PATH = contact_record.ON_PATH
-    """The predicted contact lies on the given path. The time to contact does as well, if the finger is
-    closing (``bend_rate`` is positive)."""
+    """The predicted contact is on the given path. The time to contact is as well, if the finger is closing
+    (``bend_rate`` is positive)."""
     CONTACT_FOUND = contact_record.CONTACT_FOUND
     """The position of the contact on the path is confirmed within ``contact_bend_error``."""
 
     @classmethod
     def _missing_(cls, value: Any) -> Any:
-        """Take the NumPy integer of a record as well."""
+        """Accept the NumPy integer of a record as well."""
         return super()._missing_(operator.index(value))
 
 
 TRACKED_BIT, PREDICTED_BIT, BOUNDED_BIT = (
     np.uint32(flag) for flag in (ContactFlag.TRACKED, ContactFlag.PREDICTED, ContactFlag.BOUNDED)
 )
-"""As NumPy numbers: an operation with an IntFlag takes ten times as long."""
+"""Flags as NumPy numbers: an operation with an IntFlag takes ten times as long."""
 
 
 class Surface(IntEnum):
-    """How a part reacts to a touch."""
+    """Response of a part to contact."""
 
     UNKNOWN = contact_record.SURFACE_UNKNOWN
     RIGID = contact_record.SURFACE_RIGID
@@ -70,16 +70,16 @@ class Surface(IntEnum):
 
 
 class Mode(IntEnum):
-    """Advice for the controller of the drum; the less is known, the more cautious."""
+    """Advice for the controller of the drum; with less information it is more cautious."""
 
     RETRACT = contact_record.MODE_RETRACT
-    """Nothing is expected to be touched within the horizon."""
+    """No contact is expected within the horizon."""
     POSITION = contact_record.MODE_POSITION
     """A rigid surface is near or touched: the drum is at the position of the contact."""
     FORCE = contact_record.MODE_FORCE
     """A deformable surface is near or touched: the drum presses by the surface's law."""
     HOLD = contact_record.MODE_HOLD
-    """Nothing is known of the finger."""
+    """The state of the finger is unknown."""
 
 
 CONTACT_FIELDS = (
@@ -100,7 +100,7 @@ CONTACT_FIELDS = (
         "normal",
         "<f8",
         "",
-        "unit, outward: steepest increase of the signed distance; 0 where there is none",
+        "unit, outward: steepest increase of the signed distance; 0 if undefined",
         VECTOR,
     ),
     Field("part_velocity", "<f8", "m/s", "of the part at point_on_part", VECTOR),
@@ -119,7 +119,7 @@ CONTACT_FIELDS = (
         "time_to_contact_lower",
         "<f8",
         "s",
-        "from pose_ns: certainly no surface is touched before, as long as velocities stay constant "
+        "from pose_ns: certainly no surface is touched before, while velocities stay constant "
         "or the finger "
         "stays on its path",
     ),
@@ -127,11 +127,11 @@ CONTACT_FIELDS = (
         "bend",
         "<f8",
         "",
-        "of the finger at pose_ns, 0 to 1: where on its path it is, or as given; nan: not known",
+        "of the finger at pose_ns, 0 to 1: on its path, or as given; nan: not known",
     ),
     Field("bend_rate", "<f8", "1/s", "of bend; nan: not known"),
-    Field("contact_bend", "<f8", "", "where on the path it touches first; nan if it does not"),
-    Field("contact_bend_error", "<f8", "", "contact_bend is no farther from the true one than this"),
+    Field("contact_bend", "<f8", "", "first contact on the path; nan if there is none"),
+    Field("contact_bend_error", "<f8", "", "maximum error of contact_bend"),
     Field("contact_bend_rate", "<f8", "1/s", "drift of contact_bend as the part moves; nan: not known"),
     Field("stiffness", "<f8", "N/m", "of a deformable part"),
     Field("damping", "<f8", "N s/m", "of a deformable part"),
@@ -158,7 +158,7 @@ ContactField = Literal[
 
 
 class Contact(np.void):  # type: ignore[misc]  # NumPy's own `record` is made so
-    """A record of `CONTACT`, which shows what matters most of it."""
+    """A record of `CONTACT`, with a short representation."""
 
     if TYPE_CHECKING:
 
@@ -182,14 +182,14 @@ SHOWN_FIELDS: tuple[ContactField, ...] = (
 )
 """Of a record that shows itself; with mode and flags."""
 FEW_CONTACTS = 10
-"""Records that an array of them shows."""
+"""Records shown in the representation of an array."""
 
 CONTACT = np.dtype((Contact, dtype_of(CONTACT_FIELDS)))
 """One finger at one tick, 328 bytes."""
 
 
 class Contacts(np.ndarray):
-    """An array of `CONTACT`, which shows itself without its dtype; a field of it is a plain array."""
+    """An array of `CONTACT` whose representation omits its dtype; a field of it is a plain array."""
 
     if TYPE_CHECKING:
 

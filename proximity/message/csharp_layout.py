@@ -1,7 +1,7 @@
-"""The layout of messages for C#, made of the same tables as the NumPy types and the C header.
+"""Layout of messages for C#, generated from the tables of the NumPy types.
 
-Structures with explicit offsets and without references, so that bytes that arrived can be looked at as they
-are. Three numbers are a ``ProximityVector``; more, and text, are fixed buffers, row by row.
+Structures with explicit offsets and without references, so that received bytes can be read in place. Three
+numbers are a ``ProximityVector``; more, and text, are fixed buffers, row by row.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,10 +25,10 @@ _TYPES = {
     "f8": "double",
 }
 _HEAD = """\
-// ProximityMessages.cs: what a proximity service publishes, and what it is fed with.
+// ProximityMessages.cs: messages that a proximity service publishes and receives.
 //
-// Made by `proximity client csharp`; what is changed here is lost. Lengths are in metres, instants in
-// nanoseconds of the sender's monotonic clock. What is not known is NaN. Needs "Allow unsafe code": text and
+// Made by `proximity client csharp`; changes here are lost. Lengths are in metres, instants in
+// nanoseconds of the sender's monotonic clock. Unknown values are NaN. Needs "Allow unsafe code": text and
 // matrices are fixed buffers.
 using System.Runtime.InteropServices;
 
@@ -76,17 +76,17 @@ def csharp_layout() -> str:
 
 
 def pascal(name: str) -> str:
-    """A name as C# has it: ``SignedDistance``."""
+    """Return a name in C# style: ``SignedDistance``."""
     return "".join(word.capitalize() for word in name.split("_"))
 
 
 def csharp_enum(values: type[Enum]) -> str:
-    """The name of an enumeration: ``ProximityContactFlag``."""
+    """Return the name of an enumeration: ``ProximityContactFlag``."""
     return f"Proximity{values.__name__}"
 
 
 def _number_of(values: type[Enum]) -> str:
-    """The type of the fields that hold an enumeration; a byte where no field does."""
+    """Return the type of the fields of an enumeration; a byte without any field."""
     for _, fields in RECORDS.values():
         for field in fields:
             if _holds(field, values):
@@ -132,8 +132,8 @@ def _record(name: str, what: str, fields: Sequence[Field]) -> Iterator[str]:
 
 
 def _begin(record: str, fields: Sequence[Field]) -> Iterator[str]:
-    """The method that makes a record in which nothing is given, see `blank_of`."""
-    yield "        /// <summary>A record in which nothing is given: begin with it, not with zeros.</summary>"
+    """Yield the method that makes a record with unset fields, see `blank_of`."""
+    yield "        /// <summary>A record with unset fields: start from it, not from zeros.</summary>"
     yield f"        public static {record} Begin()"
     yield "        {"
     yield f"            var r = new {record}();"

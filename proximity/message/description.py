@@ -1,8 +1,9 @@
-"""The description of a service: names of parts and fingers, published beside frames; put together on arrival.
+"""Description of a service: names of parts and fingers, published next to frames, and its assembly on
+arrival.
 
 It is sent every tenth of a second (of more than 640 names every second), whenever the epoch changes, and when
-a ``changes`` message asks for it. A description of many names is several messages, which the epoch and the
-numbers of their first records hold together.
+a ``changes`` message requests it. A description of many names is several messages, matched by the epoch and
+the numbers of their first records.
 """
 
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from proximity.message.changes import NAME_BYTES
 from proximity.message.envelope import PREFIX_FIELDS, Defect, Kind, parts_of
 from proximity.message.fields import Field, dtype_of, reserved
 
-MOST_LABELS = 64
+MAX_LABELS = 64
 """Names in one message: a datagram of 5384 bytes at most."""
 REFUSAL_BYTES = 192
 
@@ -25,9 +26,9 @@ DESCRIPTION_FIELDS = (
     Field("count", "<u4", "", "records that follow"),
     Field("first", "<u4", "", "number of the first record, parts and then fingers counted from 0"),
     Field(
-        "part_count", "<u4", "", "of the scene: that many records are of parts, in the order of scene.parts"
+        "part_count", "<u4", "", "of the scene: the number of records of parts, in the order of scene.parts"
     ),
-    Field("finger_count", "<u4", "", "of a frame: that many records, behind those of parts, are of fingers"),
+    Field("finger_count", "<u4", "", "of a frame: the number of records of fingers, after those of parts"),
     Field("epoch", "<u8", "", "of the frames whose parts these are"),
     Field("refused", "<u8", "", "changes, additions, deformations and moves that the service has refused"),
     Field(
@@ -60,7 +61,7 @@ def encoded_name(name: str, most: int = NAME_BYTES) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """Names of what a service publishes frames of.
+    """Names of a service's parts and fingers.
 
     Frames of another ``session`` or ``epoch`` number other parts.
     """
@@ -68,7 +69,7 @@ class Description:
     session: int
     epoch: int
     part_names: tuple[str, ...]  # in the order of scene.parts; cut to 64 bytes each
-    hidden_parts: tuple[str, ...]  # of these, those that no question finds
+    hidden_parts: tuple[str, ...]  # of these, the hidden ones
     finger_names: tuple[str, ...]
     finger_radii: tuple[float, ...]  # m; nan: not known
     refused: int  # changes, additions, deformations and moves that the service has refused
@@ -85,13 +86,13 @@ class DescriptionMessages:
 
     def __init__(self) -> None:
         self.newest = None
-        self._key: tuple[int, ...] = ()  # session, epoch, numbers of parts and fingers of the one collected
+        self._key: tuple[int, ...] = ()  # session, epoch, numbers of parts and fingers of the incomplete one
         self._labels: dict[int, tuple[str, bool, float]] = {}
 
     def add(self, data: np.ndarray) -> Defect | None:
-        """Add one message, and return what is wrong inside of it; None: nothing.
+        """Add one message, and return the defect of its content, or None.
 
-        *data*: a message of kind `DESCRIPTION` that is whole and new.
+        *data*: a complete, new message of kind `DESCRIPTION`.
         """
         header, records = parts_of(data, DESCRIPTION)
         of = tuple(int(header[name]) for name in ("session", "epoch", "part_count", "finger_count"))

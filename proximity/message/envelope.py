@@ -1,10 +1,9 @@
 """Envelope of all messages: kind, size, sequence number and checksum.
 
 A message is its kind's header, then one record a finger, without gaps. All headers begin with the 32 bytes of
-`PREFIX`, so that a receiver can refuse what it does not understand before it looks at anything else. Sizes
-are multiples of eight; numbers are little-endian.
-
-The checksum is the CRC-32 of zlib, Ethernet and PNG over everything behind it: bytes 8 to ``size``.
+`PREFIX`, so that a receiver can refuse other messages before reading further. Sizes are multiples of eight;
+numbers are little-endian. The checksum is the CRC-32 of zlib, Ethernet and PNG over all bytes after it: 8 to
+``size``.
 """
 
 import zlib
@@ -18,7 +17,7 @@ from proximity.errors import ArgumentError
 from proximity.message.fields import Field, blank_of, dtype_of, struct_of
 
 VERSION = 2
-"""Of the layout of all messages. A receiver takes its own version and no other; 1 was of other names."""
+"""Version of the layout of all messages. A receiver accepts its version only; 1 had other names."""
 MAX_RECORDS = 4096
 """Most records a message may have: a hand's skin."""
 
@@ -37,28 +36,28 @@ PREFIX_FIELDS = (
     Field("sequence", "<u8", "", "0, 1, 2, … of this kind within a session; gaps are messages lost"),
 )
 PREFIX = dtype_of(PREFIX_FIELDS)
-"""What all headers begin with, 32 bytes."""
+"""Common start of all headers, 32 bytes."""
 unpack_prefix = struct_of(PREFIX_FIELDS).unpack_from
-"""All numbers of a `PREFIX` at once."""
+"""Unpacks all numbers of a `PREFIX`."""
 CHECKED_FROM = 8
 _COUNT = Struct("<I")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kind:
-    """A kind of message: how it is known, and what it is made of."""
+    """A kind of message: its magic and its layout."""
 
     name: str
     magic: int
     header: np.dtype  # begins with the fields of `PREFIX`; has a field ``count``
     record: np.dtype
-    sent: str  # field of the header: the instant, ns, at which the message was sent
-    zeros: tuple[str, ...] = ()  # reals of a record that begin as zeros, others being nan
+    sent: str  # field of the header: the instant of sending, ns
+    zeros: tuple[str, ...] = ()  # reals of a record that are initially 0, others being nan
     header_size: int = field(init=False)  # bytes
     record_size: int = field(init=False)
-    count_at: int = field(init=False)  # byte at which ``count`` is
+    count_at: int = field(init=False)  # byte offset of ``count``
     sent_at: int = field(init=False)
-    blank: np.ndarray = field(init=False)  # () structured: a record in which nothing is given
+    blank: np.ndarray = field(init=False)  # () structured: a record with unset fields
 
     def __post_init__(self) -> None:
         offsets = {name: self.header.fields[name][1] for name in self.header.names}  # type: ignore[index, union-attr]
@@ -72,12 +71,12 @@ class Kind:
             object.__setattr__(self, name, value)
 
     def size(self, count: int) -> int:
-        """Bytes of a message with *count* records."""
+        """Return the size of a message with *count* records, bytes."""
         return self.header_size + count * self.record_size
 
 
 class Defect(Enum):
-    """Why bytes are not a message that can be used."""
+    """Reason why bytes are not a usable message."""
 
     SHORT = "shorter than a header"
     MAGIC = "another kind of message, or none"
@@ -93,7 +92,7 @@ class Message:
     """One message with a fixed number of records; its header and records are arrays.
 
     Write ``header[field]`` and ``records[field]``, the fields of its kind; ``data`` has the bytes of both.
-    Records of inputs begin as not given: reals are nan, rotations the identity, and all else is zero.
+    Records of inputs are initially unset: reals are nan, rotations the identity, and all else is zero.
     The publisher fills in session, sequence and checksum; the other fields of the prefix are already set.
 
     Parameters
@@ -152,16 +151,16 @@ class Message:
 
 
 def parts_of(data: np.ndarray, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
-    """Header, as an array of shape (), and records of a message, as views of its bytes.
+    """Return header, as an array of shape (), and records of a message, as views of its bytes.
 
-    *data*: a message without a defect, or room for one.
+    *data*: a message without a defect, or memory for one.
     """
     size = kind.header.itemsize
     return data[:size].view(kind.header).reshape(()), data[size:].view(kind.record)
 
 
 def validate(data: np.ndarray, kind: Kind) -> Defect | None:
-    """Say what is wrong with bytes that claim to be a message of that kind; None: nothing."""
+    """Return the defect of bytes that claim to be a message of a kind, or None."""
     size = len(data)
     if size < kind.header_size:
         return Defect.SHORT

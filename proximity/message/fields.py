@@ -1,6 +1,6 @@
 """Fields of messages, each declared once: NumPy types, C header and documentation are generated from them.
 
-A field's number is little-endian and lies on a multiple of its size.
+A field's number is little-endian and its offset is a multiple of its size.
 """
 
 from collections.abc import Sequence
@@ -26,12 +26,12 @@ class Field(NamedTuple):
 
 
 def dtype_of(fields: Sequence[Field]) -> np.dtype:
-    """The NumPy type of a header or a record, without gaps."""
+    """Return the NumPy type of a header or a record, without gaps."""
     return np.dtype([(field.name, field.type, field.shape) for field in fields])
 
 
 def blank_of(record: np.dtype, zeros: Sequence[str] = ()) -> np.ndarray:
-    """A record in which nothing is given: reals are nan, rotations the identity, all else and *zeros* 0."""
+    """Return a record with unset fields: reals are nan, rotations the identity, all else and *zeros* 0."""
     blank = np.zeros((), record)
     for name in record.names or ():
         if record[name].base.kind == "f" and name not in zeros:
@@ -40,9 +40,9 @@ def blank_of(record: np.dtype, zeros: Sequence[str] = ()) -> np.ndarray:
 
 
 def struct_of(fields: Sequence[Field]) -> Struct:
-    """A `Struct` that unpacks whole numbers at once, three times as fast as NumPy unpacks one.
+    """Return a `Struct` that unpacks whole numbers together, three times as fast as NumPy unpacks one.
 
-    Fields whose name begins with ``reserved`` are passed over.
+    Fields whose name begins with ``reserved`` are skipped.
     """
     codes = {"u1": "B", "u2": "H", "u4": "I", "u8": "Q", "i4": "i", "i8": "q"}
     parts = []
@@ -53,5 +53,5 @@ def struct_of(fields: Sequence[Field]) -> Struct:
 
 
 def reserved(size: int) -> Field:
-    """Bytes that keep what follows on a multiple of its size."""
+    """Return padding that aligns the next field."""
     return Field("reserved", "<u1", "", "zeros", (size,))

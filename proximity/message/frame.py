@@ -1,4 +1,4 @@
-"""The frame: what the drum's controller gets each tick, a header and a contact a finger (see messages.md)."""
+"""Frame: message to the drum's controller each tick, a header and a contact a finger (see messages.md)."""
 
 from enum import IntEnum
 
@@ -8,31 +8,31 @@ from proximity.message.fields import Field, dtype_of, reserved
 
 
 class State(IntEnum):
-    """How far a frame can be trusted. The subscriber may lower the state, never raise it."""
+    """Trust in a frame. The subscriber may lower the state, never raise it."""
 
     STARTING = 0
     """The service is running and has no poses yet."""
     OK = 1
     """Every finger is tracked, and the frame was in time."""
     DEGRADED = 2
-    """In time, but a finger is not tracked, or is near a part and only bounds are known."""
+    """In time, but a finger is not tracked, or is near a part with only bounds known."""
     LATE = 3
     """Ticks were missed, or the pose of a finger or of a moving part is too old: only the bounds hold."""
     STALE = 4
-    """The newest frame is too old, or none came: nothing is known."""
+    """The newest frame is too old, or none came: the state is unknown."""
     STOPPING = 5
-    """The last frame of a service that was asked to stop."""
+    """The last frame of a stopping service."""
 
 
 class Source(IntEnum):
-    """Where a distance comes from."""
+    """Source of a distance."""
 
     GEOMETRY = 0
     """From the scene."""
     TELEOPERATION = 1
-    """Measured by a sensor; there is no geometry."""
+    """Measured by a sensor, without geometry."""
     HELD = 2
-    """From the scene, of a part that is held: a record is a connection of it to another part."""
+    """From the scene, for a tracked part: a record is a connection of it to another part."""
 
 
 FRAME_FIELDS = (

@@ -1,15 +1,15 @@
 """Input messages of a service: poses of fingers, moves of parts, distances of a sensor.
 
 A sender fills a `Message` of the kind, header's ``send_ns`` included, and publishes it; any language can. A
-service on another machine learns the sender's clock from ``send_ns``. Not known is nan.
+service on another machine learns the sender's clock from ``send_ns``. Unknown values are nan.
 """
 
 from proximity.message.envelope import PREFIX_FIELDS, Kind
 from proximity.message.fields import VECTOR, Field, dtype_of, reserved
 
 PATH_CORNERS = 65
-"""Corners of the polyline that tells a finger's path, evenly in its bend from 0 to 1. On the default
-finger they are 3.6 mm apart at most, and the path is 0.03 mm off the line at most."""
+"""Corners of the polyline of a finger's path, evenly in its bend from 0 to 1. On the default finger they are
+3.6 mm apart at most, and the path is 0.03 mm off the line at most."""
 
 INPUT_FIELDS = (
     *PREFIX_FIELDS,
@@ -18,7 +18,7 @@ INPUT_FIELDS = (
     reserved(4),
 )
 INPUT_HEADER = dtype_of(INPUT_FIELDS)
-"""The header of what a service is fed with, 48 bytes."""
+"""The header of messages to a service, 48 bytes."""
 
 POSE_FIELDS = (
     Field("finger", "<u4", "", "which finger of the service: 0, 1, …"),
@@ -37,7 +37,7 @@ PATH_POSE_FIELDS = (
         "corners",
         "<f8",
         "m",
-        "where the fingertip goes as the finger bends, evenly from 0 to 1; a first corner of nan: no path",
+        "path of the fingertip over the bend, evenly from 0 to 1; a first corner of nan: no path",
         (PATH_CORNERS, 3),
     ),
 )
@@ -57,14 +57,14 @@ GLOVE_POSE_FIELDS = (
     ),
     Field("translation", "<f8", "m", "of the knuckle; nan: not tracked", VECTOR),
     Field("bend", "<f8", "", "of the finger, 0 to 1; nan: derived from the counts"),
-    Field("counts", "<f8", "counts", "what the glove's potentiometer reads; nan: the bend is reported"),
+    Field("counts", "<f8", "counts", "of the glove's potentiometer; nan: the bend is reported"),
 )
 GLOVE_POSE = dtype_of(GLOVE_POSE_FIELDS)
-"""One finger of a ``glove_poses`` message, 128 bytes: where its knuckle is, and how far it is bent."""
+"""One finger of a ``glove_poses`` message, 128 bytes: the pose of its knuckle, and its bend."""
 
 MOVE_FIELDS = (
     Field("name", "S64", "", "of the part, UTF-8, ended by a zero where shorter"),
-    Field("pose_ns", "<i8", "ns", "instant of the pose: from then on its velocities carry it, for 100 ms"),
+    Field("pose_ns", "<i8", "ns", "instant of the pose, which its velocities extrapolate for 100 ms"),
     Field("rotation", "<f8", "", "world_from_part, row by row", (3, 3)),
     Field("translation", "<f8", "m", "of the part's origin", VECTOR),
     Field("velocity", "<f8", "m/s", "of the part's origin", VECTOR),
@@ -79,13 +79,13 @@ MEASUREMENT_FIELDS = (
     Field("force_is_valid", "<u1", "", "1 where the force was measured"),
     reserved(2),
     Field("measured_ns", "<i8", "ns", "instant of the measurement"),
-    Field("signed_distance", "<f8", "m", "of the fingertip's surface; nan: nothing was measured"),
+    Field("signed_distance", "<f8", "m", "of the fingertip's surface; nan: not measured"),
     Field("error", "<f8", "m", "largest error of the distance"),
     Field("position", "<f8", "m", "centre of the fingertip sphere; nan: not known", VECTOR),
     Field("velocity", "<f8", "m/s", "of the fingertip; nan: not known", VECTOR),
     Field("normal", "<f8", "", "unit, from the object to the finger; nan: not known", VECTOR),
     Field("approach_speed", "<f8", "m/s", "closing is positive; nan: to be estimated"),
-    Field("bend", "<f8", "", "where on its path the finger is, 0 to 1; nan: not known"),
+    Field("bend", "<f8", "", "of the finger on its path, 0 to 1; nan: not known"),
     Field("bend_rate", "<f8", "1/s", "of bend; nan: not known"),
     Field("force", "<f8", "N", "on the slave finger"),
     Field("stiffness", "<f8", "N/m", "of a deformable object"),

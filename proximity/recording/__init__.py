@@ -1,7 +1,7 @@
 """Hand recordings in; frames of a service in and out.
 
-A recording is a table of fingertips over time, as sensors write it; a frame log is what a service published,
-byte for byte. Neither a scene nor a tracker is known here.
+A recording is a table of fingertips over time, as sensors write it; a frame log holds the published frames of
+a service, byte for byte. This package is independent of scenes and trackers.
 """
 
 from proximity.recording.frame_log import FrameLog

@@ -1,8 +1,7 @@
-"""Detection of whole frames in a stretch of bytes, for the reader and the writer of frame logs.
+"""Detection of whole frames in bytes, for the reader and the writer of frame logs.
 
-A frame is known by its magic, its size and its checksum, nowhere by what stands around it: after damage the
-next one is found all the same. This says of bytes at a place what `validate` says of a message alone, eight
-times as fast; a test holds both together.
+A frame is identified by its magic, size and checksum alone, so the next one after damage is found. The check
+is equivalent to `validate` on one message, and eight times as fast; a test compares both.
 """
 
 import struct
@@ -17,7 +16,7 @@ MAGIC = FRAME.magic.to_bytes(4, "little")
 LARGEST_FRAME = FRAME.size(MAX_RECORDS)
 """Bytes."""
 UNDECIDED = -1
-"""Whether a frame begins there can be known when more bytes are there."""
+"""Result if more bytes are needed to decide."""
 
 _BEGINNING = struct.Struct("<IIHHI")  # magic, checksum, version, header_size, size: as in `PREFIX`
 _COUNT = struct.Struct("<I")
@@ -26,7 +25,7 @@ _CHECKED_FROM = 8
 
 
 def frame_at(data: memoryview, offset: int) -> int:
-    """Return the size of the whole frame that begins at *offset*, 0 if none does, or `UNDECIDED`.
+    """Return the size of the whole frame at *offset*, 0 if there is none, or `UNDECIDED`.
 
     The frame may be of another version of the layout: see `is_known`.
     """
@@ -42,7 +41,7 @@ def frame_at(data: memoryview, offset: int) -> int:
 
 
 def is_known(data: memoryview, offset: int, size: int) -> bool:
-    """Return whether a whole frame is laid out as `FRAME` is now."""
+    """Return whether a whole frame has the layout of the present `FRAME`."""
     _, _, version, header_size, _ = _BEGINNING.unpack_from(data, offset)
     if version != VERSION or header_size != FRAME_HEADER.itemsize or size < header_size:
         return False
@@ -51,7 +50,7 @@ def is_known(data: memoryview, offset: int, size: int) -> bool:
 
 
 def last_end(data: memoryview) -> int:
-    """Return where the last whole frame in a stretch of a log ends; 0 if there is none.
+    """Return the end of the last whole frame in a stretch of a log; 0 if there is none.
 
     *data*: the stretch; it may begin in the middle of a frame.
     """
@@ -68,6 +67,6 @@ def last_end(data: memoryview) -> int:
 
 @cache
 def frame_type(size: int) -> np.dtype:
-    """Return the type of a frame of that many bytes: ``header`` and ``contacts``, (N,) CONTACT."""
+    """Return the type of a frame of *size* bytes: ``header`` and ``contacts``, (N,) CONTACT."""
     count = (size - FRAME_HEADER.itemsize) // CONTACT.itemsize
     return np.dtype([("header", FRAME_HEADER), ("contacts", CONTACT, (count,))])

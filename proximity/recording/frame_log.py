@@ -1,9 +1,8 @@
-"""Frame logs: the published frames of a service, one behind the other; a log is only ever appended to.
+"""Frame logs: the published frames of a service, one after the other; a log is append-only.
 
-The file has no header and no end of its own, so that it is whole after each frame. A frame is one write to
-the operating system: when the process is killed, at most the one being written is torn. When the power
-fails, what the system had not yet put on the disk is lost, usually some seconds; `FrameLog.close` waits for
-the disk.
+The file has no header or trailer, so that it is complete after each frame. A frame is one write to the
+operating system: if the process is killed, at most the last one is torn. A power failure loses the data not
+yet on the disk, usually some seconds; `FrameLog.close` waits for the disk.
 """
 
 import contextlib
@@ -19,31 +18,31 @@ from proximity.recording.frame_bytes import LARGEST_FRAME, MAGIC, last_end
 
 try:
     import fcntl
-except ModuleNotFoundError:  # Windows: nothing keeps two writers apart
+except ModuleNotFoundError:  # Windows: two writers are not excluded
     fcntl = None  # type: ignore[assignment]
 
 RETRY_AFTER = 1000
-"""Frames left out after one could not be written. On a full disk each try may cost milliseconds."""
-_NO_LOCKS_HERE = (errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)  # some network drives, and what is no file
+"""Frames skipped after a failed write. On a full disk each attempt may cost milliseconds."""
+_NO_LOCKS_HERE = (errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)  # some network drives, and special files
 _FLAGS = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)
 
 
 class FrameLog:
-    """Appends frames to a file; a log that is there already is continued.
+    """Appends frames to a file; an existing log is continued.
 
-    A torn frame at the end of the file, which a crash leaves, is cut off first (`cut_size`). What is longer
-    than a frame can be is left for readers to skip.
+    A torn frame at the end of the file, left by a crash, is removed first (`cut_size`). A longer remainder is
+    left for readers to skip.
     """
 
     path: str
     frame_count: int  # written by this writer
-    lost_count: int  # that could not be written
-    cut_size: int  # bytes of a torn frame that were cut off
+    lost_count: int  # not written
+    cut_size: int  # bytes of a torn frame, removed
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = os.fspath(path)
         self.frame_count = self.lost_count = 0
-        self._pause, self._refusal = 0, ""  # frames still to be left out, and why
+        self._pause, self._refusal = 0, ""  # frames still to skip, and why
         try:
             self._file = os.open(self.path, _FLAGS, 0o666)
         except OSError as failure:
@@ -52,7 +51,7 @@ class FrameLog:
             self._lock()
             mode = os.fstat(self._file).st_mode
             self._is_regular = stat.S_ISREG(mode)
-            if stat.S_ISFIFO(mode):  # once it is full, its reader would be waited for
+            if stat.S_ISFIFO(mode):  # a full pipe would block until it is read
                 raise OSError(errno.EINVAL, "is not a regular file")
             self.cut_size = self._cut_torn() if self._is_regular else 0
         except OSError as failure:
@@ -65,9 +64,9 @@ class FrameLog:
     def append(self, data: np.ndarray) -> None:
         """Write a frame.
 
-        Where that fails, the file is cut back to its last whole frame. The next `RETRY_AFTER` frames are
-        refused with the same error, untried; then writing is tried again, and fails again or goes on. All
-        frames that were not written are counted in `lost_count`.
+        After a failure, the file is truncated to its last whole frame. The next `RETRY_AFTER` frames are
+        refused with the same error; then writing is tried again. Frames that were not written are counted in
+        `lost_count`.
         """
         if self._pause:
             self._pause -= 1
@@ -91,7 +90,7 @@ class FrameLog:
         self.frame_count += 1
 
     def close(self) -> None:
-        """Wait until all is on the disk, and close the file; closing twice is once."""
+        """Wait until all is on the disk, and close the file; idempotent."""
         if self._file < 0:
             return
         try:
@@ -115,7 +114,7 @@ class FrameLog:
         self._file = -1
 
     def _lock(self) -> None:
-        """Keep others from writing: frames of two services in one log would be reported as one row."""
+        """Exclude other writers: frames of two services in one log would look like one sequence."""
         if fcntl is None:
             return
         try:
@@ -127,7 +126,7 @@ class FrameLog:
                 raise
 
     def _cut_torn(self) -> int:
-        """Cut off what follows the last whole frame, if no more than a frame; how many bytes."""
+        """Remove the remainder after the last whole frame, if shorter than a frame; return its size."""
         size = os.fstat(self._file).st_size
         beginning = self._bytes_at(0, len(MAGIC))
         if not MAGIC.startswith(beginning):
@@ -149,7 +148,7 @@ class FrameLog:
         return b"".join(pieces)
 
     def _cut_back(self, written: int) -> None:
-        """Cut off the part of a frame that was written; if not even that works, readers skip it."""
+        """Remove the written part of a frame; if even that fails, readers skip it."""
         if written and self._is_regular:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._file, os.fstat(self._file).st_size - written)

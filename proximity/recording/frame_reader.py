@@ -1,7 +1,7 @@
 """Reader of frame logs: whole frames, oldest first, as a stream; torn and damaged bytes are counted.
 
-Nothing in a log is trusted before its checksum. Frames of several sessions and with different numbers of
-fingers may stand in one log, and it may be longer than memory.
+Data are used only after their checksum is verified. A log may contain frames of several sessions and with
+different numbers of fingers, and may be larger than memory.
 """
 
 import os
@@ -15,23 +15,23 @@ from proximity.errors import RecordingError
 from proximity.recording.frame_bytes import MAGIC, UNDECIDED, frame_at, frame_type, is_known
 from proximity.system.regular_file import open_regular
 
-READ_BYTES = 1 << 22  # bytes read at once
+READ_BYTES = 1 << 22  # bytes per read
 
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """A place in a log where no frame could be read."""
+    """A place in a log without a valid frame."""
 
     start: int  # byte of the file
     size: int  # bytes up to the next whole frame
 
 
 class FrameReader:
-    """The frames in a log, to be iterated over; each iteration reads the file anew.
+    """The frames in a log, as an iterable; each iteration reads the file again.
 
-    Iterating gives runs of frames of the same number of fingers, oldest first: read-only arrays (B,) with the
-    fields ``header`` (FRAME_HEADER) and ``contacts``, (N,) CONTACT. They stay as they are for as long as they
-    are held. The counts below are those of what was read so far.
+    Iterating yields runs of frames with equal numbers of fingers, oldest first: read-only arrays (B,) with
+    the fields ``header`` (FRAME_HEADER) and ``contacts``, (N,) CONTACT, which are never overwritten. The
+    counts below include only frames already read.
 
     *path*: the log; one that is being written may be read.
     """
@@ -39,7 +39,7 @@ class FrameReader:
     path: str
     frame_count: int
     damage: list[Damage]  # in the middle: skipped up to the next whole frame
-    torn_size: int  # bytes at the end that are no whole frame
+    torn_size: int  # bytes at the end that are not a whole frame
     foreign_count: int  # whole frames of another version of the layout, left out
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -78,7 +78,7 @@ class FrameReader:
         self.damage = []
 
     def _runs(self, file: BinaryIO) -> Iterator[np.ndarray]:
-        """Frames that follow each other without a gap and are of one size, as one array."""
+        """Yield consecutive frames of one size as one array."""
         data, first, size, count = b"", 0, 0, 0
         for stretch, offset, frame_size in self._frames(file):
             if count and not (stretch is data and offset == first + count * size and frame_size == size):
@@ -92,7 +92,7 @@ class FrameReader:
             yield np.frombuffer(data, frame_type(size), count, first)
 
     def _frames(self, file: BinaryIO) -> Iterator[tuple[bytes, int, int]]:
-        """Every whole frame: the stretch of the file that it is in, where in it, and its size."""
+        """Yield every whole frame: its stretch of the file, its offset there, and its size."""
         window = _Window(file)
         bad_from = -1
         while not window.is_over():
@@ -113,34 +113,34 @@ class FrameReader:
 
 
 class _Window:
-    """The stretch of a file that is in memory, and how far it was looked at."""
+    """The stretch of the file in memory, and the position in it."""
 
     def __init__(self, file: BinaryIO) -> None:
         self.data, self.view = b"", memoryview(b"")
-        self.index = 0  # in data: all before it was looked at
+        self.index = 0  # in data: all before it was scanned
         self._start = 0  # of data in the file
         self._file = file
 
     @property
     def offset(self) -> int:
-        """Byte of the file at which we are."""
+        """Present byte of the file."""
         return self._start + self.index
 
     def is_over(self) -> bool:
-        """Whether all of the file was looked at."""
+        """True if the whole file was scanned."""
         return self.index == len(self.data) and not self._read()
 
     def frame_size(self) -> int:
-        """Size of the whole frame that begins here; 0 if none does."""
+        """Size of the whole frame at the present position; 0 if there is none."""
         size = frame_at(self.view, self.index)
         while size == UNDECIDED and self._read():
             size = frame_at(self.view, self.index)
         return max(size, 0)
 
     def skip(self) -> None:
-        """Go on to where the next frame may begin."""
+        """Skip to the possible start of the next frame."""
         found = self.data.find(MAGIC, self.index + 1)
-        if found < 0:  # the last bytes may be the first of a magic that goes on in the next stretch
+        if found < 0:  # the last bytes may start a magic that continues in the next stretch
             found = max(self.index + 1, len(self.data) - len(MAGIC) + 1)
         self.index = found
 

@@ -1,8 +1,8 @@
 """Frames as tables for other programs: a row for each finger and frame, streamed as CSV or Parquet.
 
-A line has what the frame's header says (session, number, state, instants), then the fields of the contact
-with their units, three columns for each vector, every number with all its digits. CSV has words for what
-is a set or a choice; Parquet has the numbers.
+A line has the fields of the frame's header (session, number, state, instants), then those of the contact with
+their units, three columns for each vector, every number with all its digits. CSV has words for sets and
+enumerations; Parquet has the numbers.
 """
 
 import csv
@@ -20,13 +20,13 @@ from proximity.recording.frame_bytes import frame_type
 from proximity.system.extras import needed
 
 ROW_GROUP = 1 << 17
-"""Lines of a Parquet file that are kept in memory until they are written: some 50 MB."""
+"""Lines of a Parquet file that are buffered before writing: some 50 MB."""
 
 HEADER_COLUMNS = {
     "session": "session",
     "sequence": "sequence",
     "state": "state",  # its name
-    "frame_pose_ns": "pose_ns",  # a contact has a pose_ns of its own
+    "frame_pose_ns": "pose_ns",  # a contact has a pose_ns, too
     "start_ns": "start_ns",
     "publish_ns": "publish_ns",
     "valid_until_ns": "valid_until_ns",
@@ -34,18 +34,18 @@ HEADER_COLUMNS = {
     "epoch": "epoch",
     "missed": "missed",
 }
-"""Columns that are the same for all fingers of a frame, and the fields of its header that they show."""
+"""Columns that are equal for all fingers of a frame, and their fields of its header."""
 
 _STATES = {state.value: state.name.lower() for state in State}
 STATE_NAMES = np.array([_STATES.get(number, str(number)) for number in range(256)])
-"""The word for each number a header's state may have."""
+"""Words for the numbers of a header's state."""
 WORDS: dict[str, type[IntEnum] | type[IntFlag]] = {
     "flags": ContactFlag,
     "surface": Surface,
     "mode": Mode,
     "source": Source,
 }
-"""Columns of numbers that stand for names, which CSV has instead."""
+"""Columns of enumerations, for which CSV has names."""
 _NO_FRAMES = np.zeros(0, frame_type(FRAME.size(0)))
 
 
@@ -87,7 +87,7 @@ _UNITS = {field.name: field.unit for field in CONTACT_FIELDS}
 
 
 def _in_words(name: str, column: np.ndarray) -> np.ndarray:
-    """A column as CSV has it: names in lower case instead of numbers; an unknown number stays."""
+    """Return a column for CSV: lower-case names instead of numbers; an unknown number stays."""
     if name not in WORDS:
         return column
     numbers, rows = np.unique(column, return_inverse=True)
@@ -102,7 +102,7 @@ def _name_of(kind: type[IntEnum | IntFlag], number: int) -> str:
 
 
 def write_frames_csv(stream: TextIO, runs: Iterable[np.ndarray]) -> int:
-    """Write frames as CSV; return how many lines, without the one that names the columns.
+    """Write frames as CSV; return the number of lines, without the header.
 
     *runs*: (B,) structured.
     """
@@ -117,7 +117,7 @@ def write_frames_csv(stream: TextIO, runs: Iterable[np.ndarray]) -> int:
 
 
 def write_frames_parquet(stream: BinaryIO, runs: Iterable[np.ndarray]) -> int:
-    """Write frames as Parquet; return how many lines.
+    """Write frames as Parquet; return the number of lines.
 
     *runs*: (B,) structured.
     """

@@ -1,6 +1,6 @@
 """A recording of fingertips, which can be resampled, and placed in a scene.
 
-Times are whole nanoseconds, positions metres. A finger that the sensor lost is nan, never a guess.
+Times are whole nanoseconds, positions metres. A finger lost by the sensor is nan, never estimated.
 """
 
 import math
@@ -14,9 +14,9 @@ from proximity.pose import Pose
 
 NANOSECONDS = 1_000_000_000  # in a second
 GAP_LIMIT_S = 0.05
-"""Two samples of a finger that are farther apart than this tell nothing about the time between them."""
+"""Maximum time between two samples of a finger within which its position is known."""
 MIDDLE_SHARE = 0.8
-"""Of all samples, along each axis: their box is the hand's, which a tracking jump must not move."""
+"""Share of all samples, along each axis, inside the box: it is the hand's, unaffected by tracking jumps."""
 LARGEST_TICK_COUNT = 10_000_000  # of a resampled recording: 2 hours and 46 minutes at 1 kHz
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
@@ -57,12 +57,12 @@ class Recording:
         return int(self.is_present.sum())
 
     def finger_name(self, row: int) -> str:
-        """Return what people call a finger, with its hand where there are several."""
+        """Return the name of a finger, with its hand if there are several."""
         hand, finger = self.fingers[row]
         return FINGERS[finger] if self.hand_count == 1 else f"{FINGERS[finger]} of hand {hand}"
 
     def gap_count(self) -> int:
-        """Return how often a finger is lost for longer than `GAP_LIMIT_S` and then found again."""
+        """Return the number of times a finger is lost for longer than `GAP_LIMIT_S` and then found again."""
         limit_ns = GAP_LIMIT_S * NANOSECONDS
         present = self.is_present
         return sum(
@@ -71,17 +71,17 @@ class Recording:
         )
 
     def first(self, duration_s: float) -> "Recording":
-        """Return the beginning, no longer than said."""
+        """Return the first *duration_s* seconds."""
         if not duration_s > 0.0:
             raise RecordingError(f"{duration_s:g} s of a recording cannot be taken, expected more than zero")
         last = self.times_ns - self.times_ns[0] <= duration_s * NANOSECONDS
         return replace(self, times_ns=self.times_ns[last].copy(), positions=self.positions[last].copy())
 
     def resampled(self, period_s: float, *, gap_limit_s: float = GAP_LIMIT_S) -> "Recording":
-        """Return the recording at equal steps of time, from the first instant on.
+        """Return the recording at equal time steps, from its first instant.
 
-        Between two samples of a finger its position is interpolated linearly, unless they are farther apart
-        than *gap_limit_s*: there it is missing. Nothing is extrapolated.
+        Positions are interpolated linearly between two samples of a finger, unless they are farther apart
+        than *gap_limit_s*: there it is missing. There is no extrapolation.
         """
         if not (math.isfinite(period_s) and period_s * NANOSECONDS >= 1.0):
             raise RecordingError(f"a period of {period_s:g} s is too short, expected 1 ns or more")
@@ -106,7 +106,7 @@ class Recording:
     def placed(self, pose: Pose, scale: float = 1.0) -> "Recording":
         """Return the recording in another frame: scaled about its origin, then turned and shifted.
 
-        *scale*: how many times as large the motion becomes; more than zero.
+        *scale*: factor of the motion, positive.
         """
         scale = positive("scale", scale, "times the size")
         return replace(self, positions=pose.point(self.positions * scale))
@@ -122,8 +122,8 @@ class Recording:
     ) -> Pose:
         """Return the pose that, with *scale*, puts the hand's box in the middle of another.
 
-        *lower*, *upper*: (3,) m. *rotation*: (3, 3); how the hand is turned; not at all where not given.
-        *scale*: as in `placed`, for which the pose is meant.
+        *lower*, *upper*: (3,) m. *rotation*: (3, 3), of the hand; by default the identity. *scale*: as for
+        `placed`, which uses the pose.
         """
         own_lower, own_upper = self.placed(Pose(rotation), scale).middle()
         return Pose(rotation, 0.5 * (np.asarray(lower) + upper) - 0.5 * (own_lower + own_upper))
@@ -132,7 +132,7 @@ class Recording:
 def _interpolated(
     ticks_ns: np.ndarray, times_ns: np.ndarray, points: np.ndarray, gap_ns: float
 ) -> np.ndarray:
-    """Positions of one finger at *ticks_ns*, (T, 3); nan outside its samples and in gaps."""
+    """Return the positions of one finger at *ticks_ns*, (T, 3); nan outside its samples and in gaps."""
     after = np.searchsorted(times_ns, ticks_ns, side="left")  # the first sample not before the tick
     is_past = after == len(times_ns)
     after[is_past] = len(times_ns) - 1

@@ -1,6 +1,6 @@
 """Recordings from text: one sample of one finger a line, in columns named by the first line.
 
-Numbers are converted a column at a time; only when that fails is the line looked for that is to blame.
+Numbers are converted a column at a time; only on failure is the offending line searched.
 """
 
 import csv
@@ -22,15 +22,15 @@ METRES_IN = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 OF_A_LOG = "`proximity view LOG PARTS` plays it back, `proximity export LOG` makes a table of it"
 SEPARATORS = ",;\t"
 COMMA_SEPARATORS = ";\t"  # where fields stand between these, 0,5 is a number
-FEWEST_FINGERS = 3
-"""Of a hand that is lost where they coincide; two may be a pinch."""
-LARGEST_HAND_COUNT = 32  # a sensor numbers a hand anew when it has lost it; more than this are no hands
+MIN_FINGERS = 3
+"""Minimum of a hand that is lost if they coincide; two may be a pinch."""
+LARGEST_HAND_COUNT = 32  # a sensor renumbers a hand after losing it; more are not hands
 LARGEST_HAND = 2**31 - 1
-LARGEST_POSITION = 1e6  # m; no sensor sees as far
+LARGEST_POSITION = 1e6  # m; beyond the range of any sensor
 LARGEST_TIME_NS = 2.0**62
 LINE_ENDS = "\n\r"
 MAYBE_CUT = "the last line has no line end: the file may be cut off"
-LINES_PER_CHUNK = 4096  # lines converted at once
+LINES_PER_CHUNK = 4096  # lines per conversion
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
@@ -38,18 +38,17 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
 
     The first line names the columns, in any order: ``time_s`` (or ms, us, ns), ``hand`` (0, 1, ...),
     ``finger`` (0 the thumb to 4 the little finger) and ``x_m``, ``y_m``, ``z_m`` (or mm, cm); others are
-    ignored. Fields stand between commas, semicolons or tabs; with the latter two a decimal comma is read too.
-    Blank lines and lines that begin with ``#`` are skipped. Times never run backwards; a finger that has no
-    line at a time, or a position of nan, is missing then.
-
-    A last line that does not end may be cut, even in the middle of a number; that is in the notes. It is not
-    refused, nor left out: editors leave the end away as well, and whose last sample is there should have it.
+    ignored. Fields are separated by commas, semicolons or tabs; with the latter two a decimal comma is read
+    too. Blank lines and lines that begin with ``#`` are skipped. Times never run backwards; a finger without
+    a line at a time, or with a position of nan, is missing then. A last line without a line end may be
+    truncated, even in the middle of a number; a note says so. It is kept, since many editors omit the final
+    line end.
     """
     name = os.fspath(path)
     text = _read_text(name)
     table = _Table(text, name)
     times_ns = table.times()
-    hands = table.whole("hand", LARGEST_HAND, "a whole number from 0 on")
+    hands = table.whole("hand", LARGEST_HAND, "a whole number from 0")
     fingers = table.whole("finger", len(FINGERS) - 1, "0 (thumb) to 4 (little finger)")
     points = table.points()
 
@@ -85,12 +84,12 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
 
 
 def _drop_lost_hands(positions: np.ndarray, hands: np.ndarray) -> int:
-    """Make nan of hands whose fingers are all at one place, as lost ones are written; how many positions."""
+    """Set hands whose fingers have one position, as lost ones do, to nan; return the count."""
     count = 0
     for hand in np.unique(hands):
         fingers = np.flatnonzero(hands == hand)
         together = positions[:, fingers]
-        is_lost = (together == together[:, :1]).all(axis=(1, 2)) & (len(fingers) >= FEWEST_FINGERS)
+        is_lost = (together == together[:, :1]).all(axis=(1, 2)) & (len(fingers) >= MIN_FINGERS)
         positions[np.ix_(is_lost, fingers)] = np.nan
         count += int(is_lost.sum()) * len(fingers)
     return count
@@ -109,13 +108,13 @@ def _read_text(name: str) -> str:
 
 
 def _without_comments(text: str) -> Iterator[str]:
-    """The lines, those of comments blank: a quote in a comment opens no field."""
+    """Return the lines, blank for comments: a quote in a comment opens no field."""
     for line in io.StringIO(text, newline=""):
         yield "\n" if line.lstrip().startswith("#") else line
 
 
 class _Table:
-    """The columns that are read, as numbers, and the line that each row stands on."""
+    """The columns read, as numbers, and the line of each row."""
 
     def __init__(self, text: str, name: str) -> None:
         self.name = name
@@ -138,11 +137,11 @@ class _Table:
             raise RecordingError(f"{name}: the file is empty, expected columns {EXPECTED}")
         self.lines = np.concatenate(lines).tolist()
         if not self.lines:
-            raise RecordingError(f"{name}: there is no line after the names of the columns")
+            raise RecordingError(f"{name}: no line after the names of the columns")
         self.columns = dict(zip(self.titles, np.concatenate(numbers, axis=1), strict=True))
 
     def _chunks(self, reader: Any) -> Iterator[tuple[list[list[str]], list[int]]]:
-        """Rows and their lines, without blank ones: few at a time, for the collector's sake."""
+        """Yield rows and their lines, without blank ones: in small chunks, for the garbage collector."""
         while True:
             before = reader.line_num
             try:
@@ -183,7 +182,7 @@ class _Table:
         self.ignored = [title for title in header if title and title not in self.titles]
 
     def _numbers(self, rows: list[list[str]], lines: list[int]) -> np.ndarray:
-        """The columns that are read, (6, rows)."""
+        """Return the columns read, (6, rows)."""
         for row, line in zip(rows, lines, strict=True):
             if len(row) != len(self.header):
                 raise self.error(line, f"{_counted(len(row), 'field')}, expected {len(self.header)}")
@@ -207,7 +206,7 @@ class _Table:
         raise self.error(lines[row], f"{title} is {_shown(fields[row])}, expected a number")
 
     def times(self) -> np.ndarray:
-        """The instants in whole nanoseconds."""
+        """Return the instants in whole nanoseconds."""
         values = self.columns[self.time]
         with np.errstate(over="ignore"):
             exact_ns = values * NANOSECONDS_IN[self.time]
@@ -224,14 +223,14 @@ class _Table:
         return times_ns
 
     def whole(self, title: str, largest: int, expected: str) -> np.ndarray:
-        """One column of whole numbers from 0 to *largest*."""
+        """Return one column of whole numbers from 0 to *largest*."""
         values = self.columns[title]
         fits = (values >= 0.0) & (values <= largest) & (values == np.rint(values))
         self._check(title, values, fits, expected)
         return values.astype(np.int64)
 
     def points(self) -> np.ndarray:
-        """Positions in metres, (rows, 3)."""
+        """Return positions in metres, (rows, 3)."""
         points = np.empty((len(self.lines), 3))
         for axis, title in enumerate(self.axes):
             values = self.columns[title]
@@ -246,7 +245,7 @@ class _Table:
         order = np.argsort(keys, kind="stable")
         again = np.flatnonzero(np.diff(keys[order]) == 0)
         if again.size:
-            # of all repeats the one that is met first
+            # of all repeats the first in the file
             index = again[np.argmin(order[again + 1])]
             earlier, later = int(order[index]), int(order[index + 1])
             raise self.error(
@@ -261,7 +260,7 @@ class _Table:
             raise self.error(self.lines[row], f"{title} is {values[row]:.9g}, expected {expected}")
 
     def error(self, line: int, message: str) -> RecordingError:
-        """Error for a mistake in the file, with its line."""
+        """Return the error for a mistake in the file, with its line."""
         return RecordingError(f"{self.name}, line {line}: {message}")
 
 

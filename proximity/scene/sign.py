@@ -46,8 +46,8 @@ REASONS = {
         "closed and oriented; agrees with the winding number at {asked} of {asked} sample points"
     ),
     layout.REASON_DISAGREES: (
-        "closed and oriented, but it intersects itself or has shells that face the wrong way: the nearest face "
-        "and the winding number disagree at {against} of {asked} sample points"
+        "closed and oriented, but it intersects itself or has shells that face the wrong way: the nearest "
+        "face and the winding number disagree at {against} of {asked} sample points"
     ),
     layout.REASON_MANY_FACES: "closed, but edges have more than two faces",
     layout.REASON_SMALL_HOLES: (
@@ -58,8 +58,8 @@ REASONS = {
 """Why a part has its sign."""
 EXCEPTIONS = (
     "; {count} faces are as thin as a line, or next to such faces: there the winding number decides",
-    "; {count} faces are folded over, or pass through others, or next to such faces: there the winding number "
-    "decides",
+    "; {count} faces are folded over, or pass through others, or next to such faces: there the winding "
+    "number decides",
 )
 """Where the winding number decides the sign of a part that has pseudo-normals, and why; if there are any."""
 FLIPPED = "; all faces were flipped: they ran clockwise seen from outside"

@@ -16,8 +16,8 @@ def part_model(
 ) -> Model:
     """Return the model of one part that has no sign yet.
 
-    *corners*: (K, 3) m; *faces*: (F, 3) of *corners*; *neighbors*: (F, 3). *frame*: to share with other parts;
-    the part has its own if none is given or if the part is small in it.
+    *corners*: (K, 3) m; *faces*: (F, 3) of *corners*; *neighbors*: (F, 3). *frame*: to share with other
+    parts; the part has its own if none is given or if the part is small in it.
     """
     shared = np.zeros(4) if frame is None else np.append(frame.centre, frame.scale)
     frames, parts = np.zeros(2, FRAME), np.zeros(2, PART)

@@ -1,8 +1,8 @@
-"""The service: takes poses and publishes a frame every period, with times, validity and a safe late state.
+"""Service that reads poses and publishes a frame every period, with times, validity and a safe late state.
 
     input (poses) → loop (compiled): newest poses → contacts → times, state → publishers, log
 
-`Service` is the loop. It knows no geometry and no files: its contact source is given to it.
+`Service` is the loop. It is independent of geometry and files, which its contact source provides.
 """
 
 from proximity.service.clock import Clock, SkippingClock

@@ -1,6 +1,6 @@
-"""Clocks that a service's loop is driven by in place of the system's.
+"""Clocks that drive a service's loop instead of the system's.
 
-All times are whole nanoseconds of one monotonic clock, the one that frames are stamped with.
+All times are whole nanoseconds of one monotonic clock, which also stamps the frames.
 """
 
 import time
@@ -8,25 +8,25 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """A clock that the loop is driven by, tick by tick, in place of the system's."""
+    """A clock that drives the loop tick by tick, instead of the system's."""
 
     @property
     def skipped_ns(self) -> int:
-        """Time by which it is ahead of the clock that subscribers read, ns."""
+        """Lead over the clock of the subscribers, ns."""
 
     def now_ns(self) -> int:
         """Return the present instant, ns."""
 
     def sleep_until(self, due_ns: int) -> None:
-        """Return at that instant, or at once where it is past; never before."""
+        """Return at that instant, never before; immediately if it is past."""
 
 
 class SkippingClock:
-    """A clock that stands still while a tick is computed, and jumps to the next: as fast as it goes.
+    """A clock that stops while a tick is computed, and jumps to the next: as fast as possible.
 
-    For recordings: each tick is there, none is late, and every run answers the same. The loop takes
-    ``skipped_ns`` off all times that it publishes, so that a frame is as old to its subscribers as its poses
-    were to the tick.
+    For recordings: no tick is missed or late, and every run gives the same answers. The loop subtracts
+    ``skipped_ns`` from all published times, so that a frame is as old to its subscribers as its poses were to
+    the tick.
     """
 
     def __init__(self) -> None:
@@ -34,13 +34,13 @@ class SkippingClock:
 
     @property
     def skipped_ns(self) -> int:
-        """Time by which it is ahead of the clock that subscribers read, ns."""
+        """Lead over the clock of the subscribers, ns."""
         return self._now_ns - time.monotonic_ns()
 
     def now_ns(self) -> int:
-        """Return the instant that it stands at, ns."""
+        """Return the current instant, ns."""
         return self._now_ns
 
     def sleep_until(self, due_ns: int) -> None:
-        """Jump."""
+        """Jump to the instant."""
         self._now_ns = max(self._now_ns, due_ns)

@@ -18,66 +18,67 @@ from proximity.service.samples import FingerPoses, Samples
 from proximity.system.time_units import NS_PER_MS
 from proximity.tracker.tracker import Tracker
 
-REHEARSAL = 200  # ticks, at places all over the scene
+REHEARSAL = 200  # ticks, at positions all over the scene
 PAGE = 4096  # bytes
 METRES_A_BEND = 0.2
-"""That a fingertip goes from flat hand to fist, about: what is known of noise and acceleration of
-fingertips in metres holds of bends by it."""
+"""Approximate path of a fingertip from flat hand to fist, which converts noise and acceleration of fingertips
+from metres to bends."""
 
 
 class ContactSource(Protocol):
-    """Makes the contacts of a tick."""
+    """Computes the contacts of a tick."""
 
     count: int
-    """Of fingers."""
+    """Number of fingers."""
     source: Source
-    """Where its distances come from."""
+    """Source of its distances."""
     is_ticked_by_loop: bool
-    """Whether the loop makes contacts by itself, of tracker or sensor; otherwise a thread calls `fill`."""
+    """True if the loop computes contacts, of tracker or sensor; otherwise a thread calls `fill`."""
 
     @property
     def epoch(self) -> int:
-        """A number that grows with each change of what parts and faces of the last answer mean."""
+        """Number that changes with the parts and faces that the last answer refers to."""
 
     @property
     def notes(self) -> list[str]:
-        """Sentences for the report: what was refused or failed, and how often."""
+        """Sentences for the report: refusals and failures with their counts."""
 
     @property
     def refused(self) -> tuple[int, int, int]:
-        """Poses of parts left out so far: from the future, older than the one before, and too old."""
+        """Poses of parts left out: from the future, older than the previous one, and too old."""
 
     @property
     def is_late(self) -> bool:
-        """Whether what `fill` made its last answer of is too old for more than its bounds to be used."""
+        """True if the last answer of `fill` used data too old for more than its bounds."""
 
     def labels(self) -> PartLabels:
         """Return names of the parts of the last answer, and which are hidden."""
 
     def new_samples(self) -> Samples:
-        """Return samples of the class that it needs, all unknown."""
+        """Return empty samples of the required class."""
 
     def rehearse(self) -> None:
-        """Do all that takes long the first time; its effects are undone."""
+        """Perform all slow first-time work; its effects are undone."""
 
     def fill(self, contacts: np.ndarray, samples: Any, now_ns: int) -> None:
-        """Write (N,) CONTACT for the newest samples of N fingers; the same arrays each time are fastest."""
+        """Write (N,) CONTACT for the newest samples of N fingers; passing the same arrays each time is
+        fastest."""
 
     def close(self) -> None:
-        """Give back what is open."""
+        """Release open resources."""
 
 
 class TrackedContacts:
     """Contacts with the parts of a scene.
 
-    *tracker*: of as many fingers as the input has. Only the service may tick it from now on.
+    *tracker*: with the number of fingers of the input. Only the service may tick it from now on.
     """
 
     source = Source.GEOMETRY
     takes_changes: bool
-    """Whether parts are looked at again and again: messages move or change them, or another thread does."""
+    """True if parts are checked regularly: messages or another thread move or change them."""
     is_ticked_by_loop = True
-    is_late = False  # the loop knows of parts that move
+    is_late = False  # the loop knows of moving parts
 
     def __init__(self, tracker: Tracker, moves: Any = None, changes: Any = None) -> None:
         self.tracker = tracker
@@ -86,7 +87,7 @@ class TrackedContacts:
         self.takes_changes = moves is not None or changes is not None
         self.count = len(tracker.contacts)
         self._bends = Bends(self.count)
-        self._filled: np.ndarray | None = None  # the records that ticks write to
+        self._filled: np.ndarray | None = None  # records written by ticks
 
     @property
     def epoch(self) -> int:
@@ -95,13 +96,13 @@ class TrackedContacts:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences on poses, and on moves and changes of parts, that could not be used."""
+        """Sentences on unusable poses, moves and changes of parts."""
         sources = (self.tracker, self.moves, self.changes)
         return [note for each in sources if each is not None for note in each.notes]
 
     @property
     def refused(self) -> tuple[int, int, int]:
-        """Moves of parts left out so far."""
+        """Numbers of moves left out."""
         moves = self.moves
         return (0, 0, 0) if moves is None else (moves.future, moves.backwards, moves.too_old)
 
@@ -115,7 +116,7 @@ class TrackedContacts:
         return FingerPoses(self.count)
 
     def rehearse(self) -> None:
-        """Read all of the scene into memory, and tick at random points; the tracker is reset afterwards."""
+        """Read the whole scene into memory, and tick at random points; the tracker is reset afterwards."""
         tracker, rng = self.tracker, np.random.default_rng(0)
         model = tracker.scene.snapshot()
         for array in (model.reals, model.words):
@@ -131,7 +132,7 @@ class TrackedContacts:
         self._bends.reset()
 
     def fill(self, contacts: np.ndarray, samples: FingerPoses, now_ns: int) -> None:
-        """Tick, with the parts where they are in the scene: for paths that a message cannot have."""
+        """Tick, with the parts at their poses in the scene: for paths that do not fit a message."""
         tracker, paths, bends = self.tracker, samples.paths, samples.bends
         if contacts is not self._filled:
             tracker.write_to(contacts)
@@ -155,20 +156,19 @@ class TrackedContacts:
 
 
 class Bends:
-    """Follows the bends of fingers from pose to pose."""
+    """Tracks the bends of fingers from pose to pose."""
 
     def __init__(self, count: int) -> None:
         self._motions = np.zeros((count, ESTIMATES), ESTIMATE)
 
     def reset(self) -> None:
-        """Start anew."""
+        """Reset all fingers."""
         self._motions[:] = 0
 
     def write(self, contacts: np.ndarray, bends: np.ndarray, pose_ns: np.ndarray) -> None:
-        """Write bend and bend rate at the pose's instant, of fingers that are tracked and are on no path.
+        """Write bend and bend rate at the pose's instant, of tracked fingers without a path.
 
-        *contacts*: (N,) CONTACT. *bends*: as they came with the poses; nan: not reported. *pose_ns*: (N,),
-        ns.
+        *contacts*: (N,) CONTACT. *bends*: received with the poses; nan: not reported. *pose_ns*: (N,), ns.
         """
         is_tracked = contacts["flags"] & (ContactFlag.TRACKED | ContactFlag.ON_PATH) == ContactFlag.TRACKED
         for i in np.flatnonzero(is_tracked & np.isfinite(bends)).tolist():

@@ -1,23 +1,23 @@
-"""Description of a service: names of parts and fingers, published a message at a time beside frames."""
+"""Description of a service: names of parts and fingers, published as messages next to the frames."""
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from proximity.message import DESCRIPTION, Message
-from proximity.message.description import MOST_LABELS, REFUSAL_BYTES, encoded_name
+from proximity.message.description import MAX_LABELS, REFUSAL_BYTES, encoded_name
 from proximity.system.time_units import NS_PER_S
 
 APART_NS = NS_PER_S // 10
-"""Between two descriptions for each message of one; after a second one is published at any rate."""
+"""Time between two descriptions, times the messages of one; a second at most."""
 PartLabels = tuple[Sequence[str], np.ndarray]
 """Names of parts, and whether each is hidden, (P,) bool."""
 
 
 class Describer:
-    """Makes the messages of a description: again and again, at each change of the epoch, and when asked.
+    """Makes the messages of a description: repeatedly, at each change of the epoch, and on request.
 
-    At most one a tick: a tick encodes no more than `MOST_LABELS` names.
+    At most one a tick: a tick encodes at most `MAX_LABELS` names.
     """
 
     def __init__(self, finger_names: Sequence[str], radii: Sequence[float]) -> None:
@@ -25,7 +25,7 @@ class Describer:
         self._radii = list(radii)
         self._messages: dict[int, Message] = {}  # by number of records
         self._epoch = -1
-        self._next: int | None = None  # number of the record to go on with; None: all is said
+        self._next: int | None = None  # number of the next record; None: complete
         self._due_ns = -(2**63)
         self._is_asked = False
         self._refused, self._refusal = 0, b""
@@ -36,13 +36,13 @@ class Describer:
         self._refusal = encoded_name(f"{kind}: {reason}", REFUSAL_BYTES)
 
     def ask(self) -> None:
-        """Have the description published from the next tick on."""
+        """Request a description from the next tick on."""
         self._is_asked = True
 
     def message(self, epoch: int, now_ns: int, labels: Callable[[], PartLabels]) -> Message | None:
-        """Return what is to be published now; None: nothing.
+        """Return the message to publish now, or None.
 
-        *labels*: gives the parts of that epoch. Called where something is to be published.
+        *labels*: returns the parts of that epoch; called only if a message is published.
         """
         if epoch != self._epoch or self._is_asked or (self._next is None and now_ns >= self._due_ns):
             self._epoch, self._next, self._is_asked = epoch, 0, False
@@ -51,8 +51,8 @@ class Describer:
         names, is_hidden = labels()
         total = len(names) + len(self._fingers)
         if self._next == 0:
-            self._due_ns = now_ns + min(-(-total // MOST_LABELS) * APART_NS, NS_PER_S)
-        first, end = self._next, min(self._next + MOST_LABELS, total)
+            self._due_ns = now_ns + min(-(-total // MAX_LABELS) * APART_NS, NS_PER_S)
+        first, end = self._next, min(self._next + MAX_LABELS, total)
         self._next = None if end == total else end
         message = self._message_for(end - first)
         header, records = message.header, message.records

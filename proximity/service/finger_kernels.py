@@ -1,6 +1,6 @@
-"""Kernels of the service for all fingers at once: keep the newest samples, follow measured distances.
+"""Kernels of the service for all fingers together: newest samples, tracking of measured distances.
 
-A *sample* of a finger is a row of ``values`` (float64, first column nan: nothing is known) and its instant.
+A *sample* of a finger is a row of ``values`` (float64, first column nan: unknown) and its instant.
 """
 
 import math
@@ -30,15 +30,15 @@ from proximity.kernels.tracking.motion import (
 )
 from proximity.native import entry, inlined, record
 
-# --- columns of the error sums of a distance that is followed: sums of weight times squared error, m² ---
+# --- columns of the error sums of a tracked distance: sums of weight times squared error, m² ---
 DISTANCE_ERROR = 0  # of the present track
 DISTANCE_ERROR_BEFORE = 1  # of the one before the last jump, at most
 ERROR_SUMS_SIZE = 2
 LARGEST_DISTANCE_ERROR = 1e3
-"""m: what is off by more is as good as not known, and must fade like others."""
+"""m: a larger error makes a distance useless, and must decay like others."""
 
 OBSERVED = TRACKED | PREDICTED | JUMPED
-"""Flags that follow from successive distances."""
+"""Flags derived from successive distances."""
 
 MEASUREMENT_RECORD = record(
     "Measurement",
@@ -59,21 +59,21 @@ MEASUREMENT_RECORD = record(
     stiffness="f8",
     damping="f8",
 )
-"""A finger's measurement; `message.MEASUREMENT` says what is in it, a test compares both."""
+"""A finger's measurement, with the fields of `message.MEASUREMENT`; a test compares both."""
 REFUSED = 255
 """Defect of a sample that was refused before: it is not counted again."""
 LOST = 254
-"""Defect of a sample of a hand all fingers of which are at one position, as many programs send a lost one."""
-HAND, FEWEST_FINGERS = 5, 3
-"""Fingers in a row that are a hand; of fewer nobody can say that they are lost: two may touch."""
+"""Defect of a sample of a hand whose fingers all have one position, the usual mark of a lost hand."""
+HAND, MIN_FINGERS = 5, 3
+"""Fingers of a hand, in a row; fewer at one position do not make it lost: two may touch."""
 
 
 @inlined
 def _is_lost(fingers, positions, row_of, given, count):
-    """Whether all fingers of the hand of row *given*, three or more, are given at one position."""
+    """Return whether all fingers, three or more, of the hand of row *given* have one position."""
     first = fingers[given] - fingers[given] % HAND
     last = min(first + HAND, count)
-    if positions.shape[1] != 3 or last - first < FEWEST_FINGERS:
+    if positions.shape[1] != 3 or last - first < MIN_FINGERS:
         return False
     for finger in range(first, last):
         row = row_of[finger]
@@ -91,12 +91,12 @@ def _is_lost(fingers, positions, row_of, given, count):
 def update_newest(
     newest_ns, newest, refused_ns, row_of, fingers, given_ns, given, defects, oldest_ns, latest_ns
 ):
-    """Take what is given of some *fingers* where it is newer, and write into *defects* why not, where not.
+    """Copy newer samples of some *fingers*, and write the *defects* of the others.
 
-    Defects are those of `motion.instant_defect`. *refused_ns* (N,) keeps the instants of what is left out:
-    the same sample again stays out, with the defect `REFUSED`. A sample of nan is taken, whatever its
-    instant, and the newest instant stays: what comes next must still be newer than that. Of a hand that is
-    `LOST` nothing is known. *row_of* (N,) is scratch.
+    Defects are those of `motion.instant_defect`. *refused_ns* (N,) stores the instants of refused samples: a
+    repeated one is refused again, with the defect `REFUSED`. A sample of nan is accepted with any instant,
+    and the newest instant remains: later samples must still be newer. A `LOST` hand becomes unknown. *row_of*
+    (N,) is scratch.
     """
     for row in range(len(fingers)):
         row_of[fingers[row]] = row
@@ -126,7 +126,7 @@ def update_newest(
 
 @entry("int64[:], float64[:, :], int")
 def drop_stale(newest_ns, newest, oldest_ns):
-    """Make the samples from before *oldest_ns* unknown."""
+    """Make samples before *oldest_ns* unknown."""
     for i in range(len(newest_ns)):
         if newest_ns[i] < oldest_ns:
             newest[i, 0] = np.nan
@@ -134,16 +134,16 @@ def drop_stale(newest_ns, newest, oldest_ns):
 
 @inlined
 def _distance_error(motions, error_sums, i, error, status, weight_before):
-    """Error of a track's slope that errors of its distances can cause at most, m/s.
+    """Return the maximum error of a track's slope caused by errors of its distances, m/s.
 
     The slope is the sum of weight times deviation of age times distance, over the sum of weight times squared
-    deviation. By Cauchy and Schwarz errors change it by no more than this, whatever they are.
+    deviation. By Cauchy and Schwarz any errors change it by no more than this.
     """
     error_sq = min(error, LARGEST_DISTANCE_ERROR) ** 2 if error >= 0.0 else LARGEST_DISTANCE_ERROR**2
     weights = motions[i, 0].weights
     weight = weights[0]
     if status & STARTED:
-        # After a jump the track may go on where it was.
+        # After a jump the track may continue from its old position.
         error_sums[i, DISTANCE_ERROR_BEFORE] = (
             max(error_sums[i, DISTANCE_ERROR], error_sums[i, DISTANCE_ERROR_BEFORE])
             if status & JUMPED
@@ -162,9 +162,9 @@ def _distance_error(motions, error_sums, i, error, status, weight_before):
 
 @inlined
 def _follow(motions, error_sums, i, measured_ns, distance, measured, acts_ns, max_speed, max_acceleration):
-    """Follow a distance as `motion` follows a finger, along one axis: status, rate, step and its spread.
+    """Track a distance as `motion` tracks a finger, along one axis: status, rate, step and its spread.
 
-    A rate that is reported is taken at its word. By the *step*, m, the distance will have changed.
+    A reported rate is used unchanged. The *step*, m, is the expected change of the distance.
     """
     present = motions[i, 0]
     weight_before, rate = present.weights[0], -measured.approach_speed
@@ -182,7 +182,7 @@ def _follow(motions, error_sums, i, measured_ns, distance, measured, acts_ns, ma
 
 @inlined
 def _write_distances(contact, measured, status, rate, step, spread):
-    """Write distances, now and predicted, their bounds and what is known of them."""
+    """Write distances, now and predicted, their bounds and flags."""
     distance, error = measured.signed_distance, measured.error
     flags = status & OBSERVED | SIGNED | IN_RANGE
     if not 0.0 <= error < np.inf:
@@ -200,7 +200,7 @@ def _write_distances(contact, measured, status, rate, step, spread):
 
 @inlined
 def _write_times(contact, is_predicted, horizon, max_speed):
-    """Write the time to contact at the present speed, and the time that is free for certain."""
+    """Write the time to contact at the present speed, and the time certainly free of contact."""
     clearance = max(contact.lower, 0.0)
     closing = contact.approach_speed if is_predicted else max_speed
     free, expected = horizon if clearance > 0.0 else 0.0, np.inf
@@ -215,7 +215,7 @@ def _write_times(contact, is_predicted, horizon, max_speed):
 
 @inlined
 def _write_surface(contact, measured):
-    """Write how the object answers a touch, and what the controller is advised to do."""
+    """Write the response of the object to contact, and the advised mode of the controller."""
     has_force = measured.force_is_valid != 0 and math.isfinite(measured.force)
     is_deformable = measured.surface == SURFACE_DEFORMABLE
     contact.surface, contact.force_is_valid = measured.surface, 1 if has_force else 0
@@ -229,7 +229,7 @@ def _write_surface(contact, measured):
 
 @inlined
 def _write_bend(contact, measured):
-    """Write the bend, and that at contact where it follows from bend, bend rate and time to contact."""
+    """Write the bend, and that at contact if it follows from bend, bend rate and time to contact."""
     bend, rate, left = measured.bend, measured.bend_rate, contact.time_to_contact
     contact.bend, contact.bend_rate, reached = bend, rate, np.nan
     if left < np.inf and rate > 0.0 and bend + rate * left <= 1.0:
@@ -251,10 +251,10 @@ def sense_contacts(
     motions, error_sums, measured_ns, distances, measured, contacts, unknown, now_ns, latency_ns, horizon,
     max_speed, max_acceleration,
 ):  # fmt: skip
-    """Make contacts of the newest measurements.
+    """Compute contacts from the newest measurements.
 
-    *distances* (N, 1) of nan are not known, whatever is *measured*; of such fingers contacts are *unknown*.
-    *error_sums* (N, `ERROR_SUMS_SIZE`): what is kept of errors, zeros at first.
+    *distances* (N, 1) of nan are unknown, with any content of *measured*; such fingers have *unknown*
+    contacts. *error_sums* (N, `ERROR_SUMS_SIZE`): state of the errors, initially 0.
     """
     acts_ns = now_ns + latency_ns
     for i in range(len(measured_ns)):

@@ -1,4 +1,4 @@
-"""The log of a service: the loop never waits for the disk, it fills a ring, and a thread empties it."""
+"""Log of a service: the loop never waits for the disk, it fills a ring, which a thread empties."""
 
 import logging
 import threading
@@ -12,11 +12,11 @@ from proximity.transport.shared_memory import PrivateMailbox
 
 LOGGER = logging.getLogger("proximity.service")
 DEPTH = 4096
-"""Frames that wait at most: what a disk that stands still for four seconds delays at 1 kHz."""
+"""Maximum number of waiting frames: those of a disk that blocks for four seconds at 1 kHz."""
 CLOSE_TIMEOUT = 5.0
-"""s that the last frames have to be written."""
+"""s, time to write the last frames."""
 LOG_NAP = 0.005
-"""s between two looks at the frames to be logged: to be woken by each would cost the loop 5 µs a frame."""
+"""s between two polls for frames to log: waking for each would cost the loop 5 µs a frame."""
 
 
 class Log(Protocol):
@@ -26,20 +26,20 @@ class Log(Protocol):
         """Append one frame, (size,) uint8; may raise."""
 
     def close(self) -> None:
-        """Finish."""
+        """Close the log."""
 
 
 class FrameLogThread:
-    """Appends the frames that a loop puts into a mailbox of this process to a log, in a thread of its own.
+    """Writes the frames that a loop puts into a mailbox of this process to a log, in a separate thread.
 
-    *log*: asked from that thread only, until it is closed. *size*: of a frame. *depth*: frames that wait at
-    most, if they are not too large together; those beyond are lost, and counted.
+    *log*: used from that thread only, until it is closed. *size*: of a frame. *depth*: maximum number of
+    waiting frames, within a limit of their total size; further ones are lost, and counted.
     """
 
     def __init__(self, log: Log, size: int, depth: int = DEPTH) -> None:
         self.written = 0  # frames appended
         self.failed = 0  # frames that the log refused
-        self.lost = 0  # frames that found no room
+        self.lost = 0  # frames for which the ring was full
         self._first_failure = ""
         self._log = log
         self._is_closing = False
@@ -51,7 +51,7 @@ class FrameLogThread:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences on frames that were not written, and why."""
+        """Sentences on frames that were not written, with the reasons."""
         notes = []
         if self.failed:
             notes.append(f"{self.failed} frames were not logged, first: {self._first_failure}")
@@ -60,7 +60,7 @@ class FrameLogThread:
         return notes
 
     def close(self, published: int) -> None:
-        """Wait until all is written, some seconds at most; those missing of *published* frames are lost."""
+        """Wait until all is written, some seconds at most; missing ones of *published* frames are lost."""
         self._is_closing = True
         self._thread.join(CLOSE_TIMEOUT)
         if self._thread.is_alive():
@@ -68,9 +68,9 @@ class FrameLogThread:
         self.lost = max(published - self.written - self.failed, 0)
 
     def _write_all(self) -> None:
-        """Append what comes until closing, and what is there then; the work of the thread."""
+        """Append frames until closing, and the remaining ones; the work of the thread."""
         while True:
-            is_closing = self._is_closing  # asked first: nothing is put in afterwards
+            is_closing = self._is_closing  # read first: no frame is put in afterwards
             if self._mailbox.receive(self._frame) != NOTHING:
                 self._append(self._frame)
             elif is_closing:

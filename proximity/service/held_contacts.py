@@ -1,8 +1,7 @@
-"""Contacts of a part that is held: its nearest connections to other parts, at the instant of its newest pose.
+"""Contacts of a tracked part: its nearest connections to other parts, at the instant of its newest pose.
 
-The poses are those that `MovesInput` has taken for the scene. They are looked up here once more, and written
-to a copy of the scene's frames, so that all parts are where they were at one instant, whatever instant the
-fingers' loop has put them at meanwhile.
+`MovesInput` reads the poses for the scene. They are applied once more to a copy of the scene's frames, so
+that all parts have one instant, independently of the fingers' loop.
 """
 
 import weakref
@@ -25,7 +24,7 @@ from proximity.tracker.part_tracker import CONNECTION, ConnectionFlag, PartTrack
 from proximity.transport import forget
 
 SAME = [name for name in CONTACT.names or () if name in (CONNECTION.names or ()) and name != "flags"]
-"""Fields that a contact has as well, under the same name."""
+"""Fields that a contact shares with a connection."""
 # As NumPy numbers: an operation with an IntFlag takes ten times as long.
 ALWAYS, EXACT, BOUNDED, INSIDE, CROSSING = (
     np.uint32(flag)
@@ -45,15 +44,15 @@ ROUNDED_UP = 1.0 + 1e-12
 class HeldContacts:
     """Connections of a part, or of several that move as one, as contacts.
 
-    *scene*: gives the scene that is served at present. *reported*: gives the last motions of parts, those of
-    *parts* among them; the newest pose of the first one counts. *deforming*: is entered while shapes must not
+    *scene*: returns the scene served at present. *reported*: returns the last motions of parts, those of
+    *parts* among them; the newest pose of the first one counts. *deforming*: entered while shapes must not
     change. *options*: of a `PartTracker`.
 
     Notes
     -----
-    A record is a connection: ``finger`` is its number, ``point_on_finger`` is on the held part, and
-    ``position`` and ``velocity`` are the origin of the held part and the velocity at that point. Where no
-    pose has come for 100 ms, the part is not TRACKED.
+    A record is a connection: ``finger`` is its number, ``point_on_finger`` is on the tracked part, and
+    ``position`` and ``velocity`` are the origin of the tracked part and the velocity at that point. Without a
+    pose for 100 ms the part is not TRACKED.
     """
 
     source = Source.HELD
@@ -82,7 +81,7 @@ class HeldContacts:
         self.epoch = 0
         self.is_late = False
         self._model: Model | None = None
-        self._snapshot: Callable[[], Model | None] = lambda: None  # that it was made of
+        self._snapshot: Callable[[], Model | None] = lambda: None  # from which it was made
         self._is_gone = False
         self._leader: ReportedMotion | None = None  # the newest motion of the first part
         self._velocities: tuple[np.ndarray, np.ndarray] | None = None  # of it; None: not known
@@ -93,16 +92,16 @@ class HeldContacts:
         return model.names, model.parts["is_hidden"][: len(model.names)] != 0
 
     def new_samples(self) -> Samples:
-        """Return samples that nobody gives: poses are with the moves."""
+        """Return empty samples: poses come with the moves."""
         return FingerPoses(0)
 
     def rehearse(self) -> None:
-        """Find all connections where the part stands; the tracker is reset afterwards."""
+        """Find all connections at the part's present pose; the tracker is reset afterwards."""
         self._tracker.tick(None, 0, 0)
         self._tracker.reset()
 
     def fill(self, contacts: np.ndarray, samples: Any, now_ns: int) -> None:
-        """Write the connections at the instant of the newest pose, with all parts where they were then."""
+        """Write the connections at the instant of the newest pose, with all parts at that instant."""
         contacts.view(np.uint8)[:] = self._unknown
         motions, scene = self._reported(), self._scene()
         leader = motions.get(self.parts[0])
@@ -124,25 +123,25 @@ class HeldContacts:
         self._widen(contacts, motions, now_ns)
 
     def close(self) -> None:
-        """Do nothing."""
+        """No-op."""
 
     def _has_parts(self, scene: Scene) -> bool:
-        """Whether all parts are in the scene; the first time that they are not is noted."""
+        """Return whether all parts are in the scene; their first absence is noted."""
         names = scene.snapshot().names
         gone = [name for name in self.parts if name not in names]
         if gone and not self._is_gone:
-            self.notes.append(f"the held part {gone[0]!r} was removed: nothing is known of it from then on")
+            self.notes.append(f"the held part {gone[0]!r} was removed: its contacts are now unknown")
         self._is_gone = bool(gone)
         return not gone
 
     def _renew(self, scene: Scene) -> None:
-        """Answer from a scene that has other parts or faces than the last."""
+        """Switch to a scene with other parts or faces."""
         self.epoch += 1
         if scene is not self._tracker.scene:
             self._tracker = PartTracker(scene, self.parts, **self._options)
 
     def _follow_leader(self, leader: ReportedMotion) -> None:
-        """Take the velocities of the first part as they were reported, or from its last two poses."""
+        """Update the velocities of the first part: the reported ones, or from its last two poses."""
         if leader is self._leader:
             return
         before, self._leader = self._leader, leader
@@ -153,7 +152,7 @@ class HeldContacts:
             self._velocities = velocities_between(last, _pose_of(leader.matrix), leader.pose_ns)
 
     def _placed(self, model: Model, motions: dict[str, ReportedMotion], leader: ReportedMotion) -> Model:
-        """The model with all parts that move where they were at the instant of the leader's pose."""
+        """Return the model with all moving parts at the instant of the leader's pose."""
         frames, parts = model.frames.copy(), model.parts.copy()
         names = [
             name
@@ -175,7 +174,7 @@ class HeldContacts:
         return finished(model.reals, model.words, frames, parts, model.epoch, model.names)
 
     def _write(self, contacts: np.ndarray, found: np.ndarray, model: Model) -> None:
-        """Write connections as contacts; of what is not known as readers of frames expect it."""
+        """Write connections as contacts; unknown fields get the values that readers of frames expect."""
         for name in SAME:
             contacts[name] = found[name]
         contacts["signed_distance"], contacts["point_on_finger"] = found["distance"], found["point_on_own"]
@@ -190,7 +189,7 @@ class HeldContacts:
         self._write_motion(contacts, found, model)
 
     def _write_motion(self, contacts: np.ndarray, found: np.ndarray, model: Model) -> None:
-        """Write velocities of both ends, and how the other part answers a touch."""
+        """Write velocities of both ends, and the response of the other part to contact."""
         frames, other = model.frames, found["part"]
         own = np.where(found["own_part"] < 0, model.names.index(self.parts[0]), found["own_part"])
         contacts["position"] = frames["translation"][own]
@@ -204,7 +203,7 @@ class HeldContacts:
         contacts["mode"] = np.where(is_near, np.where(is_soft, FORCE, POSITION), RETRACT)
 
     def _widen(self, contacts: np.ndarray, motions: dict[str, ReportedMotion], now_ns: int) -> None:
-        """Make bounds wider by how far other parts may have come of which nothing more is reported."""
+        """Widen bounds by the possible displacement of other parts that are no longer reported."""
         assert self._model is not None, "it was placed"
         silent = [
             (row, motions[name])
@@ -227,7 +226,7 @@ class HeldContacts:
 
 
 class NoPoses:
-    """The input of a service whose contact source takes its poses from moves that came from *address*."""
+    """Input of a service whose contact source reads its poses from the moves at *address*."""
 
     is_over = False
 
@@ -236,11 +235,11 @@ class NoPoses:
         self.notes: list[str] = []
 
     def poll(self, now_ns: int) -> Iterable[Samples]:
-        """Give nothing."""
+        """Yield no samples."""
         return ()
 
     def close(self) -> None:
-        """Do nothing: the moves are another service's."""
+        """No-op: the moves belong to another service."""
 
 
 def _pose_of(matrix: np.ndarray) -> Pose:
@@ -248,7 +247,7 @@ def _pose_of(matrix: np.ndarray) -> Pose:
 
 
 def _velocity_at(frames: np.ndarray, rows: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Velocities of parts at points, (N, 3), m/s; of the origin where there is no point."""
+    """Return velocities of parts at points, (N, 3), m/s; of the origin if there is no point."""
     velocities, turning = frames["velocity"][rows], frames["angular_velocity"][rows]
     if turning.any():
         arms = np.where(np.isnan(points), 0.0, points - frames["translation"][rows])
@@ -257,12 +256,12 @@ def _velocity_at(frames: np.ndarray, rows: np.ndarray, points: np.ndarray) -> np
 
 
 def _cross(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Vector products of rows; `numpy.cross` takes ten times as long."""
+    """Return cross products of rows; `numpy.cross` takes ten times as long."""
     ahead, behind = [1, 2, 0], [2, 0, 1]
     return left[..., ahead] * right[..., behind] - left[..., behind] * right[..., ahead]
 
 
 def _top_speed(motion: ReportedMotion, frame: Any) -> float:
-    """Largest speed of a point of a part, m/s."""
+    """Return the largest speed of a point of a part, m/s."""
     reach = np.linalg.norm(np.maximum(np.abs(frame["own_lower"]), np.abs(frame["own_upper"])))
     return float(np.linalg.norm(motion.velocity) + np.linalg.norm(motion.turning) * reach) * ROUNDED_UP

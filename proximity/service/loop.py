@@ -1,10 +1,11 @@
-"""The service loop: a thread of compiled code that publishes the newest poses as a frame.
+"""Service loop: a thread of compiled code that publishes the newest poses as a frame.
 
-A pose that comes wakes it, and its frame leaves when it is computed; ticks for poses are half a period apart,
-or half a millisecond where that is less, and at least every period a frame leaves. On Linux it takes poses
-from ``shm://`` and ``udp://`` of this machine by itself, and sends frames by them; other ends are threads of
-Python beside it, and a recording is played by the loop. Contacts of parts that are held are made by a thread
-of Python too. No tick waits for Python.
+An arriving pose wakes it, and its frame is sent once computed; ticks for poses are at least half a period
+apart, or half a millisecond if that is less, and a frame is sent at least every period.
+
+On Linux it receives poses from ``shm://`` and ``udp://`` of this machine directly, and sends frames by them;
+other ends are Python threads, and a recording is played by the loop. Contacts of tracked parts also come from
+a Python thread. No tick waits for Python.
 """
 
 import ctypes
@@ -42,18 +43,18 @@ from proximity.transport.shared_memory import PrivateMailbox
 
 LOGGER = logging.getLogger("proximity.service")
 LOOK = 0.02
-"""s between two looks of Python at the loop: for descriptions, and what is to be warned of."""
+"""s between two checks of the loop by Python: for descriptions and warnings."""
 OPENS_ENDS = sys.platform == "linux"
-"""Whether the loop knows mailboxes and sockets of this system; otherwise all ends are threads."""
+"""True if the loop supports mailboxes and sockets of this system; otherwise all ends are threads."""
 
 
 class Service:
-    """Takes poses in, has them answered, and publishes frames, every period and when poses come.
+    """Receives poses, computes contacts, and publishes frames, every period and when poses arrive.
 
-    *pose_input*: where samples come from, of as many fingers. Closed at the end. *valid_for*: age of the
-    oldest pose up to which a frame may be used as it is. *clock*: drives it tick by tick; None: the system's.
-    *log*: what frames are appended to, by another thread. Closed at the end. *describer*: makes the messages
-    with names of parts and fingers. *counts_processor*: whether ticks are timed by the processor's time.
+    *pose_input*: source of samples, for all fingers. Closed at the end. *valid_for*: age of the oldest
+    pose up to which a frame may be used unchanged. *clock*: drives it tick by tick; None: the system's.
+    *log*: frames are appended to it, by another thread. Closed at the end. *describer*: makes the messages
+    with names of parts and fingers. *counts_processor*: whether ticks are timed by processor time.
     """
 
     def __init__(
@@ -90,12 +91,12 @@ class Service:
         self._set_outputs()
         self._watch = LoopWatch(self._memory, pose_input.address, self._publishers, self._bridges)
         self._has_run = self._is_running = False
-        self._thread: int | None = None  # that the loop runs in
+        self._thread: int | None = None  # of the loop
         self._failure: BaseException | None = None
         self._outcome = 0
 
     def _set_input(self, contact_source: ContactSource, pose_input: PoseInput) -> None:
-        """Have poses come in: to the loop itself, or by a thread."""
+        """Connect the input: to the loop itself, or by a thread."""
         period_ns, stale_after_ns = int(self._loop.period_ns), int(self._loop.stale_after_ns)
         self._bridge: PoseBridge | ContactBridge | None = None  # None: the loop receives or plays poses
         self._newest: NewestSamples | None = None  # where Python makes contacts
@@ -104,7 +105,7 @@ class Service:
             recording = getattr(pose_input, "loop_recording", lambda: None)()
             if recording is not None:
                 fill(self._loop.recording, recording)
-                self._empty = PrivateMailbox(1)  # at which the loop waits for its ticks
+                self._empty = PrivateMailbox(1)  # on which the loop waits for its ticks
                 self._memory.input["box"] = self._empty.reader
                 return
             if end is not None:
@@ -125,12 +126,12 @@ class Service:
         self._memory.input["box"] = self._bridge.reader
 
     def wake(self) -> None:
-        """Have contacts made at once, where Python makes them."""
+        """Compute contacts immediately, if Python computes them."""
         if isinstance(self._bridge, ContactBridge):
             self._bridge.wake()
 
     def _set_outputs(self) -> None:
-        """Have frames go out: from the loop itself, or by a thread for each publisher."""
+        """Connect the outputs: to the loop itself, or by a thread for each publisher."""
         outputs, size = self._memory.outputs, len(self._memory.message.data)
         if len(self._publishers) > len(outputs):
             raise ServiceError(f"{len(self._publishers)} addresses, expected {len(outputs)} at most")
@@ -154,7 +155,7 @@ class Service:
 
     @property
     def report(self) -> Report:
-        """Counts and times so far."""
+        """Counts and times until now."""
         report = self._watch.report(self._input, self._newest, self.contact_source)
         if self._log is not None:
             report.log_written, report.log_lost = self._log.written, self._log.failed + self._log.lost
@@ -164,15 +165,15 @@ class Service:
         return report
 
     def run(self, *, stop: threading.Event | None = None, tick_count: int | None = None) -> Report:
-        """Serve until asked to stop, or until the input is over; then say STOPPING and close everything.
+        """Serve until *stop* is set, or the input ends; then publish STOPPING and close all resources.
 
-        The first tick comes when everything is compiled and in memory. A service runs once.
+        The first tick comes when all code is compiled and in memory. A service runs once.
 
-        *stop*: ends it, when set by another thread or by a signal's handler. Returned: what was done; also
-        ``report``, where another thread may look at it meanwhile.
+        *stop*: ends it, set by another thread or by a signal's handler. Returned: the report, also available
+        as ``report`` to other threads during the run.
         """
         if self._has_run:
-            raise ServiceError("this service has already run and is closed: make a new one")
+            raise ServiceError("this service has already run and is closed: create a new one")
         self._has_run = True
         asks_to_stop = (lambda: False) if stop is None else stop.is_set
         with ExitStack() as stack:
@@ -193,7 +194,7 @@ class Service:
         return self.report
 
     def step(self, now_ns: int) -> None:
-        """Make one tick at an instant of the clock that drives it, in place of `run`."""
+        """Run one tick at an instant of the driving clock, instead of `run`."""
         if not self._sources.has_begun:
             self._begin()
             self._advance(0)
@@ -203,10 +204,10 @@ class Service:
             raise self._failure
 
     def replace(self, contact_source: ContactSource) -> None:
-        """Have contacts made by another source from the next tick on: a scene was edited.
+        """Replace the source of contacts from the next tick on, as after an edit of the scene.
 
-        Returns when that is done. The source before is not closed: its moves may be in use again. All that
-        takes long is done in the thread of the caller.
+        Returns when it is in use. The previous source is not closed: its moves may be in use again. Slow work
+        is done in the calling thread.
 
         Notes
         -----
@@ -229,7 +230,7 @@ class Service:
         return self._is_running and self._thread != threading.get_ident()
 
     def _begin(self) -> None:
-        """Hand the scene over."""
+        """Pass the first scene to the loop."""
         now_ns = time.monotonic_ns() if self._clock is None else self._clock.now_ns()
         self._loop.simulated_ns = now_ns
         self._sources.begin(self._source)
@@ -237,7 +238,7 @@ class Service:
             self._newest.start(now_ns)
 
     def _run_beside(self, asks_to_stop: Callable[[], bool]) -> None:
-        """Run the loop in a thread of its own, and look at it."""
+        """Run the loop in a separate thread, and watch it."""
         workers: list[Worker | LoopSources] = [*self._bridges.values(), self._sources]
         if self._bridge is not None:
             workers.append(self._bridge)
@@ -259,12 +260,12 @@ class Service:
             self._failure = self._failure or next(filter(None, failures), None)
 
     def _work(self) -> None:
-        """Run the loop, in a thread of its own."""
+        """Run the loop; the work of its thread."""
         self._thread = threading.get_ident()
         try:
             with undisturbed(), self._real_time or nullcontext():
                 self._call()
-                if not self._loop.stop:  # all ticks are made: it has not said STOPPING
+                if not self._loop.stop:  # all ticks are done: it has not published STOPPING
                     self._loop.stop = 1
                     self._call()
         except BaseException as failure:
@@ -276,7 +277,7 @@ class Service:
         self._outcome = self._run_loop(ctypes.c_void_p(self._memory.address))
 
     def _drive(self, clock: Clock, asks_to_stop: Callable[[], bool]) -> None:
-        """Make the ticks one by one, in this thread, by another clock than the system's."""
+        """Run the ticks one by one, in this thread, by another clock than the system's."""
         loop, wanted = self._loop, int(self._loop.ticks_wanted)
         self._is_running, self._thread = True, threading.get_ident()
         with undisturbed(), self._real_time or nullcontext():
@@ -296,11 +297,11 @@ class Service:
         self._is_running = False
 
     def _is_played(self) -> bool:
-        """Whether no pose will come any more, as far as Python polls or the loop plays."""
+        """Return whether no more poses will come, from polled inputs or from the loop's recording."""
         return self._input.is_over or bool(self._loop.recording["is_over"])
 
     def _advance(self, ticks: int) -> None:
-        """Make so many ticks more, and do what else Python does of it."""
+        """Run *ticks* more ticks, and the related work of Python."""
         if ticks and self._bridge is not None:
             self._bridge.poll(int(self._loop.simulated_ns))
         if ticks:
@@ -315,7 +316,7 @@ class Service:
             bridge.send_all()
 
     def _describe(self, epoch: int, source: SourceMemory) -> None:
-        """Have published what is due of the description, behind the next frame."""
+        """Publish a due message of the description, after the next frame."""
         loop = self._loop
         if self._describer is not None and not loop.pending:
             clock = self._clock
@@ -325,11 +326,11 @@ class Service:
                 loop.pending_size, loop.pending = len(message.data), message.data.ctypes.data
 
     def _look(self) -> None:
-        """Have described what is due of the description, and warn of what is new."""
+        """Publish due messages of the description, and issue new warnings."""
         loop, source = self._loop, self._sources.current
         epoch = int(loop.epoch)
         is_due = not self._loop.is_given
-        if not is_due and self._clock is None:  # its thread may have gone over to other parts by now
+        if not is_due and self._clock is None:  # its thread may already use other parts
             is_due = source.contacts.epoch + int(loop.epoch_offset) == epoch
         if loop.ticks and not loop.next and is_due:
             self._describe(epoch, source)

@@ -1,4 +1,4 @@
-"""Ends of the loop where only Python can receive or send: mailboxes in this process, and their threads."""
+"""Ends of the loop that only Python can serve: mailboxes in this process, and their threads."""
 
 import logging
 import threading
@@ -9,7 +9,7 @@ import numpy as np
 
 from proximity.errors import PublishError
 from proximity.message import DESCRIPTION, FRAME, MEASURED, PATH_POSES
-from proximity.message.description import MOST_LABELS
+from proximity.message.description import MAX_LABELS
 from proximity.message.envelope import unpack_prefix
 from proximity.service.inputs.sources import PolledInput
 from proximity.service.realtime import RealTime, sharp_timers
@@ -20,13 +20,13 @@ from proximity.transport.shared_memory import PrivateMailbox
 
 LOGGER = logging.getLogger("proximity.service")
 APART = 4e-4
-"""s between two polls: a flood of what cannot be used must not take a core."""
+"""s between two polls: a flood of invalid messages must not occupy a core."""
 LOOK = 0.02
-"""s between two looks of these threads whether all is over."""
+"""s between two checks of these threads for the end."""
 
 
 class Worker:
-    """A thread that does a piece of work again and again, until it is closed."""
+    """A thread that repeats a piece of work until it is closed."""
 
     failure: BaseException | None = None  # that ended it
 
@@ -35,7 +35,7 @@ class Worker:
         self._thread: threading.Thread | None = None
 
     def start(self, real_time: RealTime | None) -> None:
-        """Begin; with priority, where the loop asks for it."""
+        """Start; with priority if the loop has it."""
         prior = nullcontext() if real_time is None else real_time.beside()
         self._thread = threading.Thread(target=self._run, args=(prior,), name="beside the loop", daemon=True)
         self._thread.start()
@@ -55,14 +55,14 @@ class Worker:
             self._thread.join()
 
     def _work(self) -> None:
-        """Wait a while, and do what there is then."""
+        """Wait for new work, and do it; the work of the thread."""
         raise NotImplementedError
 
 
 class PoseBridge(Worker):
-    """Puts the poses that an input gives into a mailbox that the loop reads.
+    """Puts the poses of an input into a mailbox read by the loop.
 
-    *count*: of fingers. *period_ns*: of ticks; where it cannot wait for poses, it asks twice in each.
+    *count*: of fingers. *period_ns*: of ticks; an input that cannot wait is polled twice in each.
     """
 
     def __init__(self, pose_input: PolledInput, count: int, period_ns: int) -> None:
@@ -75,11 +75,11 @@ class PoseBridge(Worker):
 
     @property
     def waits(self) -> bool:
-        """Whether its thread can wait for poses; otherwise it asks for them again and again."""
+        """True if its thread can wait for poses; otherwise it polls."""
         return hasattr(self._input, "wait")
 
     def poll(self, now_ns: int) -> None:
-        """Put in what is new."""
+        """Put new poses into the mailbox."""
         for samples in self._input.poll(now_ns):
             self._publisher.publish(samples.message())
 
@@ -91,7 +91,7 @@ class PoseBridge(Worker):
 
 
 class FrameBridge(Worker):
-    """Sends what the loop puts into a mailbox, sealed already, by an outlet of a publisher.
+    """Sends sealed frames from a mailbox written by the loop, by the outlet of a publisher.
 
     *size*: of a frame.
     """
@@ -102,13 +102,13 @@ class FrameBridge(Worker):
         self.notes: list[str] = []
         self.first_failure = ""
         self._publisher, self._outlet = publisher, outlet_of(publisher)
-        self._sent = 0  # frames, also those that failed
-        self._buffer = np.zeros(max(size, DESCRIPTION.size(MOST_LABELS)), np.uint8)
+        self._sent = 0  # frames, including failed ones
+        self._buffer = np.zeros(max(size, DESCRIPTION.size(MAX_LABELS)), np.uint8)
         self._mailbox = PrivateMailbox(len(self._buffer))
         self.writer = self._mailbox.writer
 
     def send_all(self) -> None:
-        """Send what is there."""
+        """Send all frames in the mailbox."""
         while (size := self._mailbox.receive(self._buffer)) != NOTHING:
             data = self._buffer[:size]
             is_frame = unpack_prefix(data.data)[0] == FRAME.magic
@@ -119,7 +119,7 @@ class FrameBridge(Worker):
                 self._count(str(failure), is_frame=is_frame)
 
     def send_rest(self, published: int) -> None:
-        """End the thread, and send the rest; those missing of *published* frames were overtaken by others."""
+        """End the thread, and send the rest; missing ones of *published* frames were overwritten."""
         self.close()
         self.send_all()
         overtaken = published - self._sent

@@ -1,4 +1,4 @@
-"""The memory that Python shares with the loop of compiled code: its records, and the arrays they name."""
+"""Memory that Python shares with the loop of compiled code: its records, and the arrays they name."""
 
 import ctypes
 import weakref
@@ -49,17 +49,17 @@ def run_function() -> Any:
 
 
 def given_size(count: int) -> int:
-    """Bytes of a message of contacts that are made beside the loop."""
+    """Return the size of a message of contacts computed outside the loop, bytes."""
     return int(loop_records.CONTACTS.itemsize) + count * CONTACT.itemsize
 
 
 def words_of(arrays: Any) -> np.ndarray:
-    """Address and lengths of each array, as kernels take them."""
+    """Return address and lengths of each array, in the layout of kernels."""
     return np.array([word for each in arrays for word in (each.ctypes.data, *each.shape)], np.int64)
 
 
 def nanoseconds(name: str, seconds: Any) -> int:
-    """Return a span of a service in nanoseconds; a `ServiceError` where it cannot be one."""
+    """Return a duration of a service in nanoseconds; raise `ServiceError` for an invalid one."""
     if not SHORTEST_PERIOD <= as_number(seconds) <= LONGEST_PERIOD:
         raise ServiceError(f"{name} is {seconds!r}, expected {SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} s")
     return round(NS_PER_S * seconds)
@@ -72,16 +72,16 @@ def fill(record: Any, values: dict[str, Any]) -> None:
 
 
 def _copied(array: np.ndarray) -> np.ndarray:
-    """A copy that begins at a cache line."""
+    """Return a copy aligned to a cache line."""
     copy = aligned_empty(array.size, array.dtype.type)
     copy[:] = array
     return copy
 
 
 class SourceMemory:
-    """A source of contacts as the loop takes it; kept as long as that may use it.
+    """A source of contacts in the loop's layout, alive while the loop may use it.
 
-    *before*: the same source, when its scene had other parts.
+    *before*: the same source with the previous parts of its scene.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class SourceMemory:
         self.record = np.zeros(1, loop_records.SOURCE)
         self._fields: Any = self.record[0]
         self.labels = lambda: contacts.labels()
-        self.has_scene = False  # whether the loop has arrays of its own, in which it moves parts
+        self.has_scene = False  # whether the loop has separate arrays, in which it moves parts
         if isinstance(contacts, TrackedContacts) and contacts.is_ticked_by_loop:
             self._set_tracker(contacts, memory, before)
         elif isinstance(contacts, SensedContacts) and contacts.is_ticked_by_loop:
@@ -100,19 +100,19 @@ class SourceMemory:
 
     @property
     def address(self) -> int:
-        """Where its record is."""
+        """Address of its record."""
         return int(self.record.ctypes.data)
 
     def note_answers(self) -> None:
-        """Have the tracker note what ticks have answered about poses."""
+        """Update the tracker's notes on poses from the answers of ticks."""
         if self._fields["answers"] and isinstance(self.contacts, TrackedContacts):
-            with suppress(ValueError, IndexError):  # the loop writes contacts meanwhile: the next time
+            with suppress(ValueError, IndexError):  # a race with the loop: the next time
                 note_answers(self.contacts.tracker, int(self._fields["answers"]))
 
     def _set_tracker(
         self, contacts: TrackedContacts, memory: "LoopMemory", before: "SourceMemory | None"
     ) -> None:
-        """Have ticks use a tracker, and its scene."""
+        """Set the tracker and scene of the ticks."""
         tracker, fields = contacts.tracker, self._fields
         if before is None:
             tracker.write_to(memory.message.records)
@@ -134,7 +134,7 @@ class SourceMemory:
         fields["model"] = self._model_words.ctypes.data
 
     def _set_sensor(self, sensor: SensedContacts) -> None:
-        """Have ticks make contacts of what a sensor measures."""
+        """Set the sensor whose measurements the ticks turn into contacts."""
         self._sensor = np.zeros(1, loop_records.SENSOR)
         for name in ("motions", "error_sums", "unknown"):
             self._sensor[name] = getattr(sensor, name).ctypes.data
@@ -143,7 +143,7 @@ class SourceMemory:
         self._fields["sensor"] = self._sensor.ctypes.data
 
     def _set_scene(self, contacts: TrackedContacts, model: Model) -> None:
-        """Let parts be moved by the loop alone: nobody else writes to its arrays."""
+        """Let only the loop move parts: no other thread writes to its arrays."""
         self.has_scene, self._scene = True, contacts.tracker.scene
         self._is_edited_elsewhere = contacts.moves is contacts.changes is None
         self._epoch, self._snapshot = model.epoch, weakref.ref(model)
@@ -158,7 +158,7 @@ class SourceMemory:
         fields["scene"] = over(self._model_words.ctypes.data)
         weakref.finalize(self, close, int(fields["scene"]))
         self._tables = np.zeros((3, count), loop_records.MOTION)
-        self.motions = np.zeros(count, self._tables.dtype)  # as reported, to be published
+        self.motions = np.zeros(count, self._tables.dtype)  # as reported, for publishing
         self._moved: dict[str, np.ndarray] = {name: np.zeros(count, np.int64) for name in ("applied", "rows")}
         widths = {"matrices": 16, "velocities": 3, "turnings": 3}
         self._moved |= {name: np.zeros((count, width)) for name, width in widths.items()}
@@ -167,15 +167,15 @@ class SourceMemory:
 
     @property
     def is_outdated(self) -> bool:
-        """Whether the scene has other parts by now."""
+        """True if the scene now has other parts."""
         model = self._scene.snapshot()
         is_moved = self._is_edited_elsewhere and model is not self._snapshot()
         return is_moved or model.epoch != self._epoch
 
     def publish_motions(self) -> None:
-        """Have the loop see `motions` from its next tick on."""
+        """Publish `motions` to the loop, from its next tick on."""
         fields = self._fields
-        # In this order: where the loop has gone over to the next one meanwhile, that is not written to.
+        # In this order: if the loop has switched to the next one, that is not written to.
         following, in_use = int(fields["next_motions"]), int(fields["motions"])
         table = next(each for each in self._tables if each.ctypes.data not in (following, in_use))
         table[:] = self.motions
@@ -183,9 +183,9 @@ class SourceMemory:
 
 
 class LoopMemory:
-    """All that a loop of so many fingers reads and writes, allocated beforehand."""
+    """Input and output of a loop for *count* fingers, allocated in advance."""
 
-    is_direct = False  # whether the loop receives poses by itself
+    is_direct = False  # whether the loop itself receives poses
 
     def __init__(self, count: int, *, is_measured: bool = False) -> None:
         self.message = Message(FRAME, count)
@@ -229,5 +229,5 @@ class LoopMemory:
 
     @property
     def address(self) -> int:
-        """Where the structure is."""
+        """Address of the structure."""
         return int(self.record.ctypes.data)

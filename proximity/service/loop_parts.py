@@ -1,9 +1,9 @@
-"""Moves and changes of parts: taken by threads beside the loop, and handed to it by one pointer.
+"""Moves and changes of parts: read by threads next to the loop, and passed to it by one pointer.
 
-Where parts are reported to be, and how they move, is a table with a row a part; the loop goes over to a newer
-one at the beginning of a tick, and carries parts to the instant of the newest pose by itself. Other parts are
-another source: copies of the scene's arrays, which are the loop's alone from then on. Contacts that only
-Python can make come from a thread as well, as messages.
+Poses and motions of parts are a table with a row a part; the loop switches to a newer one at the start of a
+tick, and extrapolates parts to the instant of the newest pose. Other parts are another source: copies of the
+scene's arrays, used by the loop alone from then on. Contacts that only Python can compute come from a thread
+as well, as messages.
 """
 
 import threading
@@ -27,17 +27,17 @@ from proximity.transport import forget
 from proximity.transport.shared_memory import PrivateMailbox
 
 REPLACE_TIMEOUT, POLL_INTERVAL = 1.0, 1e-3
-"""s, beyond a period, that a replacement is waited for; and between two looks whether it is in use."""
+"""s, maximum wait for a replacement, beyond a period; and between two checks whether it is in use."""
 LOOK = 0.02
-"""s between two looks of a thread at parts of which nothing is reported."""
+"""s between two checks for parts that are no longer reported."""
 
 
 class LoopSources:
-    """The sources of contacts that a loop uses, one after the other, and what becomes of their parts."""
+    """The successive contact sources of a loop, and the motions of their parts."""
 
     def __init__(self, memory: LoopMemory) -> None:
         self._memory, self._loop = memory, memory.loop
-        self._lock = threading.RLock()  # of what is handed over
+        self._lock = threading.RLock()  # of the published sources
         self._used: dict[int, SourceMemory] = {}  # by address
         self._latest: SourceMemory | None = None  # handed over last
         self._visible: VisibleParts | None = None  # parts of the latest
@@ -47,32 +47,32 @@ class LoopSources:
 
     @property
     def has_begun(self) -> bool:
-        """Whether the loop has a source."""
+        """True if the loop has a source."""
         return bool(self._loop.source)
 
     @property
     def latest(self) -> SourceMemory:
-        """The source that was handed over last."""
+        """The most recently published source."""
         assert self._latest is not None, "the loop has begun"
         return self._latest
 
     @property
     def current(self) -> SourceMemory:
-        """The source that the loop uses."""
+        """The source in use by the loop."""
         return self._used[int(self._loop.source)]
 
     def begin(self, contacts: ContactSource) -> None:
-        """Hand over the first source."""
+        """Publish the first source."""
         self._hand_over(SourceMemory(contacts, self._memory))
         self._loop.source, self._loop.next = self._loop.next, 0
 
     def replace(self, contacts: ContactSource) -> None:
-        """Have the next tick use another source."""
+        """Replace the source from the next tick on."""
         with self._lock:
             self._hand_over(SourceMemory(contacts, self._memory))
 
     def wait_until_used(self, is_running: Any) -> None:
-        """Return when the loop uses what was handed over last; where it does not run, at once."""
+        """Return when the loop uses the latest source; immediately if it does not run."""
         gives_up = time.monotonic() + REPLACE_TIMEOUT + 1e-9 * float(self._loop.period_ns)
         while self._loop.next and is_running() and time.monotonic() < gives_up:
             time.sleep(POLL_INTERVAL)
@@ -80,7 +80,7 @@ class LoopSources:
             self._forget_unused()
 
     def start(self, real_time: RealTime | None) -> None:
-        """Begin to take moves and changes in threads."""
+        """Start reading moves and changes in threads."""
         contacts = self.current.contacts
         if isinstance(contacts, TrackedContacts) and self.current.has_scene:
             inputs = [each for each in (contacts.moves, contacts.changes) if each is not None]
@@ -89,7 +89,7 @@ class LoopSources:
                 thread.start(real_time)
 
     def poll(self) -> None:
-        """Take moves and changes that have come, and hand over what becomes of them."""
+        """Read arrived moves and changes, and publish the result."""
         with self._lock:
             now_ns = self._now_ns()
             latest = self._latest
@@ -102,7 +102,7 @@ class LoopSources:
                 contacts.changes.apply(scene)
             moved = {} if contacts.moves is None else contacts.moves.take(scene, now_ns)
             if latest.is_outdated:
-                if not self._loop.next:  # otherwise what the loop has not seen yet would be renumbered
+                if not self._loop.next:  # otherwise a source not yet seen by the loop would be renumbered
                     self._hand_over(SourceMemory(contacts, self._memory, latest))
             elif moved:
                 self._report(moved)
@@ -110,7 +110,7 @@ class LoopSources:
                 contacts.moves.note_silence(self._visible.names, now_ns)
 
     def note(self) -> None:
-        """Have trackers and inputs note what the loop has found."""
+        """Update the notes of trackers and inputs from the loop."""
         self.current.note_answers()
 
     def close(self) -> None:
@@ -123,7 +123,7 @@ class LoopSources:
         return int(self._loop.simulated_ns) if self._loop.is_simulated else time.monotonic_ns()
 
     def _hand_over(self, following: SourceMemory) -> None:
-        """Have the next tick use a source, whose parts stand where they were reported."""
+        """Publish a source, with its parts at their reported poses."""
         contacts, self._latest, self._visible = following.contacts, following, None
         self._used[following.address] = following
         if following.has_scene and isinstance(contacts, TrackedContacts):
@@ -136,14 +136,14 @@ class LoopSources:
         self._forget_unused()
 
     def _forget_unused(self) -> None:
-        # Here, not in the loop: to free a large scene takes milliseconds.
+        # Here, not in the loop: freeing a large scene takes milliseconds.
         assert self._latest is not None, "the loop has begun"
         kept = int(self._loop.next), int(self._loop.source), self._latest.address
         for address in [address for address in self._used if address not in kept]:
             del self._used[address]
 
     def _report(self, moves: Mapping[str, ReportedMotion]) -> None:
-        """Have the loop see what was reported of parts."""
+        """Publish the reported motions of parts to the loop."""
         latest, visible = self._latest, self._visible
         assert latest is not None and visible is not None, "there are parts"
         present = {name: motion for name, motion in moves.items() if name in visible.names}
@@ -154,7 +154,7 @@ class LoopSources:
 
 
 class _PartThread(Worker):
-    """Polls when moves or changes come at an input; None: where parts are edited by another thread."""
+    """Polls when moves or changes arrive at an input; None: another thread edits parts."""
 
     def __init__(self, sources: LoopSources, part_input: Any) -> None:
         super().__init__()
@@ -168,9 +168,9 @@ class _PartThread(Worker):
 
 
 class ContactBridge(Worker):
-    """Makes the contacts of sources that answer in Python, and puts them into a mailbox that the loop reads.
+    """Computes the contacts of sources in Python, and puts them into a mailbox read by the loop.
 
-    In every period, and when samples or moves come. *clock*: drives the loop; None: the system's does.
+    In every period, and when samples or moves arrive. *clock*: drives the loop; None: the system's does.
     """
 
     def __init__(
@@ -194,22 +194,22 @@ class ContactBridge(Worker):
         self.reader = self._mailbox.reader
 
     def poll(self, now_ns: int) -> None:
-        """Make contacts of what is known, and put them in."""
+        """Compute contacts from the newest samples, and put them into the mailbox."""
         source, newest, clock = self._sources.latest, self._newest, self._clock
         for samples in self._input.poll(now_ns):
-            # Not by the start: where the system kept us from running since, new poses are after it.
+            # Not by the start: if the system suspended this thread since, new poses are later.
             newest.update(samples, time.monotonic_ns() if clock is None else clock.now_ns())
         newest.drop_stale(now_ns)
         try:
             source.contacts.fill(self._contacts, newest.samples, now_ns)
         except BaseException:
-            self._forget()  # the last frames tell nothing of this
+            self._forget()  # the last frames belong to another source
             self._send(source, now_ns)
             raise
         self._send(source, now_ns)
 
     def wake(self) -> None:
-        """Have contacts made at once, though there is no new sample."""
+        """Compute contacts immediately, without a new sample."""
         self._woken.set()
 
     def close(self) -> None:

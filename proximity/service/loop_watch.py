@@ -1,4 +1,4 @@
-"""What Python sees of the loop: its report, and what is to be warned of."""
+"""Python's view of the loop: its report and its warnings."""
 
 import logging
 import os
@@ -22,9 +22,9 @@ LOGGER = logging.getLogger("proximity.service")
 
 
 class LoopWatch:
-    """Reports of a loop while it runs, and warns once of each kind of trouble.
+    """Reports on a loop while it runs, and warns once of each kind of trouble.
 
-    *address*: of the poses. *bridges*: of the publishers that a thread sends for, by their numbers.
+    *address*: of the poses. *bridges*: of the publishers served by a thread, by their numbers.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class LoopWatch:
         self._warned: set[str] = set()
 
     def report(self, pose_input: PoseInput, newest: NewestSamples | None, source: ContactSource) -> Report:
-        """Return counts and times so far."""
+        """Return counts and times until now."""
         loop: Any = self._memory.loop
         report = Report(int(loop.period_ns), int(loop.ticks), int(loop.missed))
         report.compute, report.lateness = _histogram(loop.compute), _histogram(loop.lateness)
@@ -60,7 +60,7 @@ class LoopWatch:
         return report
 
     def warn(self) -> None:
-        """Warn of what is new."""
+        """Issue new warnings."""
         loop: Any = self._memory.loop
         too_old = f"poses older than {loop.stale_after_ns / NS_PER_MS:g} ms"
         kinds: tuple[tuple[str, str, Callable[[int], str]], ...] = (
@@ -83,7 +83,7 @@ class LoopWatch:
                 )
 
     def _failures_of(self, number: int) -> tuple[int, str]:
-        """How many frames a publisher has not sent, and why the first: empty where all were."""
+        """Return the number of unsent frames of a publisher, and the reason of the first, or ""."""
         bridge = self._bridges.get(number)
         if bridge is not None:
             return bridge.failures, bridge.first_failure
@@ -97,7 +97,7 @@ class LoopWatch:
             LOGGER.warning("%s", sentence)
 
     def _direct_notes(self) -> list[str]:
-        """Sentences on messages that the loop received by itself and did not use."""
+        """Return sentences on messages that the loop received directly and did not use."""
         taken, address = self._memory.input, self._address
         counts = Counts.of(taken["receiver"], int(taken["refused"]), int(taken["unverified"]))
         notes = []

@@ -1,6 +1,6 @@
-"""Real-time settings of the loop's thread: sharp timers, priority, locked memory, a core of its own.
+"""Real-time settings of the loop's thread: precise timers, priority, locked memory, a core.
 
-Each is tried; what the system does not permit is reported in a sentence, and nothing fails because of it.
+Each is tried; a refusal by the system is reported in a sentence, and never raises.
 """
 
 import ctypes
@@ -13,10 +13,10 @@ from types import TracebackType
 from typing import Any
 
 SWITCH_INTERVAL = 1e-4
-"""s after which a thread that computes in Python lets another have its turn. Python's own 5 ms are five ticks
-of a loop that shares its process with whoever loads an edited scene."""
+"""s after which a computing Python thread yields to another. Python's default, 5 ms, is five ticks of a loop
+in a process that also loads an edited scene."""
 PRIORITY = 80
-"""Of SCHED_FIFO: above what serves interrupts (50), below what keeps the system alive (99)."""
+"""Priority in SCHED_FIFO: above interrupt threads (50), below the system's critical threads (99)."""
 
 # Of Linux: <sys/prctl.h>, <sys/mman.h>
 PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 29, 30
@@ -25,9 +25,10 @@ MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Do what needs no permission, for the thread that enters: timers and Python itself keep out of its way.
+    """Apply the settings that need no permission to the entering thread.
 
-    No collector of cycles, short turns of other threads, and on Linux timers without their 50 µs of slack.
+    The garbage collector is off, other Python threads have short turns, and on Linux timers have no slack of
+    50 µs.
     """
     interval, was_enabled = sys.getswitchinterval(), gc.isenabled()
     gc.collect()
@@ -47,7 +48,7 @@ def undisturbed() -> Iterator[None]:
 
 @contextmanager
 def sharp_timers() -> Iterator[None]:
-    """Have the thread that enters woken when it is due, on Linux: without 50 µs of slack."""
+    """Set the timer slack of the entering thread to the minimum on Linux, instead of 50 µs."""
     slack_ns = _set_timer_slack(1)
     try:
         yield
@@ -56,14 +57,14 @@ def sharp_timers() -> Iterator[None]:
 
 
 class RealTime:
-    """Ask for what needs a permission, for the thread that enters the ``with`` block; undone at its end.
+    """Settings that need a permission, for the thread that enters the ``with`` block; undone at its end.
 
-    *core*: core to run on; None: the last one that the process may use, where there are several. *is_pinned*:
+    *core*: core to run on; None: the last one that the process may use, if there are several. *is_pinned*:
     whether it stays on a core at all.
     """
 
-    notes: list[str]  # what was granted or refused, a sentence each
-    refused: list[str]  # those of what was refused
+    notes: list[str]  # settings granted or refused, a sentence each
+    refused: list[str]  # the refused ones
 
     def __init__(
         self,
@@ -79,7 +80,7 @@ class RealTime:
         self._undo = ExitStack()
 
     def __enter__(self) -> "RealTime":
-        # Memory first: it takes a while, in which nothing else should have to wait.
+        # Memory first: it is slow, and other settings should not wait.
         if self._lock_memory:
             self._try("memory", self._lock_all_memory)
         if self._is_pinned:
@@ -94,7 +95,7 @@ class RealTime:
 
     @contextmanager
     def beside(self) -> Iterator[None]:
-        """Give a thread that receives or sends for the loop the priority below, where that is allowed."""
+        """Give a thread that receives or sends for the loop the next lower priority, if permitted."""
         with ExitStack() as undo:
             with suppress(AttributeError, OSError, ValueError):
                 before, settings = os.sched_getscheduler(0), os.sched_getparam(0)
@@ -114,7 +115,7 @@ class RealTime:
         self.notes.append(self.refused[-1])
 
     def _raise_priority(self) -> str:
-        """Get real-time priority: before all that is not real-time."""
+        """Set real-time priority, above all normal threads."""
         before, settings = os.sched_getscheduler(0), os.sched_getparam(0)
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self._priority))
         self._undo.callback(os.sched_setscheduler, 0, before, settings)
@@ -131,11 +132,11 @@ class RealTime:
         return f"{core}, and no other"
 
     def _lock_all_memory(self) -> str:
-        """Lock what is touched already, and what will be."""
+        """Lock present and future memory."""
         libc = _libc()
         flags = MCL_CURRENT | MCL_ONFAULT
         is_unlimited = _may_lock_all()
-        # Under a limit, memory that is asked for later would not be given at all.
+        # Under a limit, later allocations would fail.
         if is_unlimited:
             flags |= MCL_FUTURE
         if libc.mlockall(flags):
@@ -152,12 +153,12 @@ def _may_lock_all() -> bool:
 
 
 def _libc() -> Any:
-    """The C library; a TypeError on Windows."""
+    """Return the C library; raise TypeError on Windows."""
     return ctypes.CDLL(None, use_errno=True)
 
 
 def _set_timer_slack(slack_ns: int) -> int:
-    """Have this thread woken no later than that after it is due; what it was before, -1 where unknown."""
+    """Set the thread's timer slack; return the previous value, or -1."""
     if slack_ns < 0 or not sys.platform.startswith("linux"):
         return -1
     prctl = _libc().prctl

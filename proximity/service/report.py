@@ -1,4 +1,4 @@
-"""Report of a service: ticks, lateness, computing times, and everything that was not as it should be."""
+"""Report of a service: ticks, lateness, computing times, and irregularities."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -7,13 +7,13 @@ from typing import Any
 from proximity.message import State
 
 SHARE_BITS = 5  # of a value that decide its bin
-LARGEST_BITS = 42  # 2**42 ns are 73 minutes; what takes longer is in the last bin
+LARGEST_BITS = 42  # 2**42 ns are 73 minutes; longer durations are in the last bin
 BIN_COUNT = (LARGEST_BITS - SHARE_BITS + 1) << SHARE_BITS
 LARGEST_NS = (1 << LARGEST_BITS) - 1
 
 
 class Histogram:
-    """Counts durations; takes a third of a microsecond each, and the same room however many.
+    """Counts durations, a third of a microsecond each, in constant memory.
 
     Up to 63 ns every nanosecond has its bin; beyond, bins double in width where durations double.
     """
@@ -28,13 +28,13 @@ class Histogram:
 
     @classmethod
     def of(cls, count: int, max_ns: int, counts: list[int]) -> "Histogram":
-        """Return what was counted elsewhere, bin by bin."""
+        """Return a histogram of given counts, bin by bin."""
         made = cls()
         made.count, made.max_ns, made._counts = count, max_ns, counts
         return made
 
     def record(self, duration_ns: int) -> None:
-        """Count a duration; one below zero counts as zero."""
+        """Count a duration; a negative one counts as zero."""
         if duration_ns > self.max_ns:
             self.max_ns = duration_ns
         self.count += 1
@@ -47,18 +47,18 @@ class Histogram:
             self._counts[-1] += 1
 
     def percentile(self, share: float) -> int:
-        """Return what that share of the durations do not exceed, ns: the upper end of a bin; 0 of none."""
+        """Return the duration not exceeded by a share of them, ns: the upper end of a bin; 0 of none."""
         wanted = share / 100.0 * self.count
         seen = 0
         for _, upper_ns, count in self.rows():
             seen += count
-            # The last bin has no upper end of its own.
+            # The last bin has no upper end.
             if seen >= wanted and upper_ns < LARGEST_NS:
                 return min(upper_ns, self.max_ns)
         return self.max_ns
 
     def rows(self) -> Iterator[tuple[int, int, int]]:
-        """Give each bin that is not empty: its shortest and longest duration, ns, and how many it holds."""
+        """Yield each non-empty bin: its shortest and longest duration, ns, and its count."""
         for row, count in enumerate(self._counts):
             if count:
                 yield *_ends(row), count
@@ -69,7 +69,7 @@ class Histogram:
 
 
 def _ends(row: int) -> tuple[int, int]:
-    """Shortest and longest duration of a bin."""
+    """Return the shortest and longest duration of a bin."""
     shift = max((row >> SHARE_BITS) - 1, 0)
     lower = (row - (shift << SHARE_BITS)) << shift
     return lower, lower + (1 << shift) - 1
@@ -81,21 +81,21 @@ def _shown(duration_ns: int) -> str:
 
 @dataclass(slots=True, eq=False)
 class Report:
-    """Figures of one run; while it goes on, those so far."""
+    """Figures of one run, until now if it is in progress."""
 
     period_ns: int
-    ticks: int = 0  # frames made, those at the end left out
-    missed: int = 0  # ticks left out because others took too long
-    compute: Histogram = field(default_factory=Histogram)  # from the begin of a tick until its frame is out
-    lateness: Histogram = field(default_factory=Histogram)  # from when a tick was due until it began
+    ticks: int = 0  # frames made, except those at the end
+    missed: int = 0  # ticks skipped because others took too long
+    compute: Histogram = field(default_factory=Histogram)  # from the start of a tick until its frame is sent
+    lateness: Histogram = field(default_factory=Histogram)  # from a tick's due time until its start
     states: dict[State, int] = field(default_factory=lambda: dict.fromkeys(State, 0))  # frames of each
-    future: int = 0  # poses, of fingers and of parts, left out because they are from the future
-    backwards: int = 0  # … because they are older than the one before
-    too_old: int = 0  # … because they are too old when they come
+    future: int = 0  # poses of fingers and of parts from the future, left out
+    backwards: int = 0  # … older than the previous one
+    too_old: int = 0  # … too old on arrival
     publish_failures: dict[str, int] = field(default_factory=dict)  # by address
     log_written: int = 0
     log_lost: int = 0
-    notes: list[str] = field(default_factory=list)  # sentences: failures, what the system granted or refused
+    notes: list[str] = field(default_factory=list)  # sentences: failures, settings granted or refused
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as numbers, texts and lists, for JSON."""

@@ -1,4 +1,4 @@
-"""Samples of fingers, as inputs give them, and the newest usable ones; a row a finger, nan where unknown."""
+"""Samples of fingers from inputs, and the newest usable ones; a row a finger, nan if unknown."""
 
 import logging
 from collections.abc import Callable
@@ -25,22 +25,22 @@ from proximity.system.time_units import NS_PER_MS
 LOGGER = logging.getLogger("proximity.service")
 LOST_HANDS = "poses of hands whose fingers are all at one place"
 LONG_AGO = -(2**62)
-"""ns; instant of a finger that never had a pose."""
+"""ns; instant of a finger without any pose."""
 NEVER_NS = np.int64(-(2**63))
 
 
 class Samples:
-    """Values of some fingers, their instants, and more that may be reported."""
+    """Values of some fingers, their instants, and optional reports."""
 
     VALUES: ClassVar[str]
     OPTIONAL: ClassVar[tuple[str, ...]]
     """Names of arrays that may be None, with a row a finger."""
     pose_ns: np.ndarray  # (N,) int64, instants
-    fingers: np.ndarray | None = None  # (N,) int64, whose they are; None: all, in order
+    fingers: np.ndarray | None = None  # (N,) int64, their fingers; None: all, in order
 
     @property
     def values(self) -> np.ndarray:
-        """Values, (N, C) float64, C-ordered; nan in the first column: nothing is known."""
+        """Values, (N, C) float64, C-ordered; nan in the first column: unknown."""
         values: np.ndarray = getattr(self, self.VALUES)
         return values
 
@@ -49,7 +49,7 @@ class Samples:
         raise NotImplementedError
 
     def copy_optional(self, newer: "Samples", fingers: slice | np.ndarray, rows: slice | np.ndarray) -> None:
-        """Copy to *fingers* what *rows* of newer samples report beside values, nan where they do not."""
+        """Copy the optional arrays of *rows* of newer samples to *fingers*, nan where not reported."""
         for name in self.OPTIONAL:
             kept, given = getattr(self, name), getattr(newer, name)
             if given is None:
@@ -73,7 +73,7 @@ class FingerPoses(Samples):
     positions: np.ndarray  # (N, 3) float64, m, scene's frame; nan: not tracked
     velocities: np.ndarray | None  # (N, 3) float64, m/s; nan: to be estimated
     paths: np.ndarray | None  # (N, K, 3) float64, m, scene's frame; first corner nan: no path
-    bends: np.ndarray | None  # (N,) float64, on the path; nan: the nearest place
+    bends: np.ndarray | None  # (N,) float64, on the path; nan: the nearest position
 
     def __init__(self, count: int) -> None:
         self.positions = np.full((count, 3), np.nan)
@@ -81,7 +81,7 @@ class FingerPoses(Samples):
         self.velocities = self.paths = self.bends = None
 
     def message(self) -> Message:
-        """Return them as `POSES`, or as `PATH_POSES` where there are paths."""
+        """Return them as `POSES`, or as `PATH_POSES` if they have paths."""
         count = len(self.pose_ns)
         message = Message(POSES if self.paths is None else PATH_POSES, count)
         records = message.records
@@ -97,12 +97,12 @@ class FingerPoses(Samples):
 
 
 class Measurements(Samples):
-    """Distances of fingers, and what a sensor knows beside them."""
+    """Distances of fingers, and further measurements of a sensor."""
 
     VALUES = "distances"
     OPTIONAL = ("record_bytes",)
-    distances: np.ndarray  # (N, 1) float64, m; nan: nothing was measured
-    records: np.ndarray  # (N,) MEASUREMENT: all that was reported
+    distances: np.ndarray  # (N, 1) float64, m; nan: not measured
+    records: np.ndarray  # (N,) MEASUREMENT: the full report
     record_bytes: np.ndarray  # the same: copying records field by field takes fifty times as long
 
     def __init__(self, count: int) -> None:
@@ -122,12 +122,12 @@ class Measurements(Samples):
 
 
 class NewestSamples:
-    """The newest sample of each finger that can be used, in *samples*; *origin* is for the log."""
+    """The newest usable sample of each finger, in *samples*; *origin* is for the log."""
 
-    future: int  # samples left out because they are from the future
-    backwards: int  # … because they are older than the one before
-    too_old: int  # … because they are too old when they come
-    lost: int  # … because all fingers of their hand are at one position
+    future: int  # samples from the future, left out
+    backwards: int  # … older than the previous one
+    too_old: int  # … too old on arrival
+    lost: int  # … of a hand whose fingers all have one position
 
     def __init__(self, samples: Samples, stale_after_ns: int, origin: str = "input") -> None:
         count = len(samples.pose_ns)
@@ -146,16 +146,16 @@ class NewestSamples:
 
     @property
     def refused(self) -> tuple[int, int, int]:
-        """Samples left out so far: from the future, older than the one before, and too old."""
+        """Samples left out: from the future, older than the previous one, and too old."""
         return self.future, self.backwards, self.too_old
 
     def start(self, now_ns: int) -> None:
-        """Make all fingers unknown; they are unseen since as long as samples can be used."""
+        """Make all fingers unknown, unseen for the maximum age of samples."""
         self.samples.pose_ns[:] = now_ns - self._stale_after_ns
         self.samples.values[:, 0] = np.nan
 
     def update(self, given: Samples, now_ns: int) -> None:
-        """Copy what can be used; a sample that is left out is counted once, also if it is given again."""
+        """Copy usable samples; a refused one is counted once, also if it is given again."""
         newest = self.samples
         fingers = self._all if given.fingers is None else given.fingers
         defects = self._defects[: len(fingers)]
@@ -186,12 +186,12 @@ class NewestSamples:
     def _count(
         self, which: np.ndarray, before: int, what: str, advice: Callable[[int], str], off_ns: np.ndarray
     ) -> int:
-        """Count samples with a defect; only the first is logged, not to make a flood."""
+        """Count samples with a defect; only the first is logged, to avoid a flood."""
         if which.any() and not before:
             LOGGER.warning("%s: %s are not used (%s)", self._origin, what, advice(int(off_ns[which].max())))
         return int(which.sum())
 
 
 def on_lost(_: int) -> str:
-    """Advice to whoever sends all fingers of a hand at one place."""
+    """Return advice to senders that give all fingers of a hand one position."""
     return "the hand is lost there: send nan"

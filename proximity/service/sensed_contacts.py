@@ -1,6 +1,6 @@
 """Teleoperation: publish distances measured by a sensor as contacts, without any geometry.
 
-What a sensor does not report stays unknown: positions, parts and faces. The speed of approach is
+Fields that a sensor does not report stay unknown: positions, parts and faces. The speed of approach is
 estimated from successive distances as `kernels.tracking.motion` does from poses, along one axis.
 """
 
@@ -19,16 +19,16 @@ from proximity.transport import forget
 
 
 class SensedContacts:
-    """Contacts as a sensor measured them.
+    """Contacts measured by a sensor.
 
-    *latency*: from a tick until the controller acts on its answer: predictions are for then. *max_speed*: by
-    which a distance changes at most; faster is a jump of the sensor. *max_acceleration*: bounds of
-    predictions hold as long as it is not exceeded, and distances are no farther off than reported.
+    *latency*: from a tick until the controller acts on its answer, the instant of predictions. *max_speed*:
+    of a distance; faster is a jump of the sensor. *max_acceleration*: bounds of predictions hold if it is not
+    exceeded, and errors of distances are within the reported ones.
 
     Notes
     -----
-    Where a sensor reports bend and bend rate, the bend at contact is reported as well, on the assumption that
-    both bend and distance go on as they do; how far it is off is not known.
+    If a sensor reports bend and bend rate, the bend at contact is reported as well, with both rates assumed
+    constant; its error is unknown.
     """
 
     source = Source.TELEOPERATION
@@ -67,7 +67,7 @@ class SensedContacts:
         self.unknown = unknown.view(CONTACT_RECORD)
 
     def labels(self) -> PartLabels:
-        """Return that there are no parts."""
+        """Return empty labels: there are no parts."""
         return (), np.zeros(0, bool)
 
     def new_samples(self) -> Measurements:
@@ -75,13 +75,13 @@ class SensedContacts:
         return Measurements(self.count)
 
     def rehearse(self) -> None:
-        """Make contacts of nothing; the estimates are reset afterwards."""
+        """Compute contacts of empty samples; the estimates are reset afterwards."""
         self.fill(np.zeros(self.count, CONTACT), Measurements(self.count), 0)
         self.motions[:] = 0
         self.error_sums[:] = 0.0
 
     def fill(self, contacts: np.ndarray, samples: Measurements, now_ns: int) -> None:
-        """Make the contacts."""
+        """Compute the contacts."""
         finger_kernels.sense_contacts(
             self.motions, self.error_sums, samples.pose_ns, samples.distances,
             samples.records.view(finger_kernels.MEASUREMENT_RECORD), contacts.view(CONTACT_RECORD),
@@ -89,4 +89,4 @@ class SensedContacts:
         )  # fmt: skip
 
     def close(self) -> None:
-        """Do nothing."""
+        """No-op."""

@@ -1,4 +1,4 @@
-"""Optional parts of the package, and the sentence that says what to install where one is missing."""
+"""Optional parts of the package, and the message that says what to install if one is missing."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ from proximity.errors import ArgumentError, MissingLibraryError
 DISTRIBUTION = "cad-proximity"
 """Name on the package index, where ``proximity`` is another project."""
 PACKAGES = {"pyvista": "PyVista"}
-"""Names of packages, by that of the module, where they differ."""
+"""Names of packages by module, if they differ."""
 
 
 def installation(extra: str) -> str:
@@ -18,7 +18,7 @@ def installation(extra: str) -> str:
 
 @contextmanager
 def needed(sentence: str, extra: str) -> Iterator[None]:
-    """Say what needs a library that is imported within, and what to install, if it cannot be imported."""
+    """Raise with the missing library and its installation if an import within the block fails."""
     try:
         yield
     except ImportError as missing:
@@ -34,11 +34,11 @@ def needed(sentence: str, extra: str) -> Iterator[None]:
 
 @contextmanager
 def needed_in_c(sentence: str) -> Iterator[None]:
-    """Raise `ArgumentError` if code in C that is loaded within is missing, with how to compile it."""
+    """Raise `ArgumentError` if C code loaded within the block is missing, with how to compile it."""
     try:
         yield
     except ImportError as missing:
         raise ArgumentError(
             f"{sentence}: {missing}; compile it by `python tools/build_kernels.py` in the checkout, or "
-            "install the package anew"
+            "reinstall the package"
         ) from None

@@ -1,6 +1,6 @@
-"""Contents kept in the user's cache folder for the next process.
+"""Cache of file contents in the user's cache folder.
 
-A damaged file, and a folder that another user may write to, are not read. The least recently used files are
+Damaged files, and folders that another user may write to, are not read. The least recently used files are
 removed beyond a limit.
 """
 
@@ -17,13 +17,13 @@ _SUFFIX, _DIGEST_BYTES = ".kept", 32
 
 
 class FileCache:
-    """Contents by key, *limit* bytes at most; many processes may use the folder at once."""
+    """Contents by key, *limit* bytes at most; processes may share the folder."""
 
     def __init__(self, name: str, limit: int) -> None:
         self._name, self.limit, self.kept_count = name, limit, 0
 
     def read(self, key: str) -> bytes | None:
-        """Return a content, which counts as used just now, or None if it is not there or damaged."""
+        """Return a content, marked as just used, or None if it is missing or damaged."""
         path = self._folder() / (key + _SUFFIX)
         try:
             if not _is_ours(path.parent):
@@ -38,7 +38,7 @@ class FileCache:
         return stored[_DIGEST_BYTES:]
 
     def write(self, key: str, content: bytes) -> None:
-        """Keep a content, if that is possible; the least recently used go beyond the limit."""
+        """Store a content if possible; the least recently used are removed beyond the limit."""
         folder = self._folder()
         with suppress(OSError, FileError):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -69,6 +69,6 @@ def _digest(content: bytes) -> bytes:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Whether no other user can have written to a folder."""
+    """Return whether no other user can have written to a folder."""
     status = folder.stat()
     return os.name == "nt" or (status.st_uid == os.geteuid() and not status.st_mode & 0o022)

@@ -1,8 +1,8 @@
 """Locks that stay usable in a forked child process.
 
-A child has one thread. A lock that another thread held would stay held there for ever, over what that thread
-had begun. So whoever forks takes all locks first, which waits for those at work; the compiler's last, which
-they may be waiting for.
+A child has one thread. A lock held by another thread would stay locked there forever, with its data
+half-changed. So a fork first acquires all locks, waiting for the threads that hold them; the compiler's last,
+since those threads may wait for it.
 """
 
 import _thread
@@ -14,18 +14,18 @@ from operator import methodcaller
 from typing import Any
 
 LATER = 0.01
-"""s until an interruption comes again: what is raised before the fork has ended would be lost once more."""
+"""s until an interruption is raised again: one raised before the fork has ended would be lost."""
 
 _locks: weakref.WeakSet[threading.RLock] = weakref.WeakSet()
 _listing = threading.RLock()
-_held_by_forks: list[list[Any]] = []  # by forks under way: one within another where a signal handler forks
+_held_by_forks: list[list[Any]] = []  # by forks in progress: nested if a signal handler forks
 _interruptions: list[BaseException] = []
 
 _acquired, _released = methodcaller("acquire"), methodcaller("release")
 
 
 def fork_safe_lock() -> threading.RLock:
-    """Return a lock of its own; the thread that holds it may take it again, as a signal handler may."""
+    """Return a new lock; its holder may acquire it again, as a signal handler may."""
     lock = threading.RLock()
     with _listing:
         _locks.add(lock)
@@ -33,7 +33,7 @@ def fork_safe_lock() -> threading.RLock:
 
 
 def _compiler_locks() -> list[Any]:
-    """numba's lock, where it compiles kernels in this process."""
+    """Return numba's lock, if it compiles kernels in this process."""
     compiler = sys.modules.get("numba.core.compiler_lock")
     return [compiler.global_compiler_lock] if compiler else []
 
@@ -42,16 +42,16 @@ def _all_locks() -> list[Any]:
     while True:
         try:
             return [_listing, *_locks, *_compiler_locks()]
-        except RuntimeError:  # a scene was made meanwhile, by another thread or by a signal handler
+        except RuntimeError:  # a concurrent change by another thread or a signal handler
             continue
 
 
 def _acquire_all() -> None:
-    """Acquire all locks, whoever interrupts: nobody hears of what is raised here, and the fork goes on."""
+    """Acquire all locks despite interruptions: an exception here would be lost, and the fork continue."""
     locks, results = _all_locks(), list[bool]()
     while len(results) < len(locks):
         try:
-            # Within one call, so that a signal comes while one is waited for, and not between two.
+            # Within one call, so that a signal arrives during a wait, not between two.
             results.extend(map(_acquired, locks[len(results) :]))
         except BaseException as interruption:
             _interruptions.append(interruption)
@@ -64,7 +64,7 @@ def _release_all() -> None:
 
 
 def _resume_parent() -> None:
-    """Release the locks in the process that forked, and deliver an interruption that came meanwhile."""
+    """Release the locks in the process that forked, and deliver a delayed interruption."""
     _release_all()
     if _interruptions:
         _interruptions.clear()

@@ -1,4 +1,4 @@
-"""Description of the machine that measured: processor, system, versions. No names of computers or people."""
+"""Description of the measuring machine: processor, system, versions. No names of computers or users."""
 
 import datetime
 import importlib.metadata
@@ -15,7 +15,7 @@ CHECKOUT = Path(__file__).resolve().parents[2]
 
 
 def processor_name() -> str:
-    """Return what the processor is called, with its widest vectors where the system tells."""
+    """Return the name of the processor, with its widest vectors if known."""
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.is_file():
         lines = [line.partition(":") for line in cpuinfo.read_text().split("\n\n")[0].splitlines()]
@@ -29,7 +29,7 @@ def processor_name() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what has a share in how long a tick takes."""
+    """Return the versions that affect the duration of a tick."""
     return {
         "python": platform.python_version(),
         "numpy": importlib.metadata.version("numpy"),
@@ -39,7 +39,7 @@ def versions() -> dict[str, str]:
 
 @lru_cache(maxsize=1)
 def commit() -> str:
-    """Return the commit of the checkout that this program runs from, short; "none" where it is installed."""
+    """Return the commit of the checkout that this program runs from, short; "none" if installed."""
     short = _git("rev-parse", "--short", "HEAD")
     if not short:
         return "none"
@@ -47,7 +47,7 @@ def commit() -> str:
 
 
 def _git(*words: str) -> str:
-    if not (CHECKOUT / ".git").exists():  # installed; the folder around may be somebody else's checkout
+    if not (CHECKOUT / ".git").exists():  # installed; the folder around may be another project's checkout
         return ""
     try:
         done = subprocess.run(["git", *words], cwd=CHECKOUT, capture_output=True, text=True, check=False)

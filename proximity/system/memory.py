@@ -1,4 +1,4 @@
-"""Memory: freed pages given back, and pauses of Python's garbage collector."""
+"""Memory: return of freed pages, and pauses of Python's garbage collector."""
 
 import ctypes
 import gc
@@ -7,9 +7,10 @@ from contextlib import contextmanager, suppress
 
 
 def return_free_memory() -> None:
-    """Give freed pages back to the system, where the C library can; 20 ms for 150 MB.
+    """Return freed pages to the system, if the C library supports it; 20 ms for 150 MB.
 
-    What reading a part takes for a while lies between what stays; glibc would keep 120 bytes a face of it.
+    Temporary data of reading a part are interleaved with its permanent data; glibc would keep 120 bytes a
+    face.
     """
     with suppress(AttributeError, OSError, TypeError):  # another library than glibc
         ctypes.CDLL(None).malloc_trim(0)
@@ -17,7 +18,7 @@ def return_free_memory() -> None:
 
 @contextmanager
 def collector_paused() -> Iterator[None]:
-    """Look for no garbage in the block, which is timed or makes no cycles; afterwards as before."""
+    """Pause the garbage collector in the block, which is timed or makes no cycles."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:

@@ -1,6 +1,6 @@
 """Opening files named by a user: regular files only, and without blocking.
 
-A named pipe would be waited for until somebody writes to it, and a device may never end.
+Opening a named pipe would wait for a writer, and a device may never end.
 """
 
 import errno
@@ -12,7 +12,7 @@ _WITHOUT_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
 
 
 class NotRegularFileError(OSError):
-    """A pipe, socket or device where a file was expected."""
+    """Raised for a pipe, socket or device where a file is expected."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         super().__init__(errno.EINVAL, "is not a regular file", path)
@@ -27,7 +27,7 @@ def _open_descriptor(path: str, flags: int) -> int:
     try:
         descriptor = os.open(path, flags | _WITHOUT_WAITING)
     except OSError as failure:
-        if failure.errno == errno.ENXIO:  # a socket, or a device that is not there
+        if failure.errno == errno.ENXIO:  # a socket, or a missing device
             raise NotRegularFileError(path) from failure
         raise
     mode = os.fstat(descriptor).st_mode

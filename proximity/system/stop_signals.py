@@ -16,11 +16,10 @@ SIGNALS = [
 
 @contextmanager
 def stopped_by_signals(stop: threading.Event | None = None) -> Iterator[threading.Event]:
-    """Set an event at the first signal within the block, and give it; a second signal acts as usual.
+    """Set an event at the first signal within the block, and yield it; a second signal acts as usual.
 
-    Signals reach the main thread; in another one nothing is changed.
-
-    *stop*: what is set; a new one where not given.
+    Signals reach the main thread; in other threads the block has no effect. *stop*: the event; by default a
+    new one.
     """
     stop = threading.Event() if stop is None else stop
     if threading.current_thread() is not threading.main_thread():
@@ -30,12 +29,12 @@ def stopped_by_signals(stop: threading.Event | None = None) -> Iterator[threadin
 
     def restore() -> None:
         for number, handler in usual.items():
-            # None: a handler that was not made in Python, and cannot be put back from here
+            # None: a handler that was not set from Python, and cannot be restored
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
     def request_stop(number: int, frame: FrameType | None) -> None:
         del number, frame
-        # First: another signal while the event is being set would wait for it, in this thread, for ever.
+        # First: another signal while the event is being set would wait for it, in this thread, forever.
         restore()
         stop.set()
 
@@ -49,7 +48,7 @@ def stopped_by_signals(stop: threading.Event | None = None) -> Iterator[threadin
 
 
 def stop_at_input(stop: threading.Event, descriptor: int = 0) -> threading.Thread:
-    """Have *stop* set when a file has something to read, or ends; return the thread that waits for it."""
+    """Set *stop* when a file has data to read, or ends; return the waiting thread."""
 
     def wait() -> None:
         with suppress(OSError):  # it is not open

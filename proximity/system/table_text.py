@@ -1,4 +1,4 @@
-"""Text of strangers as a cell of a table that a spreadsheet may open."""
+"""Untrusted text as a cell of a table that a spreadsheet may open."""
 
 import re
 from typing import Any
@@ -8,7 +8,7 @@ _BEGIN_FORMULAS = ("=", "+", "-", "@")
 
 
 def table_text(value: Any) -> Any:
-    """Return text without control characters, marked by an apostrophe where it begins like a formula."""
+    """Return text without control characters, marked by an apostrophe if it begins like a formula."""
     if not isinstance(value, str):
         return value
     text = _CONTROL.sub("?", value)

@@ -1,7 +1,7 @@
-"""Files that appear only when complete: written under another name, then renamed.
+"""Atomic files: written under another name, then renamed.
 
-Whoever writes holds a lock on the file under its other name. So what a process that was killed has left is
-distinguished from what somebody is still writing: it is removed when the next file is written in its folder.
+The writer holds a lock on the temporary file, which distinguishes files of killed processes from files in
+progress: the former are removed when the next file is written in their folder.
 """
 
 import contextlib
@@ -30,13 +30,11 @@ def whole_file(
     *,
     takes_devices: bool = True,
 ) -> Iterator[BinaryIO]:
-    """Give a stream to write a file with; the file is replaced when the block ends without an error.
+    """Yield a stream to write a file with; the file is replaced when the block ends without an error.
 
-    Where a link leads to a file, it is that file which is replaced; its permissions stay. Of several who
-    write one file at once, the last to end wins. After the block it survives a loss of power.
-
-    *takes_devices*: write to what is there and no regular file, ``/dev/null`` for example, as it is; else
-    refuse it.
+    The target of a link is replaced, not the link; its permissions stay. Of concurrent writers the last to
+    end wins. After the block the file survives a loss of power. *takes_devices*: write directly to an
+    existing path that is not a regular file, such as ``/dev/null``; else raise.
     """
     try:
         shown = os.fsdecode(path)
@@ -50,7 +48,7 @@ def whole_file(
     try:
         if target.exists() and not target.is_file():
             if not takes_devices:
-                raise FileError(f"{shown}: cannot be written (it is no regular file)")
+                raise FileError(f"{shown}: cannot be written (it is not a regular file)")
             with target.open("wb") as stream:
                 yield stream
             return
@@ -61,7 +59,7 @@ def whole_file(
                 yield stream
             _put_on_disk(unfinished)
             os.replace(unfinished, target)
-        with contextlib.suppress(OSError):  # not every system can do that for a folder
+        with contextlib.suppress(OSError):  # not every system supports that for a folder
             _put_on_disk(target.parent)
     except FileError:
         raise
@@ -71,17 +69,17 @@ def whole_file(
 
 @contextmanager
 def _unfinished_beside(target: Path) -> Iterator[tuple[Path, BinaryIO]]:
-    """A new file in the folder of *target* and a stream to write it with, locked; gone if the block fails."""
+    """Yield a new, locked file in *target*'s folder and a stream; removed if the block fails."""
     while True:
-        # Short, whatever the file's own name is, and nobody else's: threads share a number of their process.
+        # Short for any name of the file, and unique: threads share a process id.
         unfinished = target.with_name(f".{secrets.token_hex(8)}.unfinished")
         stream = unfinished.open("xb")
-        lock = os.dup(stream.fileno())  # kept until the file has its name, when the stream is closed
+        lock = os.dup(stream.fileno())  # held until the file has its name, when the stream is closed
         try:
             if not _lock(lock, waits=True) or unfinished.exists():
                 yield unfinished, stream
                 return
-            stream.close()  # somebody took it for abandoned before it was locked
+            stream.close()  # another process took it for abandoned before it was locked
         except BaseException:
             stream.close()
             with contextlib.suppress(OSError):
@@ -92,7 +90,7 @@ def _unfinished_beside(target: Path) -> Iterator[tuple[Path, BinaryIO]]:
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Remove what others were writing in a folder when they were killed."""
+    """Remove the temporary files of killed processes in a folder."""
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             if _UNFINISHED.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
@@ -110,24 +108,24 @@ def _remove_if_abandoned(path: str) -> None:
 
 
 def _lock(number: int, *, waits: bool) -> bool:
-    """Lock an open file, until all that stands for it is closed; whether that was done."""
+    """Lock an open file, until all its descriptors are closed; return whether it succeeded."""
     if fcntl is None:
         return False
     try:
         fcntl.flock(number, fcntl.LOCK_EX if waits else fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:  # somebody has it, or a disk that knows no locks
+    except OSError:  # locked by another process, or a disk without locks
         return False
     return True
 
 
 def _allow_as(old: Path, new: Path) -> None:
-    """Let whoever may read and write one file do so with another."""
-    with contextlib.suppress(OSError):  # nothing old, or a disk that knows no permissions
+    """Copy the permissions of one file to another."""
+    with contextlib.suppress(OSError):  # no old file, or a disk without permissions
         new.chmod(stat.S_IMODE(old.stat().st_mode))
 
 
 def _put_on_disk(path: Path) -> None:
-    """Wait until a file's content, or a folder's names, are where a loss of power does not reach them."""
+    """Wait until a file's content, or a folder's names, survive a loss of power."""
     number = os.open(path, os.O_RDONLY)
     try:
         os.fsync(number)

@@ -1,7 +1,7 @@
 """Messages from one process to another, by addresses: ``shm://proximity``, ``udp://127.0.0.1:9100``, ….
 
-A transport moves bytes (`link`); what they are worth is decided on this side of it: `Publisher` numbers and
-checksums them, `Subscriber` and `MessageReader` verify and age them. Nothing received is ever evaluated.
+A transport moves bytes (`link`), independently of their contents: `Publisher` numbers and checksums them,
+`Subscriber` and `MessageReader` verify and age them. Received data are never executed.
 """
 
 from collections.abc import Callable
@@ -40,10 +40,10 @@ def open_publisher(address: str) -> Publisher:
     Parameters
     ----------
     address : str
-        ``mailbox:NAME`` inside this process, ``shm://NAME`` on this machine (Linux),
-        ``udp://HOST:PORT`` to whatever listens there (``?bind=ADDRESS``: address to send from, default
-        loopback; ``?key=FILE``: append tags of that key), ``ws://127.0.0.1:PORT`` to web pages that connect
-        there (``?origin=https://HOST``: also pages of that site), ``zenoh://KEY`` across machines.
+        ``mailbox:NAME`` inside this process, ``shm://NAME`` on this machine (Linux), ``udp://HOST:PORT`` to
+        any listener there (``?bind=ADDRESS``: address to send from, default loopback; ``?key=FILE``: append
+        tags of that key), ``ws://127.0.0.1:PORT`` to web pages that connect there (``?origin=https://HOST``:
+        also pages of that site), ``zenoh://KEY`` across machines.
 
     Returns
     -------
@@ -64,17 +64,17 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
     Parameters
     ----------
     address : str
-        As for `open_publisher`, but for ``ws://``, where only web pages read.
-        ``udp://HOST:PORT`` is the address to listen on (``?from=HOST``: accept that sender, default this
-        machine; ``?key=FILE``: accept only what that key verifies).
+        As for `open_publisher`, except ``ws://``, which only web pages read. ``udp://HOST:PORT`` is the
+        address to listen on (``?from=HOST``: accept that sender, default this machine; ``?key=FILE``: accept
+        only what that key verifies).
     settings
-        ``stale_after`` (s after a frame's ``valid_until`` until nothing of it is reported, 0.08),
-        ``max_speed`` (m/s, 3) and ``max_acceleration`` (m/s², 120) of a finger, by which bounds widen.
+        ``stale_after`` (s after a frame's ``valid_until`` until it is STALE, 0.08), ``max_speed`` (m/s, 3)
+        and ``max_acceleration`` (m/s², 120) of a finger, by which bounds widen.
 
     Returns
     -------
     Subscriber
-        To be closed, or to be used in a ``with`` block. It is not an error if nobody publishes yet.
+        To be closed, or to be used in a ``with`` block. It is not an error if there is no publisher yet.
 
     Raises
     ------
@@ -95,12 +95,12 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
 
 
 def open_outlet(address: str) -> Outlet:
-    """Open the bare sending end of an address; see `open_publisher`."""
+    """Open the plain sending end of an address; see `open_publisher`."""
     return _open(address, "open_outlet")
 
 
 def open_inlet(address: str) -> Inlet:
-    """Open the bare receiving end of an address; see `open_subscriber`."""
+    """Open the plain receiving end of an address; see `open_subscriber`."""
     return _open(address, "open_inlet")
 
 

@@ -12,7 +12,7 @@ FILE_OPTIONS = ("key", "config")
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """An address taken apart: ``scheme://location?option=value``, or ``mailbox:location``."""
+    """A parsed address: ``scheme://location?option=value``, or ``mailbox:location``."""
 
     text: str
     scheme: str
@@ -20,18 +20,18 @@ class Address:
     options: dict[str, str]
 
     def refuse(self, expected: str) -> PublishError:
-        """Make the error that says what was expected of this address."""
+        """Return the error for an invalid address, with the expectation."""
         return PublishError(f"{self.text}: {expected}")
 
     def check_options(self, *known: str) -> None:
-        """Refuse options that this transport does not have."""
+        """Raise for options that this transport does not have."""
         for name in self.options:
             if name not in known:
                 has = f"expected {', '.join(known)}" if known else "it has none"
-                raise self.refuse(f"there is no option {name!r} ({has})")
+                raise self.refuse(f"unknown option {name!r} ({has})")
 
     def with_files_in(self, folder: str) -> str:
-        """Return the text of the address with files named as seen from *folder*."""
+        """Return the text of the address with paths relative to *folder*."""
         files = [name for name in FILE_OPTIONS if self.options.get(name)]
         if not files:
             return self.text
@@ -44,7 +44,7 @@ class Address:
 
 
 def parse(text: str) -> Address:
-    """Take an address apart."""
+    """Parse an address."""
     if not isinstance(text, str):
         raise PublishError(f"an address is text such as shm://proximity, not {text!r}")
     try:

@@ -1,7 +1,7 @@
 """``mailbox:NAME``: the latest messages inside this process, for library users and tests.
 
-Any number of threads write and read; who reads too seldom sees the newest of each kind only. A box is there
-as long as somebody has it open, or keeps an end that was closed.
+Any number of threads write and read; a slow reader sees only the newest of each kind. A box exists while an
+end of it is open, or referenced.
 """
 
 import threading
@@ -15,11 +15,11 @@ from proximity.transport.link import NOTHING
 
 KIND_BYTES = 4
 KINDS_BEGIN = b"DEC"
-"""Bytes that begin otherwise are of one kind."""
+"""Bytes with another start are of one kind."""
 
 
 class _Latest:
-    """The latest message of one kind, and how many of all kinds had been put here then."""
+    """The latest message of one kind, and the number of messages put here until then."""
 
     def __init__(self) -> None:
         self.data = np.zeros(0, np.uint8)
@@ -28,7 +28,7 @@ class _Latest:
 
 
 class _Box:
-    """The latest message of each kind, known by its first four bytes, and how many have been put here."""
+    """The latest message of each kind, identified by its first four bytes, and the number of messages."""
 
     def __init__(self) -> None:
         self.changed = threading.Condition()
@@ -52,14 +52,14 @@ _count_of = attrgetter("count")
 
 
 class MailboxOutlet:
-    """Puts messages into the box of that name."""
+    """Puts messages into the box of a name."""
 
     def __init__(self, address: Address) -> None:
         address.check_options()
         self._box = _box(address.location)
 
     def send(self, data: np.ndarray) -> None:
-        """Replace what is in the box of this kind."""
+        """Replace the message of this kind in the box."""
         box, magic = self._box, bytes(data[:KIND_BYTES])
         kind = magic if magic.startswith(KINDS_BEGIN) else b""
         with box.changed:
@@ -75,11 +75,11 @@ class MailboxOutlet:
             box.changed.notify_all()
 
     def close(self) -> None:
-        """Do nothing: the last messages stay for who comes late."""
+        """No-op: the last messages stay for later readers."""
 
 
 class MailboxInlet:
-    """Looks into the box of that name."""
+    """Reads the box of a name."""
 
     shares_clock = True
     refused = 0
@@ -91,9 +91,9 @@ class MailboxInlet:
         self._seen = 0
 
     def receive(self, buffer: np.ndarray) -> int:
-        """Copy the oldest of what is in the box and was not seen before."""
+        """Copy the oldest unseen message in the box."""
         box = self._box
-        if box.count == self._seen:  # read as a whole without the lock, which costs as much as all else
+        if box.count == self._seen:  # an atomic read: the lock would double the cost
             return NOTHING
         with box.changed:
             new = [latest for latest in box.latest.values() if latest.count > self._seen]
@@ -107,12 +107,12 @@ class MailboxInlet:
             return oldest.size
 
     def wait(self, timeout: float) -> bool:
-        """Wait for another message than the last one seen."""
+        """Wait for a message after the last one seen."""
         with self._box.changed:
             return self._box.changed.wait_for(lambda: self._box.count != self._seen, timeout)
 
     def close(self) -> None:
-        """Do nothing."""
+        """No-op."""
 
 
 open_outlet = MailboxOutlet

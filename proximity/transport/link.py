@@ -1,4 +1,4 @@
-"""Interface of a transport: an outlet and an inlet for bytes; waiting by polling where a library cannot."""
+"""Interface of a transport: an outlet and an inlet for bytes; waiting by polling for libraries without it."""
 
 import time
 from collections.abc import Callable
@@ -14,61 +14,61 @@ class Outlet(Protocol):
     """The sending end of a transport."""
 
     def send(self, data: np.ndarray) -> None:
-        """Hand over one message, (size,) uint8, to whoever listens; never wait for them.
+        """Send one message, (size,) uint8, to any listeners, without waiting for them.
 
-        Raises `PublishError` if it cannot be sent at all; that nobody listens is no error.
+        Raises `PublishError` if it cannot be sent at all; a missing listener is not an error.
         """
 
     def close(self) -> None:
-        """Give the address back; closing twice is once."""
+        """Close the address; idempotent."""
 
 
 class Inlet(Protocol):
     """The receiving end of a transport."""
 
     shares_clock: bool
-    """Whether the sender's monotonic clock is ours: whether it is on this machine."""
+    """True if the sender uses this machine's monotonic clock."""
 
     def receive(self, buffer: np.ndarray) -> int:
-        """Take the next message that waits, oldest first, into *buffer* (uint8); its size, or `NOTHING`.
+        """Receive the next message, oldest first, into *buffer* (uint8); return its size, or `NOTHING`.
 
-        Of a message larger than *buffer* only the beginning is taken; its size is returned all the same.
-        Whatever is not from the sender that the address names is left out and counted in `refused`.
-        Raises `PublishError` if nothing can be received at all.
+        A message larger than *buffer* is truncated; its full size is returned. Messages of other senders than
+        the address names are dropped and counted in `refused`. Raises `PublishError` if receiving is
+        impossible.
         """
 
     refused: int
-    """Messages left out because of whom they are from."""
+    """Messages dropped because of their senders."""
 
     is_keyed: bool
-    """Whether only messages that a key verifies are given."""
+    """True if only messages verified by a key are received."""
 
     unverified: int
-    """Messages left out because the key does not verify them."""
+    """Messages dropped because the key does not verify them."""
 
     def wait(self, timeout: float) -> bool:
-        """Wait until a message may be there, or that many seconds; False if surely none came."""
+        """Wait until a message may have arrived, *timeout* seconds at most; False if certainly none came."""
 
     def close(self) -> None:
-        """Give the address back; closing twice is once."""
+        """Close the address; idempotent."""
 
 
 NOTHING = -1
 """No message waits."""
 SHORTEST_NAP = 50e-6
-"""s: a frame is seen that late at least; the system adds as much again."""
+"""s: minimum delay of a frame; the system adds the same again."""
 LONGEST_NAP = 1e-3
-"""s, when nothing has come for long."""
+"""s, after a long silence."""
 NAP_SHARE = 0.125
-"""Of the time waited so far: who has waited long does not mind a little more, and leaves the core alone."""
+"""Share of the time waited already: a long wait tolerates more delay, and releases the core."""
 
 
 @dataclass(frozen=True, slots=True)
 class Transport:
     """A scheme's functions that open its two ends."""
 
-    module: str  # imported when it is first asked for
-    is_installed_by: str  # what to install where the module's library is not there
+    module: str  # imported on first use
+    is_installed_by: str  # what to install if the module's library is missing
 
 
 TRANSPORTS = {
@@ -81,9 +81,9 @@ TRANSPORTS = {
 
 
 def wait_until(is_there: Callable[[], bool], timeout: float) -> bool:
-    """Look until something is there, or that many seconds; say whether it is.
+    """Poll until *is_there* returns True, or for *timeout* seconds; return its last result.
 
-    Looks once even where there is no time.
+    Polls once even without a timeout.
     """
     began = time.monotonic()
     while not is_there():

@@ -1,6 +1,6 @@
-"""Keys of ``udp://…?key=FILE``: messages carry a tag that can only be made and checked with the key.
+"""Keys of ``udp://…?key=FILE``: messages carry a tag that requires the key to make and check.
 
-A key is 32 random bytes, kept as 64 hexadecimal digits and a line end in a file that only its owner may read.
+A key is 32 random bytes, stored as 64 hexadecimal digits and a line end in a file readable by its owner only.
 A tag of 16 bytes follows each message in its datagram: BLAKE2s of the whole message with the key (RFC 7693).
 """
 
@@ -19,9 +19,9 @@ from proximity.transport.address import Address
 
 KEY_BYTES = 32
 TAG_BYTES = 16
-"""Of a tag: one that is guessed is right once in 3e38 times."""
+"""Size of a tag: a random one is right once in 3e38 times."""
 _DIGITS = 2 * KEY_BYTES
-_MOST_READ = 1024
+_MAX_READ = 1024
 _READ_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 _WRITE_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
@@ -33,23 +33,23 @@ class Key:
     """
 
     def __init__(self, secret: bytes) -> None:
-        self.secret = np.frombuffer(secret, np.uint8)  # as a compiled loop reads it
+        self.secret = np.frombuffer(secret, np.uint8)  # in the layout of the compiled loop
         self._begun = blake2s(key=secret, digest_size=TAG_BYTES)
 
     def tag(self, message: Any) -> bytes:
-        """Make the tag of a message."""
+        """Return the tag of a message."""
         hashed = self._begun.copy()
         hashed.update(message)
         return hashed.digest()
 
     def verifies(self, datagram: Any) -> bool:
-        """Whether a datagram is a message and its tag; takes as long wherever a wrong tag differs."""
+        """Return whether a datagram is a message and its tag, in time independent of the tag's contents."""
         end = len(datagram) - TAG_BYTES
         return end >= 0 and hmac.compare_digest(self.tag(datagram[:end]), datagram[end:])
 
 
 def key_of(address: Address) -> Key | None:
-    """Read the key that an address names; None where it names none."""
+    """Read the key of an address; None without one."""
     path = address.options.get("key")
     if path is None:
         return None
@@ -62,7 +62,7 @@ def key_of(address: Address) -> Key | None:
         ) from failure
     try:
         _check_file(address, path, os.fstat(number))
-        text = os.read(number, _MOST_READ)
+        text = os.read(number, _MAX_READ)
     finally:
         os.close(number)
     digits = text.rstrip(b"\r\n")
@@ -78,7 +78,7 @@ def key_of(address: Address) -> Key | None:
 
 
 def write_key(path: str) -> None:
-    """Make a key, in a new file that only its owner may read."""
+    """Write a new key to a new file that only its owner may read."""
     try:
         number = os.open(path, _WRITE_FLAGS, 0o600)
     except FileExistsError as taken:
@@ -93,7 +93,7 @@ def write_key(path: str) -> None:
             stream.flush()
             os.fsync(number)
     except BaseException as failure:
-        with contextlib.suppress(OSError):  # half a key is none
+        with contextlib.suppress(OSError):  # remove an incomplete key
             os.unlink(path)
         if isinstance(failure, OSError):
             raise _not_written(path, failure) from failure
@@ -101,7 +101,7 @@ def write_key(path: str) -> None:
 
 
 def _check_file(address: Address, path: str, status: os.stat_result) -> None:
-    """Refuse what is no regular file, and a key that others may use."""
+    """Raise for a special file, or a key that others may use."""
     if not stat.S_ISREG(status.st_mode):
         raise address.refuse(f"the key {path!r} is not a regular file")
     allowed = stat.S_IMODE(status.st_mode)

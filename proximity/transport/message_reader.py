@@ -19,18 +19,18 @@ _NUMBERS = {defect: number for number, defect in enumerate(Defect, 1)}
 
 @dataclass(slots=True)
 class Counts:
-    """Numbers of messages that a receiver has seen since it was opened."""
+    """Numbers of messages seen by a receiver since it was opened."""
 
     received: int = 0  # messages that were used
-    lost: int = 0  # numbers that were left out since the first message
+    lost: int = 0  # numbers missing since the first message
     sessions: int = 0  # runs of the publisher
-    refused: int = 0  # from somebody else than the address names
+    refused: int = 0  # from another sender than the address names
     unverified: int = 0  # not verified by the address's key
     flawed: Counter[Defect] = field(default_factory=Counter)  # not used, by reason
 
     @classmethod
     def of(cls, receiver: Any, refused: int, unverified: int) -> "Counts":
-        """Numbers of a receiver in C, a record of `RECEIVER`."""
+        """Return the numbers of a receiver in C, a record of `RECEIVER`."""
         received, lost, sessions = (int(receiver[name]) for name in ("received", "lost", "sessions"))
         flawed = zip(Defect, receiver["flawed"][1:].tolist(), strict=True)
         counted = Counter({defect: count for defect, count in flawed if count})
@@ -38,7 +38,7 @@ class Counts:
 
     @property
     def unused(self) -> int:
-        """Messages that came and were not used, for whatever reason."""
+        """Messages received and not used, for any reason."""
         return self.refused + self.unverified + self.flawed.total()
 
     def __str__(self) -> str:
@@ -52,13 +52,12 @@ class Counts:
 
 
 class MessageReader:
-    """Reads messages from an inlet and gives those that can be used.
+    """Reads messages from an inlet and yields the usable ones.
 
-    *kinds*: which are expected; each kind has sessions and numbers of its own. *most_flawed*: of these, such
-    that cannot be used; then the others wait for the next go. *uncounted*: one of the kinds, whose messages
-    are neither counted as received nor as lost.
-
-    Which of them count is decided by the receiver in C: see ``proximity_message.h``.
+    *kinds*: the expected kinds; each has separate sessions and numbers. *max_flawed*: maximum number of
+    unusable messages in one call; then the rest waits for the next. *uncounted*: one of the kinds, whose
+    messages are counted neither as received nor as lost. The receiver in C decides which ones count: see
+    ``proximity_message.h``.
     """
 
     def __init__(
@@ -66,8 +65,8 @@ class MessageReader:
         inlet: Inlet,
         kinds: Sequence[Kind],
         clock: Callable[[], int] = time.monotonic_ns,
-        most_at_once: int = MOST_AT_ONCE,
-        most_flawed: int = MOST_FLAWED,
+        max_at_once: int = MOST_AT_ONCE,
+        max_flawed: int = MOST_FLAWED,
         uncounted: Kind | None = None,
     ) -> None:
         self._inlet = inlet
@@ -76,7 +75,7 @@ class MessageReader:
         self._default = kinds[0]
         self._buffer = np.empty(max(kind.size(MAX_RECORDS) for kind in kinds) + 8, np.uint8)
         self._clock = clock
-        self._most_at_once, self._most_flawed = most_at_once, most_flawed
+        self._max_at_once, self._max_flawed = max_at_once, max_flawed
         (self._state,) = state = np.zeros(1, RECEIVER)
         self._state["shares_clock"], self._state["is_keyed"] = inlet.shares_clock, inlet.is_keyed
         self._state["uncounted"] = 0 if uncounted is None else 1 + self._rows[uncounted.magic]
@@ -85,26 +84,25 @@ class MessageReader:
 
     @property
     def counts(self) -> Counts:
-        """Numbers of messages so far."""
+        """Numbers of messages until now."""
         return Counts.of(self._state, self._inlet.refused, self._inlet.unverified)
 
     @property
     def is_new_run(self) -> bool:
-        """Whether the message that was given last is of another run than the one of its kind before it."""
+        """True if the last message belongs to another run than the previous one of its kind."""
         return bool(self._state["is_new_run"])
 
     def messages(
         self, content_defect: Callable[[Kind, np.ndarray, int], Defect | None] | None = None
     ) -> Iterator[tuple[Kind, np.ndarray, int]]:
-        """Give what has arrived and can be used, oldest first: kind, bytes, instant of arrival, ns.
+        """Yield arrived, usable messages, oldest first: kind, bytes, instant of arrival, ns.
 
-        The bytes, (size,) uint8, are overwritten by the next message.
-
-        *content_defect*: says what is wrong inside of a message that is whole and new; None: nothing.
+        The bytes, (size,) uint8, are overwritten by the next message. *content_defect*: returns the defect of
+        a complete, new message, or None.
         """
         inlet, buffer = self._inlet, self._buffer
         flawed_count = 0
-        for _ in range(self._most_at_once):
+        for _ in range(self._max_at_once):
             size = inlet.receive(buffer)
             if size == NOTHING:
                 return
@@ -117,7 +115,7 @@ class MessageReader:
                 continue
             self._state["flawed"][_NUMBERS[defect]] += 1
             flawed_count += 1
-            if flawed_count == self._most_flawed:
+            if flawed_count == self._max_flawed:
                 return
 
     def _check(
@@ -127,7 +125,7 @@ class MessageReader:
         now: int,
         content_defect: Callable[[Kind, np.ndarray, int], Defect | None] | None,
     ) -> Defect | None:
-        """Count a message that can be used; of one that cannot, say why."""
+        """Count a usable message; return the defect of another."""
         defect = validate(data, kind)
         if defect is not None:
             return defect

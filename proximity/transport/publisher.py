@@ -1,4 +1,4 @@
-"""Publisher: messages are numbered, given a checksum and handed to a transport."""
+"""Publisher: numbers messages, adds checksums and passes them to a transport."""
 
 import threading
 import time
@@ -9,14 +9,14 @@ from proximity.message import Message
 from proximity.transport.link import Outlet
 
 ASLEEP_NS = 1_000_000_000
-"""Where the calendar gains more on the monotonic clock between two messages, the machine slept."""
+"""If calendar time gains more on the monotonic clock between two messages, the machine was suspended."""
 
 _lock = threading.Lock()
 _newest_session = 0
 
 
 def _next_session() -> int:
-    """The time of the calendar, ns; where its clock is coarse, more than that of the session before."""
+    """Return the calendar time, ns; if its clock is coarse, more than the previous session."""
     global _newest_session
     with _lock:
         _newest_session = max(time.time_ns(), _newest_session + 1)
@@ -45,7 +45,7 @@ class Publisher:
     """
 
     address: str
-    session: int  # ns of the calendar at which the run began: receivers tell a restart by it
+    session: int  # ns, calendar time of the start of the run, by which receivers detect a restart
 
     def __init__(self, outlet: Outlet, address: str) -> None:
         self.address = address
@@ -60,9 +60,9 @@ class Publisher:
         return sum(self._sequences.values())
 
     def publish(self, message: Message) -> None:
-        """Number, seal and send a message. Its number is used up even if sending fails.
+        """Number, seal and send a message. A failed message uses its number.
 
-        After the machine slept a new session begins: its monotonic clock stood still, and receivers on
+        After a suspension of the machine a new session begins: its monotonic clock stopped, and receivers on
         other machines must estimate it again.
 
         Parameters
@@ -85,7 +85,7 @@ class Publisher:
         self._outlet.send(message.seal(self.session, sequence))
 
     def close(self) -> None:
-        """Release the address. Closing again does nothing."""
+        """Close the address. Closing again has no effect."""
         self._outlet.close()
 
     def __enter__(self) -> "Publisher":
@@ -98,10 +98,10 @@ class Publisher:
 
 
 def numbering(publisher: Publisher) -> dict[str, int]:
-    """What whoever numbers and seals messages in place of a publisher has to know."""
+    """Return the state needed to number and seal messages instead of a publisher."""
     return {"session": publisher.session, "awake_ns": publisher._awake_ns}
 
 
 def outlet_of(publisher: Publisher) -> Any:
-    """The outlet of a publisher, for messages that are sealed already."""
+    """Return the outlet of a publisher, for sealed messages."""
     return publisher._outlet

@@ -1,4 +1,4 @@
-"""The clock of a publisher on another machine, guessed from when its messages arrive."""
+"""Clock of a publisher on another machine, estimated from the arrival of its messages."""
 
 from proximity.core.receiver_state import (
     BACK_NS,
@@ -11,40 +11,39 @@ from proximity.core.receiver_state import (
 
 
 class ForeignClock:
-    """How far a publisher's clock is from ours: by the message that was fastest on its way, as clocks drift.
+    """Offset of a publisher's clock from this one, by the fastest message, extended by the drift of clocks.
 
-    What all messages took is not seen, and `TRANSIT_NS` is allowed for it. A longer way and a clock that was
-    put back look the same, and to mistake the first for the second is dangerous: so however late messages
-    come, the clock is thought to go on as it did, and they are old. It begins anew, and is not certain until
-    it has been seen to run for `SETTLING_NS`, where
+    The minimum transit time is unobservable; `TRANSIT_NS` is allowed for it. A longer transit and a clock set
+    back look the same, and taking the former for the latter is dangerous: so the offset is kept for messages
+    of any delay, and they are old. The estimate restarts, and is unreliable until the clock was seen to
+    advance for `SETTLING_NS`, if
 
-    - a message comes earlier than can be: their clock was put forward, or ours slept;
-    - an instant is before one of a message of its kind that came earlier. No way makes that, since messages
-      of one kind come in order: their clock was put back, or an instant was wrong. The clock that was
-      believed before a message came too early is then the one to settle, if what comes is at most `JUMP_NS`
+    - a message comes impossibly early: the publisher's clock was set forward, or this machine was suspended;
+    - an instant is before one of an earlier message of its kind. Transit cannot cause that, since messages of
+      one kind arrive in order: the publisher's clock was set back, or an instant was wrong. The clock
+      trusted before a message came too early is then the one to settle, if the message is at most `JUMP_NS`
       late by it;
-    - a new run, as `Publisher` begins after its machine slept, is more than `JUMP_NS` late.
+    - a new run, which `Publisher` begins after a suspension of its machine, is more than `JUMP_NS` late.
     """
 
     is_certain: bool
-    """Whether `theirs` may be believed."""
+    """True if `theirs` is reliable."""
 
     def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
-        """Forget: the clock is another one."""
+        """Reset: the clock is another one."""
         self.is_certain = False
         self._first_ns = self._seen_ns = self._offset_ns = self._first_offset_ns = 0
-        self._sent_ns: dict[int, int] = {}  # latest of each kind since it began; empty: none yet
-        self._former: tuple[int, int] | None = None  # believed before a message came too early
+        self._sent_ns: dict[int, int] = {}  # latest of each kind since the reset; empty: none yet
+        self._former: tuple[int, int] | None = None  # trusted before a message came too early
 
     def arrived(self, sent_ns: int, now_ns: int, *, is_new_run: bool = False, kind: int = 0) -> None:
-        """Learn that what was sent at *sent_ns*, their clock, arrived at *now_ns*, ours.
+        """Add the arrival at *now_ns*, this clock, of a message sent at *sent_ns*, the publisher's.
 
-        *is_new_run*: whether the publisher's session is another one than that of the message before, of its
-        kind. *kind*: messages of one kind come in the order of their numbers; of several, the order tells
-        nothing.
+        *is_new_run*: whether the publisher's session differs from that of the previous message of its kind.
+        *kind*: messages of one kind arrive in the order of their numbers; those of several kinds need not.
         """
         offset, fastest = now_ns - sent_ns, _grown(self._offset_ns, self._seen_ns, now_ns)
         pace = PACE_NS + max(now_ns - self._first_ns, 0) // NS_PER_DRIFT
@@ -70,10 +69,10 @@ class ForeignClock:
         self._seen_ns = self._first_ns = now_ns
 
     def theirs(self, now_ns: int) -> int:
-        """Say what their clock shows at *now_ns*, ours; rather late than early."""
+        """Return a lower estimate of the publisher's clock at *now_ns*, this clock."""
         return now_ns - self._offset_ns + TRANSIT_NS if self._sent_ns else now_ns
 
 
 def _grown(offset_ns: int, seen_ns: int, now_ns: int) -> int:
-    """What an offset may have become as the clocks drifted apart."""
+    """Return an offset extended by the possible drift of the clocks."""
     return offset_ns + max(now_ns - seen_ns, 0) // NS_PER_DRIFT

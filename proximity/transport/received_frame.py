@@ -19,14 +19,14 @@ _unpack_header = struct_of(FRAME_FIELDS).unpack_from
 
 
 class ReceivedFrame:
-    """A buffer for a frame of so many contacts, and what was decoded of it."""
+    """A buffer for a frame of *count* contacts, and its decoded fields."""
 
     header: Any  # FRAME_HEADER, read-only
     contacts: Contacts  # (count,) CONTACT, read-only
     state: State
     pose_ns: int
     publish_ns: int
-    expires_ns: int  # up to then the frame is valid
+    expires_ns: int  # end of the frame's validity
 
     def __init__(self, count: int) -> None:
         self.count = count
@@ -41,7 +41,7 @@ class ReceivedFrame:
         self._content_flaw = receiver_in_c("content_flaw")
 
     def decode(self, data: np.ndarray, now_ns: int | None) -> Defect | None:
-        """Copy a frame and return what is wrong with it, or None; one with a defect is not to be used."""
+        """Copy a frame and return its defect, or None; a defective one must not be used."""
         self._data[:] = data
         numbers = _unpack_header(self._data.data)
         self.pose_ns, _, self.publish_ns, valid_until_ns = numbers[_INSTANTS]

@@ -1,12 +1,13 @@
 """``shm://NAME``: a mailbox in shared memory between processes of one machine, without a server.
 
 One writer and any readers share a name. A message is copied into a ring once, and each reader copies it out
-at its own pace; nobody waits for anybody. Who reads too seldom loses the oldest messages; who comes late
-begins with the newest. A reader that waits is woken by the message itself. When a writer is killed, its
-readers go on with the next one, which takes the name from the dead.
+at its own pace, without waiting for others. A slow reader loses the oldest messages; a late one starts with
+the newest. The message itself wakes a waiting reader. When a writer is killed, its readers continue with the
+next one, which takes over the name.
 
 The mailbox is a file in ``/dev/shm`` that only its owner may open, so all ends run as one user.
-``proximity_mailbox.h`` is its layout, and what C and C++ read and write it with; Python calls the same code.
+``proximity_mailbox.h`` defines its layout, and the code with which C and C++ read and write it; Python calls
+the same code.
 """
 
 import ctypes
@@ -27,15 +28,15 @@ from proximity.transport.address import Address
 from proximity.transport.link import NOTHING, wait_until
 
 OK, NOBODY = 0, 1
-"""Outcomes of opening a mailbox, as ``proximity_mailbox.h`` numbers them; the others are refusals."""
+"""Results of opening a mailbox, numbered as in ``proximity_mailbox.h``; the others are refusals."""
 SYSTEM = 7
 FIRST_BYTES = 8192
-"""Of a message at first: the ring holds 15, or 74 frames of five fingers. A longer one enlarges it."""
+"""Initial message size: the ring holds 15, or 74 frames of five fingers. A longer one enlarges it."""
 HEADER_BYTES = 128
-FEWEST_PRIVATE, FEWEST_IN_ANY_CASE, MOST_RING_BYTES = 64, 8, 1 << 26
+MIN_PRIVATE, MIN_SLOT_COUNT, MAX_RING_BYTES = 64, 8, 1 << 26
 """Messages that a private mailbox has room for, also of thousands of fingers, and bytes that they take."""
 SLICE = 0.1
-"""s: who waits looks up so often, for signals and for a file that was removed by hand."""
+"""s: a waiting thread wakes this often, for signals and for a manually removed file."""
 _BOX, _TEXT, _WORD, _LONG = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_uint64
 _TYPES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "size": (ctypes.c_int64, ()),
@@ -56,7 +57,7 @@ _LONG_CALLS = ("create", "enlarge", "wait")
 
 
 class _Functions:
-    """The functions of the library, by the names in `_TYPES`, as far as this system has them."""
+    """Functions of the library available on this system, by the names in `_TYPES`."""
 
     def __init__(self) -> None:
         self._lets_run, self._short = libraries()
@@ -70,7 +71,7 @@ class _Functions:
 
 
 class _Mailbox:
-    """A mailbox, open or not, of the name that an address has."""
+    """A mailbox with the name of an address, open or not."""
 
     def __init__(self, address: Address) -> None:
         address.check_options()
@@ -95,7 +96,7 @@ class _Mailbox:
         return self._address.refuse(reason)
 
     def close(self) -> None:
-        """Give the memory back, and a writer its name."""
+        """Release the memory, and a writer's name."""
         if self._is_open:
             self._is_open = False
             self._call.close(self._box)
@@ -111,7 +112,7 @@ def _address_of(array: np.ndarray) -> int:
 
 
 class SharedMemoryOutlet(_Mailbox):
-    """Writes to a mailbox, which is made here."""
+    """Writes to a mailbox, which it creates."""
 
     def __init__(self, address: Address) -> None:
         super().__init__(address)
@@ -122,15 +123,15 @@ class SharedMemoryOutlet(_Mailbox):
         _OUTLETS.add(self)
 
     def loop_end(self, largest: int) -> dict[str, Any]:
-        """What the loop of a service has to know to send messages of up to *largest* bytes from here."""
+        """Return the data with which a service's loop sends messages of up to *largest* bytes from here."""
         if largest > FIRST_BYTES:
             self._enlarge(largest)
         return {"socket": -1, "box": self._box}
 
     def send(self, data: np.ndarray) -> None:
-        """Copy the message into the ring; one that is longer than all before makes another ring."""
+        """Copy the message into the ring; one that is longer than all before allocates another ring."""
         if not self._is_open:
-            raise PublishError(f"{self._address.text}: was closed, nothing can be sent")
+            raise PublishError(f"{self._address.text}: is closed, it cannot send")
         if self._call.write(self._box, _address_of(data), len(data)):
             return
         self._enlarge(len(data))
@@ -146,7 +147,7 @@ _OUTLETS: WeakSet[SharedMemoryOutlet] = WeakSet()
 
 
 def _close_inherited() -> None:
-    """Leave mailboxes, and their names, to the process that a child was forked from."""
+    """Leave mailboxes, and their names, to the parent process after a fork."""
     for outlet in list(_OUTLETS):
         outlet.close()
 
@@ -156,7 +157,7 @@ if hasattr(os, "register_at_fork"):
 
 
 class SharedMemoryInlet(_Mailbox):
-    """Reads a mailbox as soon as there is one, and the next one after it was closed.
+    """Reads a mailbox once it exists, and the next one after it was closed.
 
     One thread may wait while another receives.
     """
@@ -167,20 +168,20 @@ class SharedMemoryInlet(_Mailbox):
 
     def __init__(self, address: Address) -> None:
         super().__init__(address)
-        self._lock = threading.Lock()  # the memory is not given back while a thread waits in it
+        self._lock = threading.Lock()  # the memory is not released while a thread waits in it
         self._is_closed = False
-        self._is_next = 0  # whether all of the next mailbox is news: this was here first
-        self._looked = 0.0  # when the name was looked at
+        self._is_next = 0  # whether all messages of the next mailbox are new: this reader was here first
+        self._looked = 0.0  # time of the last check of the name
         self._follow()
         self._is_next = 1
 
     @property
     def is_written(self) -> bool:
-        """Whether somebody has the mailbox open for writing, and lives."""
+        """True if a live process has the mailbox open for writing."""
         return self._is_open and bool(self._call.is_written(self._box))
 
     def loop_end(self) -> dict[str, Any]:
-        """What the loop of a service has to know to receive here."""
+        """Return the data with which a service's loop receives here."""
         self._text = ctypes.create_string_buffer(self._name)
         return {"socket": -1, "box": self._box, "name": ctypes.addressof(self._text), "looked_ns": 1}
 
@@ -194,7 +195,7 @@ class SharedMemoryInlet(_Mailbox):
         return size
 
     def wait(self, timeout: float) -> bool:
-        """Wait at the mailbox to be woken; while there is none, look again and again."""
+        """Wait for a wake-up by the mailbox; without one, poll."""
         ends = time.monotonic() + timeout
         while True:
             left = min(ends - time.monotonic(), SLICE)
@@ -208,7 +209,7 @@ class SharedMemoryInlet(_Mailbox):
                 wait_until(self._has_messages, left)
 
     def close(self) -> None:
-        """Leave."""
+        """Close the mailbox."""
         self._is_closed = True
         with self._lock:
             super().close()
@@ -221,7 +222,7 @@ class SharedMemoryInlet(_Mailbox):
         )
 
     def _is_over(self) -> bool:
-        """Whether nothing more comes where all has been read; the file's name is looked at now and then."""
+        """Return whether no more messages will come; checks the file's name at intervals."""
         now = time.monotonic()
         looks = now - self._looked > SLICE
         if looks:
@@ -229,7 +230,7 @@ class SharedMemoryInlet(_Mailbox):
         return bool(self._call.is_over(self._box, looks))
 
     def _follow(self) -> bool:
-        """Open the mailbox that has the name now; whether there is one."""
+        """Open the mailbox that has the name now; return whether there is one."""
         with self._lock:
             if self._is_open:
                 super().close()
@@ -243,12 +244,12 @@ class SharedMemoryInlet(_Mailbox):
 class PrivateMailbox:
     """A mailbox without a file or a name, between the loop of a service and a thread; on any system.
 
-    *size*: of the messages that it has room for, of some dozens at least. *most*: bytes of all of them.
+    *size*: of the messages, for a capacity of at least some dozens. *most*: maximum bytes of all of them.
     """
 
-    def __init__(self, size: int, count: int = FEWEST_PRIVATE, most: int = MOST_RING_BYTES) -> None:
+    def __init__(self, size: int, count: int = MIN_PRIVATE, most: int = MAX_RING_BYTES) -> None:
         self._call: Any = _Functions()
-        needed = max(min(count * (size + 32), most), FEWEST_IN_ANY_CASE * (size + 32))
+        needed = max(min(count * (size + 32), most), MIN_SLOT_COUNT * (size + 32))
         ring = 1 << (needed - 1).bit_length()
         self._memory = np.zeros(HEADER_BYTES + ring, np.uint8)
         self._memory.fill(0)  # here, and not page by page in the loop
@@ -258,16 +259,16 @@ class PrivateMailbox:
 
     @property
     def writer(self) -> int:
-        """Where the writer's end is."""
+        """Address of the writer's end."""
         return int(self._writer.ctypes.data)
 
     @property
     def reader(self) -> int:
-        """Where the reader's end is."""
+        """Address of the reader's end."""
         return int(self._reader.ctypes.data)
 
     def send(self, data: np.ndarray) -> None:
-        """Put a message in, and wake who waits for it."""
+        """Write a message, and wake its reader."""
         self._call.write(self.writer, _address_of(data), len(data))
 
     def receive(self, buffer: np.ndarray) -> int:
@@ -276,13 +277,13 @@ class PrivateMailbox:
         return size
 
     def wait(self, timeout: float) -> bool:
-        """Wait until a message is there, or that many seconds; whether one is."""
+        """Wait until a message is present, or for *timeout* seconds; return whether one is."""
         if not sys.platform.startswith("linux"):
             return wait_until(lambda: bool(self._call.has(self.reader)), timeout)
         return bool(self._call.wait(self.reader, time.monotonic_ns() + round(NS_PER_S * timeout)))
 
     def close(self) -> None:
-        """Do nothing: its memory is given back with it."""
+        """No-op: its memory is released with the object."""
 
 
 open_outlet = SharedMemoryOutlet

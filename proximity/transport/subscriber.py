@@ -1,4 +1,4 @@
-"""Subscriber: the newest frame, and how far it can be trusted now (docs/reference/messages.md)."""
+"""Subscriber: the newest frame, and its present validity (docs/reference/messages.md)."""
 
 import math
 import time
@@ -22,13 +22,13 @@ from proximity.transport.publisher_clock import ForeignClock
 from proximity.transport.received_frame import ReceivedFrame
 
 STALE_AFTER = 1e-9 * STALE_AFTER_NS
-"""s after ``valid_until`` at which a frame is worth nothing; poses are then 100 ms old."""
+"""s after ``valid_until`` at which a frame becomes useless; poses are then 100 ms old."""
 MAX_SPEED = 3.0
-"""m/s: no finger is faster, as the tracker has it by default."""
+"""m/s: no finger is faster, the tracker's default."""
 MAX_ACCELERATION = 120.0
 """m/s², likewise."""
 LONGEST_WAIT = 3600.0
-"""s; what waits for longer looks up in between."""
+"""s; a longer wait is split."""
 
 _VALID = (State.OK, State.DEGRADED)
 _USED = (*_VALID, State.LATE)
@@ -45,23 +45,23 @@ class Reading:
     stays that of the pose. Later, or if the frame itself says so, nothing is reported of the fingers: STALE,
     or STOPPING.
 
-    ``state`` says how far the frame can be trusted, ``is_new`` whether it is new since the previous
-    reading. ``contacts`` are records of `CONTACT`; ``header`` has the fields of the frame, None before the
-    first frame. The next reading overwrites both: copy what you need later. ``now_ns`` is the instant of
-    the reading on the publisher's clock, ``age_ns`` the time since the oldest pose of a tracked finger, -1
-    before the first frame.
+    ``state`` gives the trust in the frame, ``is_new`` whether it is new since the previous reading.
+    ``contacts`` are records of `CONTACT`; ``header`` has the fields of the frame, None before the first
+    frame. The next reading overwrites both: copy what you need later. ``now_ns`` is the instant of the
+    reading on the publisher's clock, ``age_ns`` the time since the oldest pose of a tracked finger, -1 before
+    the first frame.
     """
 
-    state: State  # what the frame says, or worse
+    state: State  # that of the frame, or worse
     is_new: bool  # no reading before had this frame
     now_ns: int  # instant of the reading, on the publisher's clock
-    age_ns: int  # since the oldest pose of a tracked finger; -1 where there is no frame
+    age_ns: int  # since the oldest pose of a tracked finger; -1 without a frame
     header: Any  # FRAME_HEADER, overwritten by a later reading; None: no frame yet
     contacts: Contacts  # (N,) CONTACT, read-only, overwritten by a later reading
 
     @property
     def is_valid(self) -> bool:
-        """Whether the distances may be used as they are: the frame is neither LATE nor STALE."""
+        """True if the distances may be used unchanged: the frame is neither LATE nor STALE."""
         return self.state in _VALID
 
 
@@ -79,13 +79,13 @@ class Subscriber:
     address : str
         Address that it was opened with.
     stale_after : float, s
-        Time after a frame's ``valid_until`` until nothing of it is reported.
+        Time after a frame's ``valid_until`` until it is STALE.
     max_speed : float, m/s
         Largest speed of a finger, by which bounds widen.
     max_acceleration : float, m/s²
         Largest acceleration of a finger, likewise.
     clock : callable
-        Gives the present instant, ns, monotonic.
+        Returns the present instant, ns, monotonic.
 
     Raises
     ------
@@ -121,24 +121,24 @@ class Subscriber:
         self._max_acceleration = not_negative("max_acceleration", max_acceleration, "m/s²")
         self._newest: ReceivedFrame | None = None  # the newest frame
         self._spare: ReceivedFrame | None = (
-            None  # buffer of the next: the newest stays until that is verified
+            None  # buffer of the next one: the newest stays until that is verified
         )
         self._is_new = False
-        self._as_published = self._shown = _NO_CONTACTS  # the newest, made worse; the same, read-only
+        self._as_published = self._shown = _NO_CONTACTS  # the newest, degraded; the same, read-only
         self._is_forgotten = False
         self._valid, self._valid_of = _NO_CONTACTS, (0, 0)  # the newest of each finger; session and epoch
         self._now_ns: int | None = None  # of the last reading; None: the publisher's clock is not known
 
     @property
     def counts(self) -> Counts:
-        """Numbers of frames received and lost, and of messages refused, up to now: they do not go on."""
+        """Numbers of frames received and lost, and of messages refused, at this instant."""
         return self._reader.counts
 
     @property
     def description(self) -> Description | None:
-        """The newest description that was read: names, hidden parts, radii; None before the first.
+        """The newest description: names, hidden parts, radii; None before the first.
 
-        It is sent besides frames, ten times a second (of more than 640 names once), and on request.
+        It is sent next to frames, ten times a second (of more than 640 names once), and on request.
         """
         return self._description.newest
 
@@ -198,7 +198,7 @@ class Subscriber:
         return () if newest is None else newest.finger_names
 
     def read(self) -> Reading:
-        """Return what is known now, from everything that has arrived; never waits.
+        """Return the present state, from all arrived messages; never waits.
 
         Returns
         -------
@@ -251,7 +251,7 @@ class Subscriber:
                 yield data
 
     def close(self) -> None:
-        """Release the address. Closing again does nothing."""
+        """Close the address. Closing again has no effect."""
         self._inlet.close()
 
     def __enter__(self) -> "Subscriber":
@@ -263,7 +263,7 @@ class Subscriber:
         self.close()
 
     def _decode(self, kind: Kind, data: np.ndarray, now: int) -> Defect | None:
-        """Decode into the spare buffer, or add to the description; return what is wrong inside, or None."""
+        """Decode into the spare buffer, or add to the description; return the content's defect, or None."""
         if kind is DESCRIPTION:
             return self._description.add(data)
         count = (len(data) - kind.header_size) // kind.record_size

@@ -1,20 +1,20 @@
 """``udp://HOST:PORT``: one datagram a message, to a microcontroller or across a network. Loses, never delays.
 
-For a publisher HOST:PORT is where messages go. Its own socket is bound to loopback unless ``?bind=ADDRESS``
-or ``?bind=ADDRESS:PORT`` says where else. For a subscriber HOST:PORT is where to listen, and ``?from=HOST``
-or ``?from=HOST:PORT`` whom to: loopback where HOST is loopback, otherwise it must be said. Datagrams of
-others are left out and counted. Names are looked up once, when the address is opened; of several addresses
-the first of IPv4 counts. IPv6 addresses stand in brackets: ``udp://[::1]:9100``.
+For a publisher HOST:PORT is the destination. Its socket is bound to loopback unless ``?bind=ADDRESS`` or
+``?bind=ADDRESS:PORT`` is given. For a subscriber HOST:PORT is the listening address, and ``?from=HOST`` or
+``?from=HOST:PORT`` the accepted sender: by default loopback if HOST is loopback, otherwise it is required.
+Datagrams of others are dropped and counted. Names are resolved once, when the address is opened; of several
+addresses the first IPv4 one counts. IPv6 addresses are in brackets: ``udp://[::1]:9100``.
 
-Sending never waits. A datagram for which the system has no room is lost and counted in `UdpOutlet.lost`; that
-nobody listens is no error. What waits for a reader is kept by the system, the oldest first, about 0.1 s of
-it at 1 kHz; then the newest are lost. A reader who comes less often finds old messages, and must read again.
+Sending never waits. A datagram for which the system has no buffer space is lost and counted in
+`UdpOutlet.lost`; a missing listener is not an error. The system buffers datagrams for a reader, the oldest
+first, about 0.1 s at 1 kHz; then the newest are lost. A slower reader finds old messages, and must read
+again. Ethernet carries 1472 bytes in one packet: four fingers. Longer datagrams are fragmented, and lost with
+any fragment.
 
-Ethernet carries 1472 bytes at once: four fingers. More travel in pieces, and all are lost if one is.
-
-Any program of this machine, and of the other one, can send what looks like a message. With ``?key=FILE`` at
-both ends a tag follows each message (`key`), and datagrams without the right one are left out and counted. It
-keeps others from being believed, not from reading along, nor from flooding the port.
+Any program on this machine, and on the other one, can send valid messages. With ``?key=FILE`` at both ends a
+tag follows each message (`key`), and datagrams without the right one are dropped and counted. It prevents
+forgery, but neither eavesdropping nor flooding.
 """
 
 import errno
@@ -31,32 +31,32 @@ from proximity.transport.address import Address
 from proximity.transport.link import NOTHING
 from proximity.transport.message_key import TAG_BYTES, Key, key_of
 
-MOST_DATAGRAM_BYTES = 65507
-"""That a datagram of IPv4 carries."""
-MOST_STRANGERS = 64
-"""Datagrams of others that are left out in one go: a flood of them must not keep a reader from its work."""
-MOST_FORGED_BYTES = 1 << 17
-"""In datagrams that the key does not verify, in one go: some 0.3 ms."""
+MAX_DATAGRAM_BYTES = 65507
+"""Maximum of a datagram over IPv4."""
+MAX_STRANGERS = 64
+"""Datagrams of other senders dropped in one call: a flood of them must not block a reader."""
+MAX_FORGED_BYTES = 1 << 17
+"""Bytes of unverified datagrams in one call: some 0.3 ms."""
 LARGEST_DATAGRAM = 1 << 16
-"""Bytes: no datagram has as many."""
+"""Bytes, more than in any datagram."""
 BUFFER_BYTES = 1 << 19
-"""That the system is asked to keep for a reader; it may give less."""
+"""Buffer size requested from the system for a reader; it may give less."""
 
-# Of the network or of the other side, not of the message: nobody is there, now.
+# Of the network or of the other side, not of the message: temporarily unreachable.
 _NOBODY = {
     getattr(errno, name)
     for name in ("ECONNREFUSED", "ECONNRESET", "EHOSTUNREACH", "EHOSTDOWN")
     if hasattr(errno, name)  # not every system has them all
 }
 _NO_BUFFERS = {errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS, errno.ENOMEM}
-# Linux then returns the full size of a datagram that was cut off. Elsewhere one that fills the buffer counts
-# as cut off.
+# Linux then returns the full size of a truncated datagram. Elsewhere one that fills the buffer counts as
+# truncated.
 _RETURNS_SIZE = getattr(socket, "MSG_TRUNC", 0) if sys.platform == "linux" else 0
-_IS_CUT_OFF = 10040  # WSAEMSGSIZE: Windows says so by an error
+_IS_CUT_OFF = 10040  # WSAEMSGSIZE, the error of Windows
 
 
 class _Endpoint(NamedTuple):
-    """An address of the network: where a socket is bound, or whom it talks to."""
+    """A network address of a socket or its peer."""
 
     family: int
     name: Any  # as sockets take it
@@ -74,10 +74,10 @@ class _Endpoint(NamedTuple):
 class UdpOutlet:
     """Sends to HOST:PORT.
 
-    *address*: where to; ``bind``: from where; ``key``: with which tags.
+    *address*: the destination; ``bind``: local address; ``key``: of the tags.
     """
 
-    lost: int  # messages for which the system had no room
+    lost: int  # messages for which the system had no buffer space
 
     def __init__(self, address: Address) -> None:
         address.check_options("bind", "key")
@@ -103,7 +103,7 @@ class UdpOutlet:
 
     def send(self, data: np.ndarray) -> None:
         """Send one datagram."""
-        most = MOST_DATAGRAM_BYTES if self._key is None else MOST_DATAGRAM_BYTES - TAG_BYTES
+        most = MAX_DATAGRAM_BYTES if self._key is None else MAX_DATAGRAM_BYTES - TAG_BYTES
         if len(data) > most:
             raise PublishError(
                 f"{self._text}: a message of {len(data)} bytes does not fit into a datagram "
@@ -116,13 +116,13 @@ class UdpOutlet:
             self._failed(failure, datagram)
 
     def loop_end(self, largest: int) -> dict[str, Any]:
-        """What the loop of a service has to know to send messages of up to *largest* bytes from here."""
+        """Return the data with which a service's loop sends messages of up to *largest* bytes from here."""
         return {"socket": self._socket.fileno(), "key": _address_of(self._key)}
 
     def _failed(self, failure: OSError, datagram: memoryview | bytes) -> None:
-        """Judge why a datagram was not sent; one that was refused in place of this is not its fault."""
+        """Retry once if the error belongs to an earlier datagram."""
         if failure.errno in _NOBODY:
-            # The system tells here that an earlier datagram found nobody, and has not sent this one.
+            # An error here reports that an earlier datagram had no receiver; this one was not sent.
             try:
                 self._socket.send(datagram)
                 return
@@ -172,7 +172,7 @@ class UdpInlet:
             self._poll.register(self._socket, select.POLLIN)
 
     def loop_end(self) -> dict[str, Any] | None:
-        """What the loop of a service has to know to receive here; None: it cannot."""
+        """Return the data with which a service's loop receives here; None: it cannot."""
         hosts = [host for host in sorted(self._hosts) if ":" not in host]
         if not self.shares_clock or self._socket.family != socket.AF_INET:
             return None
@@ -181,19 +181,19 @@ class UdpInlet:
         return {"socket": self._socket.fileno(), "key": _address_of(self._key), **hosts_of}
 
     def receive(self, buffer: np.ndarray) -> int:
-        """Take the next datagram of the one to listen to."""
+        """Receive the next datagram of the accepted sender."""
         if self._key is not None:
             return self._receive_verified(buffer, self._key)
-        for _ in range(MOST_STRANGERS):
+        for _ in range(MAX_STRANGERS):
             size, is_expected = self._receive_from(buffer.data)
             if is_expected or size == NOTHING:
                 return size
         return NOTHING
 
     def _receive_verified(self, buffer: np.ndarray, key: Key) -> int:
-        """Take the next datagram that the key verifies, without its tag."""
+        """Receive the next datagram that the key verifies, without its tag."""
         forged_bytes = 0
-        for _ in range(MOST_STRANGERS):
+        for _ in range(MAX_STRANGERS):
             size, is_expected = self._receive_from(self._datagram)
             if size == NOTHING:
                 return NOTHING
@@ -206,12 +206,12 @@ class UdpInlet:
                 return size
             self.unverified += 1
             forged_bytes += size
-            if forged_bytes > MOST_FORGED_BYTES:
+            if forged_bytes > MAX_FORGED_BYTES:
                 break
         return NOTHING
 
     def _receive_from(self, buffer: memoryview) -> tuple[int, bool]:
-        """Size of the next datagram, or `NOTHING`, and whether it counts: is of the one to listen to."""
+        """Return the size of the next datagram, or `NOTHING`, and whether it is of the accepted sender."""
         try:
             size, sender = self._socket.recvfrom_into(buffer, 0, _RETURNS_SIZE)
         except BlockingIOError:
@@ -239,7 +239,7 @@ class UdpInlet:
 
 
 def _look_up(address: Address, text: str, *, family: int = 0, needs_port: bool = False) -> _Endpoint:
-    """The endpoint of ``HOST:PORT``; without *needs_port* the port may be left out, which is 0."""
+    """Return the endpoint of ``HOST:PORT``; without *needs_port* the port may be omitted, which is 0."""
     host, port = _split(address, text, needs_port)
     try:
         found = socket.getaddrinfo(host, port, family, socket.SOCK_DGRAM)
@@ -254,7 +254,7 @@ def _look_up(address: Address, text: str, *, family: int = 0, needs_port: bool =
 
 
 def _split(address: Address, text: str, needs_port: bool) -> tuple[str, int]:
-    """Host and port of ``HOST:PORT``."""
+    """Return host and port of ``HOST:PORT``."""
     if text.startswith("["):
         host, _, port = text[1:].partition("]")
     elif text.count(":") > 1:
@@ -276,11 +276,11 @@ def _bracketed(host: str) -> str:
 
 
 def _open(address: Address, endpoint: _Endpoint) -> socket.socket:
-    """A socket bound to an endpoint that nobody else is bound to."""
+    """Return a socket bound exclusively to an endpoint."""
     opened = socket.socket(endpoint.family, socket.SOCK_DGRAM)
     try:
-        # SO_REUSEADDR stays off: with it two subscribers could have one port, and one of them would starve.
-        if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows would let another one in
+        # SO_REUSEADDR stays off: with it two subscribers could share a port, and one of them would starve.
+        if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows would let another socket in
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
         if endpoint.family == socket.AF_INET6:
             opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
@@ -300,7 +300,7 @@ def _open(address: Address, endpoint: _Endpoint) -> socket.socket:
 
 
 def _address_of(key: Key | None) -> int:
-    """Where the bytes of a key are; 0: there is none."""
+    """Return the address of a key's bytes; 0 without a key."""
     return 0 if key is None else int(key.secret.ctypes.data)
 
 

@@ -1,14 +1,14 @@
-"""``ws://127.0.0.1:PORT``: web pages of one's own, whose WebSockets connect here (extra ``web``).
+"""``ws://127.0.0.1:PORT``: the user's web pages, whose WebSockets connect here (extra ``web``).
 
-Both ends listen: what is published here goes to every page that is connected, and what pages send is received
-here. Ends of one process at one port and path share the connections, so that a page needs one WebSocket for
-frames and poses: ``ws://127.0.0.1:8765`` in ``publish`` and in ``poses``.
+Both ends listen: published messages go to every connected page, and messages of pages are received here. Ends
+of one process at one port and path share the connections, so that a page needs one WebSocket for frames and
+poses: ``ws://127.0.0.1:8765`` in ``publish`` and in ``poses``.
 
-Only this machine can connect. A browser says which site a page is from: pages of this machine may connect,
-and those of ``?origin=https://HOST``. Other programs of this machine may connect as well, and are believed.
+Only this machine can connect. A browser sends the site of a page: pages of this machine may connect, and
+those of ``?origin=https://HOST``. Other programs of this machine may connect as well, and are trusted.
 
-Sending never waits: a page that does not read misses messages. What pages sent is kept until it is received,
-the newest `BUFFER` messages. Thread: an end may be used by any thread, but by one at a time.
+Sending never waits: a page that does not read misses messages. The newest `BUFFER` messages of pages are kept
+until they are received. Thread: any thread may use an end, but one at a time.
 """
 
 import asyncio
@@ -30,14 +30,14 @@ BUFFER = 64
 """Messages that wait for a reader, or for the pages; then the oldest is lost."""
 LARGEST_MESSAGE = 1 << 21
 UNREAD_BYTES = 1 << 17
-"""That wait for one page; then it misses messages."""
+"""Waiting for one page; beyond, it misses messages."""
 TIMEOUT_S = 10.0
 OF_THIS_MACHINE = re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")
 LOCATION = re.compile(r"(localhost|127\.0\.0\.1):(\d{1,5})(/[^?]*)?")
 
 
 class _Site:
-    """A port at which pages connect, and the thread that serves it; of all ends that are open there."""
+    """A port for pages, shared by all its open ends, and the thread that serves it."""
 
     sites: ClassVar[dict[int, "_Site"]] = {}
     lock: ClassVar[threading.Lock] = threading.Lock()
@@ -57,7 +57,7 @@ class _Site:
             raise address.refuse(f"cannot listen there ({failure.strerror or failure})") from None
 
     def send(self, path: str, data: bytes) -> None:
-        """Have a message sent to the pages at a path."""
+        """Send a message to the pages at a path."""
         self._to_send.append((path, data))
         if not self._is_due:
             self._is_due = True
@@ -102,7 +102,7 @@ class _Site:
             pages.discard(page)
 
     def _send_all(self) -> None:
-        self._is_due = False  # first: what is added from here on is sent by another call
+        self._is_due = False  # first: later additions are sent by another call
         while self._to_send:
             path, data = self._to_send.popleft()
             pages = self.pages.get(path, ())
@@ -127,7 +127,7 @@ class _End:
         self._site: _Site | None = site
 
     def close(self) -> None:
-        """Leave the port; the last end closes it."""
+        """Close the end; the last one closes the port."""
         site, self._site = self._site, None
         if site is None:
             return
@@ -139,17 +139,17 @@ class _End:
 
 
 class WebSocketOutlet(_End):
-    """Sends messages to every page that is connected."""
+    """Sends messages to every connected page."""
 
     def send(self, data: np.ndarray) -> None:
-        """Hand the message to the thread of the port."""
+        """Pass the message to the thread of the port."""
         if self._site is None:
-            raise PublishError(f"{self._text}: was closed, nothing can be sent")
+            raise PublishError(f"{self._text}: is closed, it cannot send")
         self._site.send(self._path, data.tobytes())
 
 
 class WebSocketInlet(_End):
-    """Takes messages of all pages that are connected."""
+    """Receives messages of all connected pages."""
 
     shares_clock = False
     refused = 0
@@ -163,12 +163,12 @@ class WebSocketInlet(_End):
         self._site.inlets.setdefault(self._path, []).append(self)
 
     def offer(self, message: bytes) -> None:
-        """Keep a message until it is received."""
+        """Store a message until it is received."""
         self._waiting.append(message)
         self._has_message.set()
 
     def receive(self, buffer: np.ndarray) -> int:
-        """Take the oldest message."""
+        """Receive the oldest message."""
         try:
             data = self._waiting.popleft()
         except IndexError:
@@ -186,7 +186,7 @@ class WebSocketInlet(_End):
         return bool(self._waiting)
 
     def close(self) -> None:
-        """Leave the port."""
+        """Close the end."""
         if self._site is not None:
             self._site.inlets[self._path].remove(self)
         super().close()

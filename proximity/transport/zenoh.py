@@ -1,18 +1,17 @@
 """``zenoh://KEY``: across machines, routers and Wi-Fi, by Zenoh (extra ``zenoh``).
 
-Without options, both ends look for each other in the local network by multicast, and listen at a port of
-their own choice on every interface. ``?connect=tcp/HOST:PORT`` and ``?listen=tcp/HOST:PORT``, or several with
-commas between, are used instead of that: where multicast does not get through, or shall not.
+Without options, both ends discover each other in the local network by multicast, and listen at an automatic
+port on every interface. ``?connect=tcp/HOST:PORT`` and ``?listen=tcp/HOST:PORT``, or several separated by
+commas, replace discovery if multicast is blocked or unwanted. Any program in the network may publish under
+any key, and is trusted. ``?config=FILE`` starts from a configuration file of Zenoh (JSON5): certificates,
+passwords and access control are set there.
 
-Whoever is in the network may publish under any key, and is believed. ``?config=FILE`` begins with what a file
-of Zenoh says (JSON5): certificates, passwords and access control are set there.
+A message that does not fit the network's buffers is dropped rather than delayed, after 0.1 ms for each 64 kB
+of it; a slow reader loses the oldest. A late subscriber waits for the next message: an old one would only
+distort its estimate of the other machine's clock. A second publisher with the same key is not detected;
+subscribers trust the one started last.
 
-A message that the network has no room for is dropped rather than delayed, after 0.1 ms for each 64 kB of it;
-who reads too seldom loses the oldest. A late subscriber waits for the next message: an old one would only
-mislead its idea of the other machine's clock. That a second publisher uses the same key is not noticed;
-subscribers believe the one that was started last.
-
-Thread: an end may be used by any thread, but by one at a time. Zenoh prints nothing.
+Thread: any thread may use an end, but one at a time. Zenoh's output is off.
 """
 
 import json
@@ -29,14 +28,14 @@ from proximity.transport.link import NOTHING, wait_until
 BUFFER = 64
 """Messages that wait for a subscriber; then the oldest is lost."""
 SETTINGS = {
-    # Between processes of one machine that is the work of shm://, and here it leaves files behind.
+    # Within one machine shm:// does this, and here it leaves files behind.
     "transport/shared_memory/enabled": False,
-    # 64 kB each, as many as can be: what does not find room is dropped.
+    # 64 kB each, as many as possible: messages beyond are dropped.
     "transport/link/tx/queue/size/real_time": 16,
-    # us to wait for room, for each 64 kB. By default 1 ms, which is a tick; without, a message of 900 kB is
-    # never sent.
+    # us to wait for buffers, for each 64 kB. By default 1 ms, which is a tick; without, a message of 900 kB
+    # is never sent.
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 100,
-    # A publisher that was started anew is found within half a second; by default within four.
+    # A restarted publisher is found within half a second; by default within four.
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
 }
 
@@ -56,9 +55,9 @@ class ZenohOutlet:
         )
 
     def send(self, data: np.ndarray) -> None:
-        """Hand the message to Zenoh's own threads."""
+        """Pass the message to Zenoh's threads."""
         if self._publisher is None:
-            raise PublishError(f"{self._text}: was closed, nothing can be sent")
+            raise PublishError(f"{self._text}: is closed, it cannot send")
         try:
             self._publisher.put(data.tobytes())
         except zenoh.ZError as failure:
@@ -67,13 +66,13 @@ class ZenohOutlet:
             ) from failure
 
     def close(self) -> None:
-        """Leave the network."""
+        """Close the session."""
         self._publisher = None
         self._session.close()
 
 
 class ZenohInlet:
-    """Takes messages from under a key."""
+    """Receives messages of a key."""
 
     shares_clock = False
     refused = 0
@@ -84,13 +83,13 @@ class ZenohInlet:
         self._text = address.text
         self._session = _open_session(address)
         # Not a callback: it would take the interpreter from the loop for every message, and its thread would
-        # keep a program that forgets to close from ending.
+        # keep a program without a close from ending.
         ring: Any = zenoh.handlers.RingChannel(BUFFER)
         self._subscriber: Any = self._session.declare_subscriber(key, ring)
         self._next: Any = None
 
     def receive(self, buffer: np.ndarray) -> int:
-        """Take the oldest message of the buffer."""
+        """Receive the oldest message of the buffer."""
         if not self._has_message():
             return NOTHING
         data, self._next = self._next.payload.to_bytes(), None
@@ -99,7 +98,7 @@ class ZenohInlet:
         return len(data)
 
     def wait(self, timeout: float) -> bool:
-        """Look again and again.
+        """Poll.
 
         Measured at 1 kHz on two shared cores, over loopback: 180 us from sending to here and 15 % of a core;
         a callback 110 us and 9 %.
@@ -107,7 +106,7 @@ class ZenohInlet:
         return wait_until(self._has_message, timeout)
 
     def close(self) -> None:
-        """Leave the network."""
+        """Close the session."""
         self._subscriber = self._next = None
         self._session.close()
 
@@ -125,7 +124,7 @@ open_inlet = ZenohInlet
 
 
 def _key_of(address: Address) -> Any:
-    """Take the key of an address; one that stands for many keys is refused."""
+    """Return the key of an address; raise for one that matches many keys."""
     address.check_options("connect", "listen", "config")
     try:
         key = zenoh.KeyExpr(address.location)

@@ -1,7 +1,7 @@
 """The bridge between pages and a service: files over HTTP, frames down, poses and moves up.
 
-One thread, `asyncio`. It computes no distances. What a page gets as text is a JSON document with one key or a
-few; what is binary is a message of `proximity.message`, and says so in its first four bytes.
+One thread, `asyncio`. It computes no distances. Text sent to a page is a JSON document with few keys; binary
+data are messages of `proximity.message`, identified by their first four bytes.
 """
 
 import asyncio
@@ -20,17 +20,17 @@ from proximity.web.server.page_server import PageServer, document
 from proximity.web.sources import LiveFrames, LoggedFrames, Shown
 
 LOOK_S = 0.001
-"""Between two looks for a new frame, while a page is there."""
+"""Time between two polls for a new frame, while a page is connected."""
 IDLE_LOOK_S = 0.05
-MOST_PAGES = 8
+MAX_PAGES = 8
 LATEST_MS = 1e12
-"""That a clock of a page shows."""
-MOST_IN_FLIGHT = 2
-"""Frames that were sent and that the page has not said to have shown: a slow page skips, and never lags."""
+"""Maximum of a page's clock."""
+MAX_IN_FLIGHT = 2
+"""Frames sent without an acknowledgement: a slow page skips, and never lags."""
 ANSWER_GAP_S = 0.004
-"""Between two frames of new poses; 250 a second are more than any screen shows."""
+"""Time between two frames of new poses; 250 a second are more than any display shows."""
 IDLE_GAP_S = 0.012
-"""Between two frames of the same poses."""
+"""Time between two frames of the same poses."""
 
 
 class PageClient:
@@ -46,7 +46,7 @@ class PageClient:
         self._ready = asyncio.Event()
 
     def offer(self, data: bytes, *, is_answer: bool) -> None:
-        """Have a frame sent, unless too many are on their way; a newer one takes its place.
+        """Queue a frame to send, unless too many are under way; it replaces an older one.
 
         *is_answer*: whether it has new poses: it is sent sooner.
         """
@@ -56,20 +56,20 @@ class PageClient:
             self._ready.set()
 
     def acknowledge(self) -> None:
-        """Take note that the page has shown a frame."""
+        """Count a frame as shown by the page."""
         self._in_flight = max(self._in_flight - 1, 0)
         self._ready.set()
 
     async def send_frames(self) -> None:
-        """Send frames as they are offered, until the connection is closed."""
+        """Send offered frames until the connection is closed."""
         while True:
             await self._ready.wait()
             self._ready.clear()
             data, self._frame = self._frame, None
             if data is None:
                 continue
-            if self._in_flight >= MOST_IN_FLIGHT:
-                self._frame = data  # or a newer one, when the page has shown one
+            if self._in_flight >= MAX_IN_FLIGHT:
+                self._frame = data  # or a newer one, after an acknowledgement
                 continue
             self._in_flight += 1
             self._sent_s = time.monotonic()
@@ -81,7 +81,7 @@ class PageClient:
 
 
 class Bridge:
-    """Pages and what they are shown."""
+    """Pages and their contents."""
 
     def __init__(self, shown: Shown, access: Access, files: PageFiles) -> None:
         self.server = PageServer(access, files, self._serve_page, shown.content)
@@ -90,7 +90,7 @@ class Bridge:
         self._tasks: set[asyncio.Task[Any]] = set()
 
     async def publish_frames(self) -> None:
-        """Hand frames of the service to pages, until cancelled; of a log pages ask for them."""
+        """Send frames of the service to pages, until cancelled; pages request those of a log."""
         frames = self._shown.frames
         while isinstance(frames, LiveFrames):
             await asyncio.sleep(LOOK_S if self._clients else IDLE_LOOK_S)
@@ -105,8 +105,8 @@ class Bridge:
                 client.offer(new.data, is_answer=new.is_answer)
 
     async def _serve_page(self, connection: ServerConnection, token: str) -> None:
-        if len(self._clients) >= MOST_PAGES:
-            await connection.close(TOO_MUCH, f"there are {MOST_PAGES} pages connected already")
+        if len(self._clients) >= MAX_PAGES:
+            await connection.close(TOO_MUCH, f"there are {MAX_PAGES} pages connected already")
             return
         client = PageClient(connection)
         sending = asyncio.create_task(client.send_frames())
@@ -148,7 +148,7 @@ class Bridge:
         self._clients.append(client)
 
     def _remove(self, client: PageClient) -> None:
-        """Forget a page; fingers that it fed are not tracked any more, and another page may feed."""
+        """Remove a page; its fingers are no longer tracked, and another page may feed."""
         if client not in self._clients:
             return
         self._clients.remove(client)
@@ -179,7 +179,7 @@ class Bridge:
         asked = document(data)
         if "clock" in asked:
             theirs, now_ns = _number(asked["clock"]), time.monotonic_ns()
-            with contextlib.suppress(HeldUpError):  # only poses and moves must be of now
+            with contextlib.suppress(HeldUpError):  # only poses and moves must be recent
                 client.clock.ahead_ns(round(1e6 * theirs), now_ns)
             self._run_beside(client.send(clock=theirs, now_ns=str(now_ns)))
         elif "feed" in asked:
@@ -188,7 +188,7 @@ class Bridge:
         elif ("at_ms" in asked or "place" in asked) and isinstance(self._shown.frames, LoggedFrames):
             self._run_beside(self._show_logged(client, self._shown.frames, asked))
         else:
-            raise UnfitError(f"a page may not ask for {', '.join(map(str, asked))[:60]!r}")
+            raise UnfitError(f"a page may not request {', '.join(map(str, asked))[:60]!r}")
 
     async def _show_logged(self, client: PageClient, frames: LoggedFrames, asked: dict[str, Any]) -> None:
         try:
@@ -204,7 +204,7 @@ class Bridge:
             self._run_beside(client.connection.send(data))
 
     def _run_beside(self, coroutine: Any) -> None:
-        """Have something done beside; that its page has gone is no failure."""
+        """Run a coroutine as a task; a disconnected page is not an error."""
 
         async def guarded() -> None:
             with contextlib.suppress(ConnectionClosed):

@@ -1,6 +1,6 @@
-"""What of a mesh is drawn: faces with normals that are smooth where the surface is, and the edges where not.
+"""Drawn form of a mesh: faces with normals that are smooth where the surface is, and its sharp edges.
 
-For the eye alone: single precision, about the middle of the part; distances are never computed from it.
+For display alone: single precision, relative to the middle of the part; distances are never computed from it.
 """
 
 from dataclasses import dataclass
@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 SHARP_DEGREES = 30.0
-"""Two faces that turn by more against each other meet in an edge that is seen."""
-MOST_CELLS = 1024
-"""Along an axis, of the grid in which corners of an open surface are put together."""
+"""Angle of two faces from which their edge is drawn."""
+MAX_CELLS = 1024
+"""Cells along an axis of the grid in which corners of an open surface are merged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisplayMesh:
-    """A part as it is drawn, about its own centre."""
+    """A drawn part, relative to its centre."""
 
-    centre: np.ndarray  # (3,) float64, m, part frame: what is added to the positions
+    centre: np.ndarray  # (3,) float64, m, part frame: offset of the positions
     positions: np.ndarray  # (V, 3) float32, m, from the centre
     normals: np.ndarray  # (V, 3) float32, unit
     faces: np.ndarray  # (F, 3) uint32
@@ -25,13 +25,13 @@ class DisplayMesh:
 
 
 def display_mesh(vertices: np.ndarray, faces: np.ndarray) -> DisplayMesh:
-    """Return what is drawn of a mesh.
+    """Return the drawn form of a mesh.
 
     *vertices*: (V, 3) m; *faces*: (F, 3).
 
     Notes
     -----
-    Degenerate: a face without an area has no direction, and takes that of its neighbours.
+    Degenerate: a face without area gets the normal of its neighbours.
     Cost: about 1 s for half a million faces.
     """
     used, dense = np.unique(faces, return_inverse=True)
@@ -58,15 +58,15 @@ def display_mesh(vertices: np.ndarray, faces: np.ndarray) -> DisplayMesh:
 
 
 def coarser(vertices: np.ndarray, faces: np.ndarray, target: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return a mesh of fewer faces that looks alike: at most *target*, or nearly.
+    """Return a simplified mesh of similar appearance with about *target* faces at most.
 
-    *vertices*: (V, 3) m; *faces*: (F, 3). *target*: how many faces are wanted; more than there are changes
-    nothing.
+    *vertices*: (V, 3) m; *faces*: (F, 3). *target*: wanted number of faces; a larger one than present has no
+    effect.
 
     Notes
     -----
-    Of a closed mesh manifold3d takes edges away within a tolerance; corners of any other, or of one that it
-    cannot take, are put together in the cells of a grid.
+    manifold3d collapses edges of closed meshes within a tolerance; for other meshes, or if it fails, corners
+    are merged in the cells of a grid.
     """
     if len(faces) <= target:
         return vertices, faces
@@ -78,7 +78,7 @@ def coarser(vertices: np.ndarray, faces: np.ndarray, target: int) -> tuple[np.nd
 def _simplified(
     vertices: np.ndarray, faces: np.ndarray, target: int, extent: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """By manifold3d, with the least of a few tolerances; None where it is no manifold or stays too fine."""
+    """Simplify by manifold3d, with the least of a few tolerances; None if it fails or stays too fine."""
     import manifold3d  # slow to import, and only for large parts
 
     mesh = manifold3d.Mesh64(np.array(vertices), np.array(faces, np.uint64))  # writeable: it insists
@@ -96,8 +96,8 @@ def _simplified(
 def _clustered(
     vertices: np.ndarray, faces: np.ndarray, target: int, extent: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Corners in one cell become their mean; faces that lose an edge by that go."""
-    lower, cells = vertices[np.unique(faces)].min(axis=0), MOST_CELLS
+    """Merge the corners in each cell into their mean; faces that lose an edge are removed."""
+    lower, cells = vertices[np.unique(faces)].min(axis=0), MAX_CELLS
     while True:
         cell = np.floor((vertices - lower) * (cells / extent)).astype(np.int64)
         _, group = np.unique(cell, axis=0, return_inverse=True)
@@ -118,7 +118,7 @@ def _area_normals(corners: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _corner_angles(corners: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """The angle of each face at each of its corners, rad, in the order of the corners."""
+    """Return the angle of each face at each of its corners, rad, in the order of the corners."""
     points = corners[faces]
     onward = _unit(np.roll(points, -1, axis=1) - points)
     back = _unit(np.roll(points, 1, axis=1) - points)
@@ -126,9 +126,9 @@ def _corner_angles(corners: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _edges(faces: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of corners that one smooth surface joins, and the edges that are seen, by their vertices.
+    """Return pairs of corners joined by a smooth surface, and the drawn edges, by their vertices.
 
-    A corner is numbered by its place among all corners. An edge of two faces that hardly turn is smooth.
+    A corner is numbered by its position among all corners. An edge of two nearly parallel faces is smooth.
     """
     corner = np.arange(faces.size).reshape(-1, 3)
     start, end = corner.reshape(-1), np.roll(corner, -1, axis=1).reshape(-1)
@@ -154,7 +154,7 @@ def _edges(faces: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _smooth_groups(faces: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """For every corner the number of the drawn vertex that it shares with those it is joined with."""
+    """Return for every corner the number of its drawn vertex, shared by all corners joined with it."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 

@@ -1,8 +1,8 @@
-"""The geometry of a scene as a GLB file, made from what was loaded: any format is shown, and by its parts.
+"""Geometry of a scene as a GLB file, made from the loaded parts, whatever their formats.
 
-A part is a node with the part's name and pose; below it are its faces and its edges about its own centre, so
-that single precision is enough however far from the origin the part is. ``extras`` say what the page tells
-of it: how many faces there are and how many are drawn.
+A part is a node with its name and pose; below it are its faces and its edges relative to its centre, so that
+single precision is enough at any distance from the origin. ``extras`` contain the numbers of faces and of
+drawn faces for the page.
 """
 
 import json
@@ -15,16 +15,16 @@ from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 from proximity.web.display_mesh import coarser, display_mesh
 
-MOST_FACES = 500_000
-"""Of a scene, that are drawn: a browser turns as many smoothly."""
-FEWEST_FACES = 200
-"""Of a part of a larger scene."""
+MAX_FACES = 500_000
+"""Maximum number of drawn faces of a scene, which a browser turns smoothly."""
+MIN_FACES = 200
+"""Minimum number of faces of a part of a larger scene."""
 COLOURS = (
     (0.32, 0.42, 0.55), (0.78, 0.31, 0.07), (0.10, 0.49, 0.29), (0.56, 0.19, 0.52), (0.61, 0.59, 0.09),
     (0.26, 0.23, 0.77), (0.17, 0.62, 0.73), (0.19, 0.32, 0.09), (0.86, 0.48, 0.64), (0.08, 0.21, 0.42),
     (0.38, 0.18, 0.04), (0.24, 0.24, 0.24),
 )  # fmt: skip
-"""Of parts, in turn, as linear red, green and blue; none is red, as parts that cross are shown."""
+"""Colours of parts, in turn, as linear red, green and blue; red is reserved for crossing parts."""
 EDGE_COLOUR = (0.03, 0.035, 0.05)
 
 _FLOAT, _UNSIGNED = 5126, 5125
@@ -34,25 +34,25 @@ _HEADER = struct.Struct("<III")
 _CHUNK = struct.Struct("<II")
 
 
-def scene_glb(scene: Scene, *, most_faces: int = MOST_FACES) -> bytes:
-    """Return a scene as GLB, metres, in the scene's own axes (z up).
+def scene_glb(scene: Scene, *, max_faces: int = MAX_FACES) -> bytes:
+    """Return a scene as GLB, metres, in the scene's axes (z up).
 
-    *most_faces*: that are drawn; a larger scene is made coarser, each part by its share.
+    *max_faces*: of the drawing; a larger scene is simplified, each part by its share.
     """
     total = sum(part.solid.mesh.face_count for part in scene.parts)
-    share = min(1.0, most_faces / total)
+    share = min(1.0, max_faces / total)
     made = _Glb()
     shown = 0
     for number, part in enumerate(scene.parts):
         target = part.solid.mesh.face_count
         if share < 1.0:
-            target = max(int(share * target), FEWEST_FACES)
+            target = max(int(share * target), MIN_FACES)
         shown += made.add_part(number, part, target)
     return made.data({"face_count": total, "shown_count": shown, "part_count": len(scene.parts)})
 
 
 class _Glb:
-    """The document as it grows."""
+    """The growing document."""
 
     def __init__(self) -> None:
         self._binary = bytearray()
@@ -61,7 +61,7 @@ class _Glb:
         self._lists: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
 
     def add_part(self, number: int, part: Part, target: int) -> int:
-        """Add a part with at most *target* faces, or nearly; how many they are."""
+        """Add a part with about *target* faces at most; return their number."""
         mesh = part.solid.mesh
         drawn = display_mesh(*coarser(mesh.vertices, np.asarray(mesh.faces, np.int64), target))
         attributes = {"POSITION": self._vertices(drawn.positions), "NORMAL": self._vertices(drawn.normals)}
@@ -92,7 +92,7 @@ class _Glb:
         return len(drawn.faces)
 
     def data(self, extras: dict[str, Any]) -> bytes:
-        """The whole file."""
+        """Return the complete file."""
         document = {
             "asset": {"version": "2.0", "generator": "proximity"},
             "scene": 0,

@@ -1,4 +1,4 @@
-"""What a page gets over HTTP: its files, the engine, and, with its token, the scene that it shows."""
+"""Contents of a page over HTTP: its files, the engine, and, with its token, the scene."""
 
 import json
 import tempfile
@@ -17,9 +17,9 @@ from proximity.web.server.page_files import PageFiles
 
 PAGE = Path(__file__).parent / "page"
 READ = ("reals", "words", "frames", "parts")
-"""Arrays of a compiled scene that the engine reads, the first of them first in the file."""
+"""Arrays of a compiled scene that the engine reads, in the order of the file."""
 TEXT_SIZE = 4
-"""Place of the size of its description in the header."""
+"""Position of the size of the description in the header."""
 
 
 def scene_page_files(frame_ancestors: str = "'self'") -> PageFiles:
@@ -32,9 +32,9 @@ def scene_page_files(frame_ancestors: str = "'self'") -> PageFiles:
 def shown_contents(
     scene: Scene | None, welcome: dict[str, Any] | None = None, points: bytes = b""
 ) -> dict[str, bytes]:
-    """Return a scene as pages get it, by names: compiled for the engine, and as geometry to be drawn.
+    """Return the scene for pages, by names: compiled for the engine, and as geometry to draw.
 
-    *welcome*: what a page is told that computes by itself; None where a service does. *points*: float64.
+    *welcome*: data for a page that computes distances itself; None if a service does. *points*: float64.
     """
     contents = {"welcome": json.dumps(welcome).encode(), "points": points}
     if scene is not None:
@@ -43,7 +43,7 @@ def shown_contents(
 
 
 def _compiled(scene: Scene) -> bytes:
-    """The compiled scene as the engine reads it, but for coordinates of triangles.
+    """Return the compiled scene for the engine, except coordinates of triangles.
 
     They are those of the parts' corners: `local_scene.js` fills them in.
     """

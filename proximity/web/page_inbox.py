@@ -1,7 +1,7 @@
-"""What a page sends to the service: poses of fingers, moves and changes of parts, distrusted.
+"""Messages of a page to the service: poses of fingers, moves and changes of parts, untrusted.
 
-Messages arrive as the service's own bytes with instants on the page's clock. They are checked, their
-instants put on this machine's clock, and they are published anew: a page never chooses session or sequence.
+Messages arrive in the service's format with instants on the page's clock. They are validated, their instants
+converted to this machine's clock, and published again: a page never chooses session or sequence.
 """
 
 import contextlib
@@ -22,25 +22,25 @@ from proximity.web.server.access import UnfitError
 
 KINDS = {kind.magic: kind for kind in (POSES, PATH_POSES, MOVES, CHANGES)}
 FARTHEST = 1e4
-"""m from the origin: no hand and no part is there."""
+"""m from the origin: beyond any hand or part."""
 OLDEST_NS = 1_000_000_000
-"""A message that was under way for longer is of a connection that was held up, or of a machine that slept."""
+"""Maximum delay of a message; a longer one means a blocked connection, or a suspended machine."""
 SPREAD_NS = 1_000_000_000
-"""An instant of a pose is no farther from that of its sending."""
+"""Maximum difference between the instant of a pose and that of its sending."""
 
 
 class HeldUpError(UnfitError):
-    """Messages come so late that the connection, and with it the clock, must begin anew."""
+    """Raised for messages so late that the connection, and with it the clock, must be restarted."""
 
 
 class PageClock:
-    """The clock of a page: the message that was fastest on its way tells how far it is from ours."""
+    """Clock of a page; the fastest message gives its offset from this machine's."""
 
     def __init__(self) -> None:
         self._clock = ForeignClock()
 
     def ahead_ns(self, sent_ns: int, now_ns: int) -> int | None:
-        """Return what is to be added to instants of the page; None until its clock is seen to run."""
+        """Return the offset to add to instants of the page; None until its clock is seen to advance."""
         self._clock.arrived(sent_ns, now_ns)
         ahead = now_ns - self._clock.theirs(now_ns)
         if now_ns - (sent_ns + ahead) > OLDEST_NS:
@@ -49,9 +49,9 @@ class PageClock:
 
 
 class PageInbox:
-    """The way from pages to the service, at the addresses that are not None; closed at the end.
+    """The path from pages to the service, at the addresses that are not None; closed at the end.
 
-    *scene* is changed as the service changes its own, and is that of a reset as it is at the beginning.
+    *scene* is changed like the service's, and reset to its initial state.
     """
 
     def __init__(
@@ -74,12 +74,12 @@ class PageInbox:
         self._gone.records["finger"] = np.arange(count)
 
     def receive(self, data: bytes, clock: PageClock, now_ns: int | None = None) -> bytes | None:
-        """Check a message of a page and publish it; what other pages are to hear of it: moves or changes."""
+        """Validate and publish a message of a page; return the moves or changes for other pages."""
         now_ns = time.monotonic_ns() if now_ns is None else now_ns
         array = np.frombuffer(data, np.uint8)
         kind = KINDS.get(int.from_bytes(data[:4], "little"))
         if kind is None:
-            raise UnfitError("a page may send poses, moves and changes, nothing else")
+            raise UnfitError("a page may send only poses, moves and changes")
         defect = validate(array, kind)
         if defect is not None:
             raise UnfitError(f"a message of {kind.name} is {defect.value}")
@@ -102,23 +102,23 @@ class PageInbox:
         return bytes(message.data) if kind is MOVES else None
 
     def release(self) -> None:
-        """Say that no finger is tracked: the page that fed has gone."""
+        """Report that no finger is tracked: the feeding page has disconnected."""
         if self._poses is not None:
             self._gone.records["pose_ns"] = self._gone.header["send_ns"] = time.monotonic_ns()
             self._publish(self._poses, self._gone)
 
     def state(self) -> list[bytes]:
-        """Return messages of what has been moved, hidden and shown, for a page that has just come."""
+        """Return messages of moved, hidden and shown parts, for a new page."""
         return [bytes(message.seal(0, 0)) for message in (self._where(), self._hidden()) if message]
 
     def resend(self) -> None:
-        """Tell the service what has been moved, hidden and shown: it began anew, as its file has it."""
+        """Send moved, hidden and shown parts to a service that has restarted with the state of its file."""
         for publisher, message in ((self._moves, self._where()), (self._changes, self._hidden())):
             if message is not None:
                 self._publish(publisher, message)
 
     def close(self) -> None:
-        """Give the addresses back."""
+        """Close the addresses."""
         for publisher in (self._poses, self._moves, self._changes):
             if publisher is not None:
                 publisher.close()
@@ -161,7 +161,7 @@ class PageInbox:
         if not self.may_hide or self._scene is None:
             raise UnfitError("this page may not hide parts: the scene file does not let it")
         if not set(records["action"].tolist()) <= {PartAction.HIDE, PartAction.SHOW}:
-            raise UnfitError("a page may hide and show parts, but not change anything else of them")
+            raise UnfitError("a page may only hide and show parts")
         message = Message(CHANGES, len(records))
         message.records[...] = records
         actions = map(PartAction, records["action"].tolist())
@@ -172,7 +172,7 @@ class PageInbox:
         names = [raw.decode("utf-8", "replace") for raw in records["name"].tolist()]
         unknown = [name for name in names if name not in self._initial]
         if unknown:
-            raise UnfitError(f"there is no part {unknown[0]!r}")
+            raise UnfitError(f"unknown part {unknown[0]!r}")
         return names
 
     def _hidden(self) -> Message | None:
@@ -206,10 +206,10 @@ class PageInbox:
 
     def _publish(self, publisher: Publisher | None, message: Message) -> None:
         if publisher is not None:
-            with contextlib.suppress(ProximityError):  # the service sees by their age that none come
+            with contextlib.suppress(ProximityError):  # the service detects the absence by their age
                 publisher.publish(message)
 
 
 def _most(numbers: np.ndarray) -> float:
-    """The largest size of a number; nan counts as 0, infinity as itself."""
+    """Return the largest magnitude; nan counts as 0, infinity as itself."""
     return float(np.nan_to_num(np.abs(numbers), nan=0.0, posinf=np.inf).max(initial=0.0))

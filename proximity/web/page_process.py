@@ -1,4 +1,4 @@
-"""A page from beginning to end: parts, service and bridge in one process, and one event that stops all."""
+"""Life of a page: parts, service and bridge in one process, and one event that stops all."""
 
 import asyncio
 import errno
@@ -48,34 +48,34 @@ if TYPE_CHECKING:
 LOOK_S = 0.05
 RECORDED_STEP_S = 1 / 90
 LONGEST_RECORDED_S = 300.0
-"""Of a recorded hand that a page replays."""
+"""Maximum duration of a recorded hand replayed by a page."""
 FINGERS_OF_PAGE = 10
-"""Of two hands, thumb to little finger, the left hand first."""
+"""Fingers of two hands, thumb to little finger, the left hand first."""
 TRACKER = ("working_range", "tolerance", "horizon", "max_speed", "max_acceleration")
-"""Settings of fingers that a page's own tracker is given as a scene file has them."""
+"""Settings of fingers that a page's tracker takes from a scene file."""
 FRAMED_BY_NOTEBOOKS = "'self' http://localhost:* http://127.0.0.1:*"
 
 
 @dataclass(frozen=True, slots=True)
 class PageSettings:
-    """What is to be shown, and where."""
+    """Contents and addresses of a page."""
 
     files: tuple[str, ...]  # parts; or a scene file; or a log of frames and parts
     units: str = "mm"
     reading: tuple[tuple[str, float], ...] = ()  # more options of `load`, for every file
     recording: str | None = None  # a hand to replay
     is_recording_fitted: bool = False  # so that it touches
-    first_input: str = ""  # "replay": the recording at once; "mouse": a hand
-    points_name: str = ""  # of points that are shown with their distances
+    first_input: str = ""  # "replay": the recording from the start; "mouse": a hand
+    points_name: str = ""  # of points shown with their distances
     points: bytes = b""  # their coordinates, m, float64
     find_clashes: Callable[[Scene], Sequence[MeasuredPair]] | None = None  # None: they are not listed
-    radius: float | None = None  # m; None: as the scene file says
+    radius: float | None = None  # m; None: as in the scene file
     port: int = 0
     bind: str = "127.0.0.1"
-    names: tuple[str, ...] = ()  # more names of this machine
+    names: tuple[str, ...] = ()  # further names of this machine
     certificate: str | None = None
     key: str | None = None
-    beside: str | None = None  # address of frames of a service that runs: a scene file's
+    beside: str | None = None  # address of the frames of a running service: a scene file's
     may_be_framed: bool = False  # by a notebook on this machine
 
 
@@ -86,9 +86,9 @@ def run_page(
     say: Callable[[str], None],
     begun: Callable[[dict[str, Any]], None],
 ) -> dict[str, Any]:
-    """Show a page until asked to stop; return what was refused meanwhile.
+    """Show a page until stopped; return the counts of refusals.
 
-    *begun*: is given ``url`` and more when the page can be opened.
+    *begun*: called with ``url`` and more when the page can be opened.
     """
     with needed("the page needs", "web"):
         from proximity.web.bridge import Bridge
@@ -120,7 +120,7 @@ def run_page(
 async def _until_stopped(
     bridge: "Bridge", shown: Shown, stop: threading.Event, begun: Callable[[], None]
 ) -> None:
-    """Hand frames on."""
+    """Send frames to pages."""
     publishing = asyncio.create_task(bridge.publish_frames())
     begun()
     while not stop.is_set():
@@ -132,7 +132,7 @@ async def _until_stopped(
 
 
 def _free_port(settings: PageSettings) -> int:
-    """The port to listen on, which no other program has: that is said before parts are read."""
+    """Return the port to listen on; raise if another program has it, before parts are read."""
     try:
         family = socket.AF_INET6 if ":" in settings.bind else socket.AF_INET
         with socket.create_server((settings.bind, settings.port), family=family) as free:
@@ -144,14 +144,14 @@ def _free_port(settings: PageSettings) -> int:
 
 
 def _shown_host(bind: str) -> str:
-    """What stands in the address for where it is listened."""
+    """Return the host of the URL for a listening address."""
     if bind in ("0.0.0.0", "::"):
         return socket.gethostname()
     return f"[{bind}]" if ":" in bind else bind
 
 
 def _shown(settings: PageSettings, opened: ExitStack) -> Shown:
-    """Load and open what is shown."""
+    """Load and open the contents."""
     logs = [name for name in settings.files if name.endswith(".frames")]
     parts = tuple(name for name in settings.files if name not in logs)
     for name in settings.files:
@@ -167,7 +167,7 @@ def _shown(settings: PageSettings, opened: ExitStack) -> Shown:
 
 
 def page_settings(files: Sequence[str], settings: PageSettings) -> SceneFile:
-    """Return the parts and fingers that a page shows: of files of parts, or of one scene file."""
+    """Return the parts and fingers of a page: from files of parts, or one scene file."""
     if len(files) == 1 and files[0].endswith(".toml"):
         given = read_scene_file(files[0])
     else:
@@ -180,7 +180,7 @@ def page_settings(files: Sequence[str], settings: PageSettings) -> SceneFile:
 
 
 def _attach_to_service(settings: PageSettings, path: str, frames: str, opened: ExitStack) -> Shown:
-    """A page beside a service that runs: it feeds where the scene file lets it."""
+    """Attach a page to a running service: it feeds if the scene file permits."""
     served = read_scene_file(path)
     scene = PartFiles().scene(served) if served.parts else None
     given = served.input if served.web.feed else InputSettings()
@@ -198,7 +198,7 @@ def _attach_to_service(settings: PageSettings, path: str, frames: str, opened: E
 
 
 def _open_log(settings: PageSettings, log: str, served: SceneFile | None) -> Shown:
-    """The log of a service that ran, over its parts where they are given."""
+    """Open the log of a service, over its parts if given."""
     frames, files = LoggedFrames(log), PartFiles(**dict(settings.reading))
     scene = None if served is None else files.scene(served)
     count = frames.finger_count
@@ -212,7 +212,7 @@ def _open_log(settings: PageSettings, log: str, served: SceneFile | None) -> Sho
 
 
 def _open_parts(settings: PageSettings) -> Shown:
-    """Parts over which pages compute by themselves, each for its own hands."""
+    """Load parts over which pages compute distances themselves, each for its hands."""
     served, files = page_settings(settings.files, settings), PartFiles(**dict(settings.reading))
     scene, count = files.scene(served), finger_count(served, None)
     shown = Shown(_title(settings), scene, None, PageInbox(None, None, None, scene, count))
@@ -232,7 +232,7 @@ def _without_hand(settings: PageSettings) -> PageSettings:
 
 
 def _about(settings: PageSettings, served: SceneFile, scene: Scene, count: int) -> dict[str, Any]:
-    """What a page is told of its fingers."""
+    """Return the page's data on its fingers."""
     radius = served.fingers.radius
     radii = [radius] * count if isinstance(radius, float) else list(radius)
     recording = None if settings.recording is None else read_recording(settings.recording)
@@ -249,7 +249,7 @@ def _about(settings: PageSettings, served: SceneFile, scene: Scene, count: int) 
 
 
 def _listed(clash: MeasuredPair) -> dict[str, Any]:
-    """Return a clash as the page lists it, in m, scene's frame."""
+    """Return a clash for the page's list, in m, scene's frame."""
     return {
         "names": clash.clearance[:2],
         "deepest": clash.deepest,
@@ -260,7 +260,7 @@ def _listed(clash: MeasuredPair) -> dict[str, Any]:
 
 
 def write_page(settings: PageSettings, path: Path) -> int:
-    """Write a page that computes by itself, in one file; its size in bytes."""
+    """Write a page that computes distances itself, in one file; return its size in bytes."""
     if any(name.endswith(".frames") for name in settings.files):
         raise ServiceError("a log cannot be saved as a page, expected parts or a scene file")
     return save_page(path, _open_parts(settings).content)
@@ -271,7 +271,7 @@ def _title(settings: PageSettings) -> str:
 
 
 def _drum_degrees(served: SceneFile, count: int) -> list[list[float]] | None:
-    """Where the drum of each finger stands, for bends evenly from 0 to 1; None where there is no glove."""
+    """Return the drum angle of each finger for bends evenly from 0 to 1; None without a glove."""
     if served.glove is None:
         return None
     from proximity.decaff.glove.calibrated_glove import as_many, read_glove
@@ -285,7 +285,7 @@ def _drum_degrees(served: SceneFile, count: int) -> list[list[float]] | None:
 def _recorded(
     recording: Recording, scene: Scene, radius: float, settings: PageSettings
 ) -> dict[str, Any] | None:
-    """A recorded hand as a page replays it; None where it cannot be put anywhere."""
+    """Return a recorded hand for a page; None if it cannot be placed."""
     try:
         recording = recording.first(LONGEST_RECORDED_S).resampled(RECORDED_STEP_S)
         if settings.is_recording_fitted:
@@ -306,7 +306,7 @@ def _recorded(
 
 
 def _tls(settings: PageSettings) -> ssl.SSLContext | None:
-    """TLS, which any address but this machine's own must have."""
+    """Return the TLS context, required for any address except this machine's."""
     is_local = settings.bind in ("127.0.0.1", "::1", "localhost")
     if settings.certificate is None or settings.key is None:
         if not is_local or settings.certificate or settings.key:
@@ -324,7 +324,7 @@ def _tls(settings: PageSettings) -> ssl.SSLContext | None:
 
 
 def _names(settings: PageSettings) -> tuple[str, ...]:
-    """By which names this machine is called."""
+    """Return the names of this machine."""
     names = [*LOOPBACK, *settings.names]
     if settings.bind in ("0.0.0.0", "::"):
         names += [socket.gethostname(), socket.getfqdn()]

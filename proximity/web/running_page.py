@@ -1,4 +1,4 @@
-"""A page started from Python, in a process of its own."""
+"""A page started from Python, in a separate process."""
 
 import os
 import socket
@@ -20,7 +20,7 @@ BEGIN_TIMEOUT = 600.0
 
 
 class Addresses(NamedTuple):
-    """Where a service publishes, and where it listens."""
+    """Addresses of a service: its outputs and its inputs."""
 
     frames: str
     poses: str
@@ -29,14 +29,14 @@ class Addresses(NamedTuple):
 
 
 def own_addresses() -> Addresses:
-    """Return addresses that nobody else has: shared memory, or datagrams where there is none."""
+    """Return unused addresses: shared memory, or datagrams if it is not supported."""
     if sys.platform == "linux":
         name = f"shm://proximity-page-{os.getpid()}-{os.urandom(4).hex()}"
         return Addresses(name, f"{name}/poses", f"{name}/moves", f"{name}/changes")
     with ExitStack() as opened:
         sockets = [opened.enter_context(socket.socket(type=socket.SOCK_DGRAM)) for _ in Addresses._fields]
         for each in sockets:
-            each.bind(("127.0.0.1", 0))  # a port that is free
+            each.bind(("127.0.0.1", 0))  # a free port
         return Addresses(*(f"udp://127.0.0.1:{each.getsockname()[1]}" for each in sockets))
 
 
@@ -50,7 +50,7 @@ class RunningPage(RunningService):
     words : sequence of str
         Arguments of ``proximity view``.
     name : str
-        Name of what is shown, for messages.
+        Name of the content, for messages.
     say : callable
         Called with the messages of the page's process, by another thread.
     height : int
@@ -79,7 +79,7 @@ class RunningPage(RunningService):
         return str(self.beginning["url"])
 
     def stop(self, timeout: float = STOP_TIMEOUT) -> dict[str, Any]:
-        """Stop the page and its service. Stopping again does nothing.
+        """Stop the page and its service. Stopping again has no effect.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""A page in one file: parts, engine and page together, which needs no service, no server and no network."""
+"""A page in one file: parts, engine and page together, without a service, a server or a network."""
 
 import base64
 import gzip
@@ -13,13 +13,13 @@ from proximity.web.page_content import scene_page_files
 
 LEVEL = 6  # of the compression
 CHARSET = "windows-1252"
-"""Every byte is a letter: 2 % more than the bytes, where base64 takes a third more."""
+"""Every byte is a letter: 2 % more than the bytes, instead of a third more for base64."""
 POLICY = (
     """<meta http-equiv="Content-Security-Policy" content="default-src 'none'; base-uri 'none'; """
     """form-action 'none'; img-src blob: data:; style-src 'nonce-{nonce}'; """
     """script-src 'nonce-{nonce}' 'wasm-unsafe-eval' blob:">"""
 )
-"""Nothing but what the file has, and nothing goes out: what a part's name could bring in does not run."""
+"""Only code of the file runs, and no data leave it: code in a part's name does not run."""
 _IMPORTED = re.compile(r"""(\bfrom\s*|\bimport\s*\(?\s*)(["'])([^"']+)\2""")
 _THREE = "page/vendor/three/three.module.js"
 _SCRIPTS = re.compile(r'<script type="(?:importmap|module)".*?</script>\n', re.DOTALL)
@@ -54,11 +54,11 @@ const { nonce } = document.currentScript;
   document.getElementById("cover-text").textContent = `This browser cannot show the page: ${failure.message}`;
 });
 """
-"""Makes modules of what the file has, and starts the page."""
+"""Makes modules from the file's contents, and starts the page."""
 
 
 def save_page(path: Path, shown: dict[str, bytes]) -> int:
-    """Write a page that has a scene in it, as `shown_contents` has it; its size in bytes."""
+    """Write a page with a scene in it, from `shown_contents`; return its size in bytes."""
     files = scene_page_files().contents
     modules = {
         f"page{name}": _by_names(f"page{name}", content.decode())
@@ -89,7 +89,7 @@ def save_page(path: Path, shown: dict[str, bytes]) -> int:
 
 
 def _by_names(module: str, text: str) -> str:
-    """The text of a module, which imports others by their names in the page's import map."""
+    """Return the text of a module, whose imports use the names of the page's import map."""
 
     def named(match: re.Match[str]) -> str:
         name = match[3]
@@ -103,7 +103,7 @@ def _by_names(module: str, text: str) -> str:
 
 
 def _packed(content: bytes) -> bytes:
-    """Compressed, a byte a letter, of which a few that a page may not have are escaped."""
+    """Return compressed content, a byte a letter, with characters that a page may not contain escaped."""
     packed = gzip.compress(content, LEVEL, mtime=0)
     for letter in b"=\0\r<":
         packed = packed.replace(bytes([letter]), b"=" + bytes([letter + 64]))

@@ -1,4 +1,4 @@
-"""Where what a page shows comes from: a service that runs and who changes its scene, or the log of one."""
+"""Sources of a page: a running service and other programs that change its scene, or the log of one."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ from proximity.web.page_content import shown_contents
 from proximity.web.page_inbox import PageInbox
 
 LARGEST_LOG = 2_000_000_000
-"""Bytes of frames, which are kept in memory while a log is looked at."""
+"""Bytes of frames, kept in memory while a log is viewed."""
 SHARED = ("shm://", "zenoh://")
 """Addresses at which any number of programs can listen."""
 _POSE_AT = FRAME_HEADER.fields["pose_ns"][1]  # type: ignore[index]
@@ -29,12 +29,12 @@ class NewFrame(NamedTuple):
     """The newest frame, as bytes."""
 
     data: bytes
-    is_new_run: bool  # of a service that began anew
-    is_answer: bool  # poses are others than in the frame before
+    is_new_run: bool  # of a restarted service
+    is_answer: bool  # its poses differ from those of the previous frame
 
 
 class LiveFrames:
-    """Frames that a service publishes; bytes that are no sound frame never come through."""
+    """Frames published by a service; invalid ones are never returned."""
 
     def __init__(self, address: str) -> None:
         self._subscriber = open_subscriber(address)
@@ -42,10 +42,10 @@ class LiveFrames:
         self._poses = b""
 
     def newest(self) -> NewFrame | None:
-        """Return the newest frame that has come since the last call; None where there is none."""
+        """Return the newest frame since the last call, or None."""
         taken = b""
         for frame in self._subscriber.frames():
-            taken = frame.tobytes()  # at once: what follows, be it no frame, is written over it
+            taken = frame.tobytes()  # copied now: the next message, even an invalid one, overwrites it
         if not taken:
             return None
         session = unpack_prefix(taken)[5]
@@ -55,16 +55,15 @@ class LiveFrames:
         return NewFrame(taken, is_new_run, poses != self._poses)
 
     def close(self) -> None:
-        """Give the address back."""
+        """Close the address."""
         self._subscriber.close()
 
 
 class OtherPrograms:
-    """What other programs move, hide and show of a service's scene, for pages that only watch.
+    """Moves, hiding and showing by other programs, for pages that only display.
 
-    Addresses that only one program can listen at are the service's own, and are left to it.
-
-    *addresses*: of moves and changes; None where there is none.
+    Addresses with a single possible listener belong to the service. *addresses*: of moves and changes, or
+    None.
     """
 
     def __init__(self, addresses: Sequence[str | None] = (), scene: Scene | None = None) -> None:
@@ -76,7 +75,7 @@ class OtherPrograms:
         ]
 
     def messages(self) -> Iterator[bytes]:
-        """Give what has arrived, once the scene is changed."""
+        """Yield arrived messages, after applying them to the scene."""
         for reception in self._receptions:
             for kind, records, ahead_ns in reception.messages():
                 message = Message(kind, len(records))
@@ -88,7 +87,7 @@ class OtherPrograms:
                 yield bytes(message.seal(0, 0))
 
     def close(self) -> None:
-        """Give the addresses back."""
+        """Close the addresses."""
         for reception in self._receptions:
             reception.close()
 
@@ -101,11 +100,11 @@ class OtherPrograms:
             elif record["action"] in (PartAction.HIDE, PartAction.SHOW):
                 carry_out(self._scene, ((name, PartAction(record["action"])),))
         except ProximityError:
-            return  # the service has said so
+            return  # the service has reported it
 
 
 class LoggedFrames:
-    """The frames of a log, by their place and by time."""
+    """The frames of a log, by index and by time."""
 
     def __init__(self, path: Any) -> None:
         reader = FrameReader(path)
@@ -124,35 +123,35 @@ class LoggedFrames:
         self.notes = reader.notes
 
     def close(self) -> None:
-        """Let the frames go."""
+        """Release the frames."""
         self._runs.clear()
 
     @property
     def count(self) -> int:
-        """How many frames there are."""
+        """Number of frames."""
         return len(self._times_ns)
 
     @property
     def finger_count(self) -> int:
-        """Of the first frame."""
+        """Number of fingers of the first frame."""
         return int(self._runs[0]["header"]["count"][0])
 
     @property
     def duration_ms(self) -> float:
-        """From the first frame to the last."""
+        """Time from the first frame to the last, ms."""
         return float(self._times_ns[-1]) / 1e6
 
     def at(self, place: int) -> bytes:
         """Return a frame.
 
-        *place*: from 0; beyond the ends the first or the last.
+        *place*: index from 0; beyond the ends the first or the last.
         """
         place = min(max(place, 0), self.count - 1)
         run = int(np.searchsorted(self._begins, place, side="right")) - 1
         return self._runs[run][place - int(self._begins[run])].tobytes()
 
     def place_at(self, ms: float) -> int:
-        """Return the place of the last frame that is not after a time, ms from the first."""
+        """Return the index of the last frame not after a time, ms from the first."""
         return max(int(np.searchsorted(self._times_ns, ms * 1e6, side="right")) - 1, 0)
 
     def ms_at(self, place: int) -> float:
@@ -161,7 +160,7 @@ class LoggedFrames:
 
 
 def _times(runs: list[np.ndarray]) -> Iterator[np.ndarray]:
-    """Instants of frames from the first on, ns; a later session goes on where the one before ended."""
+    """Yield instants of frames from the first, ns; a later session continues at the previous one's end."""
     offset, last, session = -int(runs[0]["header"]["start_ns"][0]), 0, runs[0]["header"]["session"][0]
     for run in runs:
         starts, sessions = run["header"]["start_ns"], run["header"]["session"]
@@ -176,13 +175,13 @@ def _times(runs: list[np.ndarray]) -> Iterator[np.ndarray]:
 
 @dataclass(slots=True, eq=False)
 class Shown:
-    """What pages are shown."""
+    """Contents of pages."""
 
     title: str
     scene: Scene | None
-    frames: LiveFrames | LoggedFrames | None  # None: pages compute by themselves
+    frames: LiveFrames | LoggedFrames | None  # None: pages compute distances themselves
     feed: PageInbox
     content: dict[str, bytes] = field(default_factory=lambda: shown_contents(None))
     others: OtherPrograms = field(default_factory=OtherPrograms)
-    about: dict[str, Any] = field(default_factory=dict)  # what pages get at the beginning
+    about: dict[str, Any] = field(default_factory=dict)  # first data sent to pages
     notes: tuple[str, ...] = ()  # on the files of parts

@@ -60,8 +60,8 @@ def test_kernel_that_takes_twice_as_long_fails_and_is_named(gate, capsys):
     assert gate(100_000, 100_000).main([]) == 1
 
     out = capsys.readouterr().out
-    assert "Once more, over 200 rounds: fast" in out
-    assert "fast takes 2.00 times as long as it did: 1 times the yardstick's time" in out
+    assert "Again, over 200 rounds: fast" in out
+    assert "fast takes 2.00 times as long as before: 1 times the yardstick's time" in out
     assert "measured was 0.5, the limit is 0.7" in out
     assert 'python bench/gate.py --update fast --reason "why' in out
 

@@ -153,5 +153,5 @@ def test_run_that_fails_publishes_nothing(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(publish.RUNS, "growth", ["--only", "nowhere"])
 
     assert publish.main(["--only", "growth", "--published", str(tmp_path / "new")]) == 1
-    assert "growth.py ended with 2: nothing is published" in capsys.readouterr().err
+    assert "growth.py ended with 2: no figures are published" in capsys.readouterr().err
     assert not (tmp_path / "new").exists()

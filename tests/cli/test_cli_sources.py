@@ -75,7 +75,7 @@ def test_file_that_cannot_be_written_is_told(run, tmp_path):
 
     assert result.code == 2
     assert result.err == (
-        f"proximity: {tmp_path}/proximity_client.hpp: cannot be written (it is no regular file)\n"
+        f"proximity: {tmp_path}/proximity_client.hpp: cannot be written (it is not a regular file)\n"
     )
 
 

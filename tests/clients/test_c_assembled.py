@@ -98,7 +98,11 @@ def test_empty_scene_is_refused_until_a_part_is_there():
     [
         (lambda one, other: one.add(other), ArgumentError, "the scene has a part named 'box'"),
         (lambda one, other: one.add(one), ArgumentError, "expected two scenes"),
-        (lambda one, other: one.add(LibraryScene()), ArgumentError, "expected two scenes, the added one with parts"),
+        (
+            lambda one, other: one.add(LibraryScene()),
+            ArgumentError,
+            "expected two scenes, the added one with parts",
+        ),
         (lambda one, other: one.remove("box"), ArgumentError, "it is the only part"),
         (lambda one, other: one.remove("gear"), ArgumentError, "there is no part -1, expected 0 to 0"),
     ],
@@ -114,7 +118,9 @@ def test_changes_that_cannot_be_made_are_refused_and_leave_everything(change, er
 
 
 def test_added_part_needs_a_rigid_pose():
-    one, other = (through_library(Scene([Solid(*shapes.cube(0.1, (0, 0, 0)), name=name)])) for name in ("box", "lid"))
+    one, other = (
+        through_library(Scene([Solid(*shapes.cube(0.1, (0, 0, 0)), name=name)])) for name in ("box", "lid")
+    )
 
     with pytest.raises(PoseError, match="part 'lid': the matrix scales by 1000"):
         one.add(other, np.diag([1000.0, 1000, 1000, 1]))

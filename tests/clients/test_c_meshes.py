@@ -15,6 +15,8 @@ pytestmark = pytest.mark.skipif(
     not (IS_AHEAD and any((library_in_c.NATIVE / name).is_file() for name in library_in_c.LIBRARIES)),
     reason="the library is compiled with the kernels",
 )
+
+
 def answers(asked, lower, upper):
     """What is answered in and about a box, in bits."""
     rng = np.random.default_rng(5)
@@ -46,7 +48,9 @@ def test_scene_of_a_torn_mesh_is_that_of_python(name, seed):
     assert_equal_to_python(*torn(name, seed))
 
 
-@pytest.mark.parametrize("path", sorted(MESHES.glob("*.stl")) + sorted(MESHES.glob("*.ply")), ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "path", sorted(MESHES.glob("*.stl")) + sorted(MESHES.glob("*.ply")), ids=lambda path: path.name
+)
 def test_scene_of_a_file_is_that_of_python(path):
     meshes = [part.solid.mesh for part in load(path).parts]
     assert_equal_to_python(*shapes.soup(*shapes.join(*((mesh.vertices, mesh.faces) for mesh in meshes))))
@@ -62,7 +66,9 @@ def test_scenes_of_real_parts_are_those_of_python():
             parts = load(path, units="mm").parts
         except MeshError:
             continue
-        assert_equal_to_python(*shapes.join(*((part.solid.mesh.vertices, part.solid.mesh.faces) for part in parts)))
+        assert_equal_to_python(
+            *shapes.join(*((part.solid.mesh.vertices, part.solid.mesh.faces) for part in parts))
+        )
 
 
 @pytest.mark.parametrize(

@@ -167,8 +167,11 @@ def test_meshes_come_and_go_and_are_refused_with_sentences(folder):
         folder,
         """
         const engine = await load(), scene = engine.scene(), told = [];
-        const attempt = (act) => { try { told.push(act()); } catch (failure) { told.push(failure.message); } };
-        const corners = new Float32Array([0, 0, 0, 1, 0, 0, 0, 1, 0]), moved = [1, 0, 0, 5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
+        const attempt = (act) => {
+          try { told.push(act()); } catch (failure) { told.push(failure.message); }
+        };
+        const corners = new Float32Array([0, 0, 0, 1, 0, 0, 0, 1, 0]);
+        const moved = [1, 0, 0, 5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
         attempt(() => scene.distance([0, 0, 1])[0]);
         attempt(() => scene.add("one", corners));
         attempt(() => scene.add("two", corners, [0, 1, 2], moved));
@@ -182,7 +185,13 @@ def test_meshes_come_and_go_and_are_refused_with_sentences(folder):
         """,
     )
     assert told[1:3] + told[6:8] == [0, 1, 1, "two"]
-    sentences = ("the scene has no parts", "named 'two'", "refers to vertex 9", "2 numbers, expected 16", "the only part")
+    sentences = (
+        "the scene has no parts",
+        "named 'two'",
+        "refers to vertex 9",
+        "2 numbers, expected 16",
+        "the only part",
+    )
     for number, sentence in zip((0, 3, 4, 5, 8), sentences, strict=True):
         assert sentence in told[number]
 

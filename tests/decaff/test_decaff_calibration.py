@@ -146,9 +146,9 @@ FLAT, FIST = (float(counts) for counts in HAND.counts([0.0, 1.0]))
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"counts": range(7)}, r"the table has 6 counts at bend 1, expected 43\d+, give or take 10\d+"),
+        ({"counts": range(7)}, r"the table has 6 counts at bend 1, expected 43\d+, within 10\d+"),
         ({"counts": HAND.counts(TABLE_BENDS) / 16},
-         r"the table has 27\d+(\.\d+)? counts at bend 1, expected 43\d+, give or take 10\d+"),
+         r"the table has 27\d+(\.\d+)? counts at bend 1, expected 43\d+, within 10\d+"),
         ({"counts": [FLAT, 26000, 26000.001, 35000, 38000, 41000, FIST]},
          r"counts go up by 0\.001 from bend 0\.166667 to 0\.333333, expected about 43\d+"),
     ],

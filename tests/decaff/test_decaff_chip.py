@@ -26,7 +26,7 @@ from proximity.decaff.controller.controller import (
 from proximity.decaff.controller.records import controller_header
 from proximity.decaff.controller.settings import CableRule, ControllerSettings, Limits
 from proximity.decaff.drum.servo import DriveMode
-from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
+from proximity.decaff.glove.finger_path import MAX_BEND, MIN_BEND, FingerPath
 from proximity.decaff.glove.glove import DRUMS, Glove
 from proximity.message import ContactFlag, Defect, Mode, Source, Surface
 from proximity.transport import Subscriber
@@ -295,7 +295,7 @@ def test_bound_of_passivity_in_closed_form_is_colgates(damping):
 
 def test_numbers_that_python_has_as_well_are_the_same():
     text = controller_header()
-    for name, number in {"LEAST_BEND": LEAST_BEND, "MOST_BEND": MOST_BEND}.items():
+    for name, number in {"LEAST_BEND": MIN_BEND, "MOST_BEND": MAX_BEND}.items():
         (written,) = re.findall(rf"#define DECAFF_{name} (\S*)", text)
         assert float(re.sub(r"[()]", "", written)) == number
     for kind, prefix in ((DrumState, "DRUM_STATE"), (Trust, "TRUST"), (DriveMode, "DRIVE_MODE")):

@@ -256,9 +256,9 @@ def test_controller_moves_a_motor_and_draws_back_when_frames_are_stale(motor, dr
 @pytest.mark.parametrize(
     ("url", "sentence"),
     [
-        ("stepper://x", "there is no kind of motor 'stepper'"),
+        ("stepper://x", "unknown kind of motor 'stepper'"),
         ("odrive-can://", "names no bus or port"),
-        ("odrive-can://x?bus=virtual&tork=1", "there is no option 'tork'"),
+        ("odrive-can://x?bus=virtual&tork=1", "unknown option 'tork'"),
         ("odrive-can://x?bus=virtual&ratio=none", "ratio=none, expected a number from 0.01 to 1000"),
         ("odrive-can://x?bus=virtual&direction=0", "expected 1 or -1"),
         ("odrive-can://x?bus=nothing", "the bus cannot be opened"),

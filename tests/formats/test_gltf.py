@@ -274,14 +274,14 @@ READ = {  # a document; vertices of the cubes in the world; notes
         sparsely_morphed(), [VERTICES + np.where(np.arange(8) == 7, 4, 0)[:, None] * [0, 0, 1]] * 2, MORPHED),
     "nodes scaled to nothing": (
         with_entry("nodes", to=GONE, scenes=[{"nodes": [0, 2, 3]}]), [VERTICES],
-        "scaled to nothing in the file, and left out: 'below', 'line'"),
+        "left out, as the file scales them by 0: 'below', 'line'"),
     "node that is flattened to a sheet": (
         with_entry("nodes", to=[FLAT, {"mesh": 0, "name": "solid"}], scenes=[{"nodes": [0, 1]}]),
         [VERTICES[:, [0, 2, 1]] * [1, -3, 0] + [0, 0, 7], VERTICES],
         "flattened to a sheet by a scale of 0 in the file: node 0"),
     "what is left out of a scene": (
         with_left_out(), [VERTICES, np.add(VERTICES, [0, 0, 1])],
-        "points and lines were ignored: they enclose nothing",
+        "points and lines were ignored: they enclose no volume",
         "it holds several scenes, the default one was read", "its animations were not applied",
         "its morph targets were not applied, the meshes are in their basic shape", AT_REST),
 }  # fmt: skip

@@ -105,7 +105,7 @@ NO_NORMALS = STL.replace(b" normal 0 0 0", b"")
 WIDE_OBJ = each(rb"^(v .*)$", rb"\1 1 1", OBJ)
 END = b"end_header\n"
 HEAD, ROWS = PLY[: PLY.index(END) + len(END)], PLY[PLY.index(END) + len(END) :]
-NO_LINES = "its points and lines were ignored: they enclose nothing"
+NO_LINES = "its points and lines were ignored: they enclose no volume"
 NO_END = "its last line has no end: it may have been cut off"
 CORNERS = rb"^f (\d) (\d) (\d)$"
 STRIP = b"element strip 0\nproperty list int int s\nelement face"
@@ -163,7 +163,7 @@ def test_dialect_is_read_as_if_it_were_none(tmp_path, name, data):
         ("lines.obj", OBJ + b"l 1 2", [NO_LINES, NO_END]),
         ("statements.obj",
          b"$ Contributed\n" + OBJ.replace(b"f 1 3 4", b"t crease 2/1/0 0 1\nvw 0 0 1\nf 1 3 4"),
-         ["3 of its lines are no statements of OBJ and were ignored: line 1 begins with '$'"]),
+         ["3 of its lines are not statements of OBJ and were ignored: line 1 begins with '$'"]),
     ],
 )  # fmt: skip
 def test_what_is_passed_over_is_said(tmp_path, name, data, notes):
@@ -281,7 +281,9 @@ def test_grammar_that_we_refuse_is_read_by_trimesh_with_a_note(tmp_path, name, d
     contents = read(tmp_path, name, data, units="m")
     assert np.array_equal(corners(contents), VERTICES[FACES])
     (note,) = contents.notes
-    assert note.startswith(f"trimesh read it, and numbered its faces; our own reader refuses it: {reason}")
+    assert note.startswith(
+        f"trimesh read it, and numbered its faces; the reader of this package refuses it: {reason}"
+    )
 
 
 @pytest.mark.processes
@@ -304,7 +306,7 @@ def test_what_trimesh_would_take_for_something_else_stays_refused(tmp_path, name
 @pytest.mark.processes
 @pytest.mark.parametrize(
     ("where", "name", "value"),
-    [(dialects, "_MOST_SECONDS", 0), (dialects, "_MOST_BYTES", 1 << 20), (sys, "executable", "no-python")],
+    [(dialects, "_MAX_SECONDS", 0), (dialects, "_MAX_BYTES", 1 << 20), (sys, "executable", "no-python")],
     ids=["time", "memory", "no process"],
 )
 def test_trimesh_that_takes_too_much_or_cannot_be_started_leaves_the_refusal(
@@ -336,11 +338,9 @@ def test_damaged_files_are_not_handed_to_trimesh(tmp_path, monkeypatch, name, da
 
 
 def test_unit_or_tolerance_that_does_not_exist_is_refused():
-    with pytest.raises(
-        MeshError, match=r"there is no unit 'furlong', expected one of m, dm, cm, mm, um, nm, km"
-    ):
+    with pytest.raises(MeshError, match=r"unknown unit 'furlong', expected one of m, dm, cm, mm, um, nm, km"):
         formats.metres_per_unit("furlong")
-    with pytest.raises(MeshError, match="there is no unit 5"):
+    with pytest.raises(MeshError, match="unknown unit 5"):
         formats.read_geometries("part.stl", units=5)
     for tolerance in (0.0, "fine"):
         with pytest.raises(ArgumentError, match=r"step_tolerance is .*, expected a positive number of m"):

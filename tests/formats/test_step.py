@@ -449,7 +449,7 @@ def test_finer_step_tolerance_gives_more_triangles(shared_data):
 @pytest.mark.parametrize(("radius", "tolerance"), [(1_000, 1e-5), (1_000_000, 1e-5)])
 def test_huge_ball_is_meshed_coarsely_with_both_numbers(tmp_path, monkeypatch, radius, tolerance):
     # Was: minutes, and gigabytes.
-    monkeypatch.setattr(conversion, "MOST_OF_FACE", 15_000)
+    monkeypatch.setattr(conversion, "MAX_FACE_TRIANGLES", 15_000)
     contents = read(tmp_path, step_text.ball_step(radius))
     (ball,) = contents.geometries
     assert 10_000 < len(ball.faces) < 20_000
@@ -470,7 +470,7 @@ def test_ball_of_a_usual_size_is_meshed_as_asked_for(tmp_path):
 
 @pytest.mark.usefixtures("own_process")
 def test_conversion_over_its_limits_is_refused_with_them(tmp_path, monkeypatch):
-    monkeypatch.setattr(conversion, "MOST_SECONDS", 0)
+    monkeypatch.setattr(conversion, "MAX_SECONDS", 0)
     assert re.match(
         r"OpenCASCADE takes more than 0 s or 8 GB to mesh it within [\d.e-]+ mm, expected less",
         refusal_of(write(tmp_path, "part.step", BOX), cache=False),

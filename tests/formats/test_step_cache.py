@@ -47,7 +47,7 @@ def same(one, other):
 
 def test_one_process_converts_as_often_as_needed(tmp_path, folder, started, monkeypatch):
     # Was: three processes, each of which imported OpenCASCADE.
-    monkeypatch.setattr(conversion, "MOST_OF_FACE", 15_000)
+    monkeypatch.setattr(conversion, "MAX_FACE_TRIANGLES", 15_000)
     runs = []
     run = libraries.Library.run
     monkeypatch.setattr(

@@ -223,7 +223,7 @@ FLUSH = assembly((1, TURN.format(1, 2, 3)), (2, TURN.format(1 + 0.6 * 4, 2 + 0.8
 FLUSH_IN_MESH = model({1: joined(PART, box((4, 0, 2), (8, 10, 5)))}, [(1, TURN.format(3, 1, 4))])
 FLUSH_PART = model({1: PART, 2: box((0, 0, 0), (4, 10, 3))}, [(9, TURN.format(3, 1, 4))], FLUSH)
 SUBTRACTED = "negative volumes were subtracted from 1 of its parts"
-LEFT_OUT = "volumes that are no parts of the shape were left out: {} (1)"
+LEFT_OUT = "volumes that are not parts of the shape were left out: {} (1)"
 TOO_OPEN = "not all negative volumes could be subtracted from 1 of its parts: some are too"
 UNDECLARED = '<m:group id="7"><n:color o:value="#fff"/></m:group>'
 FOREIGN = '<group xmlns="http://example.org/"><object id="1"/></group>'
@@ -326,7 +326,7 @@ def test_settings_without_other_volumes_change_nothing(tmp_path):
 
 
 def test_subtractions_that_would_take_hours_are_left_with_a_note(tmp_path, monkeypatch):
-    monkeypatch.setattr(volumes, "_MOST_WORK", 1023)
+    monkeypatch.setattr(volumes, "_MAX_WORK", 1023)
     path = write(tmp_path, SLOTTED, **IN_MESH)
     assert formats.read_geometries(path).notes[0].startswith("not all negative volumes could be subtracted")
 

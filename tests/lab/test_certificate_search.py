@@ -72,7 +72,7 @@ def test_budget_bounds_the_work_and_leaves_a_bracket(searched, ball):
 
 def test_same_seed_finds_the_same_and_another_one_elsewhere(ball):
     one, again, other = (
-        search(ball, seed, counts=(20, 20, 4), most_steps=20_000)[GOALS[0]] for seed in (5, 5, 6)
+        search(ball, seed, counts=(20, 20, 4), max_steps=20_000)[GOALS[0]] for seed in (5, 5, 6)
     )
 
     assert [worst.work for worst in one.positions] == [worst.work for worst in again.positions]
@@ -81,7 +81,7 @@ def test_same_seed_finds_the_same_and_another_one_elsewhere(ball):
 
 
 def test_search_that_has_spent_its_steps_ends_and_says_so(ball):
-    found = search(ball, 3, counts=(400, 400, 20), most_steps=20_000)
+    found = search(ball, 3, counts=(400, 400, 20), max_steps=20_000)
 
     assert not found[COLD_EXACT].is_complete
     assert found[COLD_EXACT].start_count < found[SearchGoal(StartMode.COLD, True)].start_count
@@ -91,7 +91,7 @@ def test_search_that_has_spent_its_steps_ends_and_says_so(ball):
 def test_ascent_never_goes_down(ball, goal):
     probe, rng = Probe(ball, goal), np.random.default_rng(11)
     for start in rng.uniform(-0.1, 0.1, (3, 3)):
-        position, gained = ascend(probe, start, 0.01, rng, most_steps=np.inf)
+        position, gained = ascend(probe, start, 0.01, rng, max_steps=np.inf)
 
         assert (np.diff(gained) >= 0.0).all()
         assert gained[-1] == worth(probe.contacts(position[None]))[0]

@@ -247,7 +247,7 @@ CAVITY = Scene([Solid(*shapes.hollow_cube(0.1, 0.04), name="hollow")])
         (lambda: place_finger(CAVITY, (0.0, math.nan, 0.0)),
          r"the position is \[0\.0, nan, 0\.0\], expected three coordinates"),
         (lambda: placed(CAVITY, place_finger(box_scene()).glove, Pose(translation=(1.0, 0.0, 0.0))),
-         "the finger touches nothing between flat hand and fist"),
+         "the finger touches no part between flat hand and fist"),
     ],
 )  # fmt: skip
 def test_what_makes_no_sense_is_refused(make, sentence):

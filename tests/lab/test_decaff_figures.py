@@ -259,7 +259,7 @@ def test_document_of_a_press_has_what_concerns_its_wall():
         ({"stiffness": 100.0}, "belong together: expected both or neither"),
         ({"cable": 5.0}, r"cable is 5, expected 10 to 1e\+06 newtons a metre"),
         ({"cable": 500.0, "stretch": "much"}, "stretch is 'much', expected one of left, torque, sensor"),
-        ({"stretch": "torque"}, "stretch is 'torque', but there is no cable: expected its stiffness"),
+        ({"stretch": "torque"}, "stretch is 'torque', but the cable is missing: expected its stiffness"),
     ],
 )  # fmt: skip
 def test_setup_that_makes_no_sense_is_refused(numbers, sentence):

@@ -17,7 +17,7 @@ from proximity.decaff.controller.chip_sources import controller_sources
 from proximity.decaff.controller.controller import SurfaceLaw, required_damping
 from proximity.decaff.controller.served_drum import ServedDrum, move, settling_time
 from proximity.decaff.controller.settings import ControllerSettings
-from proximity.decaff.drum.drum_model import MOST_LATENCY, Motor
+from proximity.decaff.drum.drum_model import MAX_LATENCY, Motor
 from proximity.decaff.drum.servo import SERVO_RATE, DriveMode, DrumCommand, servo_for
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove, read_any_glove
 from proximity.decaff.glove.finger_path import FingerPath
@@ -103,12 +103,12 @@ def test_chirp_of_the_simulated_drum_gives_its_latency_back(latency):
 
 
 @pytest.mark.parametrize("name", DRUMS)
-@pytest.mark.parametrize("latency", [1e-3, 5e-3, MOST_LATENCY])
+@pytest.mark.parametrize("latency", [1e-3, 5e-3, MAX_LATENCY])
 def test_drum_with_a_latency_has_a_servo_that_settles_and_is_softer_for_it(name, latency):
     """What is stable falls with the square of all that is late: that, a sample, and half a sample's hold."""
     drum = late(DRUMS[name], latency)
-    servo, slowest = servo_for(drum, SERVO_RATE), servo_for(late(DRUMS[name], MOST_LATENCY), SERVO_RATE)
-    later = (latency + 1.5 * servo.period) / (MOST_LATENCY + 1.5 * servo.period)
+    servo, slowest = servo_for(drum, SERVO_RATE), servo_for(late(DRUMS[name], MAX_LATENCY), SERVO_RATE)
+    later = (latency + 1.5 * servo.period) / (MAX_LATENCY + 1.5 * servo.period)
 
     assert servo.stiffness * later**2 == pytest.approx(slowest.stiffness, rel=0.2)
     assert settling_time(drum, servo, 0.03, longest=4.0) < 100.0 * latency + 0.2

@@ -227,7 +227,7 @@ def test_drum_that_was_measured_is_the_one_that_is_simulated(tmp_path):
 
 
 def test_design_is_no_calibration(tmp_path):
-    with pytest.raises(DecaffError, match="is a design that nobody has measured, expected a calibration"):
+    with pytest.raises(DecaffError, match="is a design without measurements, expected a calibration"):
         read_calibration(written(tmp_path))
 
 

@@ -180,7 +180,7 @@ def test_every_field_is_told_with_unit_and_meaning():
 
 
 def test_meanings_of_members_are_those_of_the_source():
-    assert meanings_of(State)["STALE"] == "The newest frame is too old, or none came: nothing is known."
+    assert meanings_of(State)["STALE"] == "The newest frame is too old, or none came: the state is unknown."
     for name, values in ENUMS.items():
         meanings = meanings_of(values)
         assert list(meanings) == list(values.__members__)

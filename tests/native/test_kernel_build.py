@@ -62,5 +62,5 @@ def test_code_that_asks_for_what_is_not_there_is_refused(monkeypatch):
     }
     """
     target = TARGETS["linux-x86_64"]
-    with pytest.raises(SystemExit, match="kernels ask for numba_do_raise, which the engine does not have"):
+    with pytest.raises(SystemExit, match="kernels need numba_do_raise, which the engine does not have"):
         emit_object(code, target, target.sets[0])

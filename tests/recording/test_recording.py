@@ -129,7 +129,7 @@ def test_position_of_nan_is_a_missing_finger(read):
     ("content", "message"),
     [
         ("", "the file is empty, expected columns time_s, hand, finger, x_m, y_m, z_m"),
-        (HEADER, "there is no line after the names of the columns"),
+        (HEADER, "no line after the names of the columns"),
         ("time_s,hand,x_m,z_m\n0,0,1,1\n", "line 1: no column is named finger, y_m: there are 'time_s,"),
         ("x_m," + HEADER, "line 1: two columns are named x_m"),
         (PLAIN + "0.03,0,0,1,2\n", "line 7: 5 fields, expected 6"),
@@ -138,7 +138,7 @@ def test_position_of_nan_is_a_missing_finger(read):
         (PLAIN + "1e300,0,0,1,2,3\n", "line 7: time_s is 1e+300, expected a time within 146 years"),
         (PLAIN + "0.015,0,0,1,2,3\n", "line 7: time_s is 0.015 after 0.02 on line 6, expected times that"),
         (PLAIN + "0.03,0,5,1,2,3\n", "line 7: finger is 5, expected 0 (thumb) to 4 (little finger)"),
-        (PLAIN + "0.03,-1,0,1,2,3\n", "line 7: hand is -1, expected a whole number from 0 on"),
+        (PLAIN + "0.03,-1,0,1,2,3\n", "line 7: hand is -1, expected a whole number from 0"),
         (PLAIN + "0.02,0,0,9,9,9\n", "line 7: finger 0 of hand 0 has a position at this time already, on"),
         (HEADER + "0,0,0,nan,2,3\n", "all positions are nan, expected a number in at least one line"),
         (PLAIN + '0.03,0,0,"1,2,3\n', "line 7: unexpected end of data, expected columns time_s"),

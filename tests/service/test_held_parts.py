@@ -219,7 +219,7 @@ def test_another_scene_and_a_removed_part_are_noticed(inlet):
     held.scene.remove("ring")
     assert not held.tick(move({"ring": pose}, held.now))["flags"].any()
     held.tick()
-    assert held.held.notes == ["the held part 'ring' was removed: nothing is known of it from then on"]
+    assert held.held.notes == ["the held part 'ring' was removed: its contacts are now unknown"]
     held.scene = table()
     assert held.tick(move({"ring": pose}, held.now))["flags"].all()
 

@@ -26,7 +26,7 @@ from proximity.service.config import (
     scene_builder,
     scene_file_reader,
 )
-from proximity.service.config.toml_document import MOST_FILE_BYTES, MOST_LINES, Document
+from proximity.service.config.toml_document import MAX_FILE_BYTES, MAX_LINES, Document
 from proximity.tracker.tracker import Tracker
 from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
 
@@ -229,19 +229,19 @@ service = 3\n{PART}{POSES} | 1: service is 3, expected a table: [service]
 {PART}position = [1, 2]\n{POSES} | 3: parts[0].position has 2 numbers, expected 3 (m)
 {PART}position = [1, 2, '3']\n{POSES} | 3: parts[0].position has '3' at index 2, expected a number from -1e+0
 {PART}position = 1\n{POSES} | 3: parts[0].position is 1, expected 3 numbers (m) in brackets
-{PART}units = 'furlong'\n{POSES} | 3: parts[0].units cannot be used: there is no unit 'furlong', expected one
+{PART}units = 'furlong'\n{POSES} | 3: parts[0].units cannot be used: unknown unit 'furlong', expected one
 {PART}kind = 'soft'\n{POSES} | 3: parts[0].kind is 'soft', expected "rigid" or "deformable"
 {PART}kind = 'deformable'\n{POSES} | 1: parts[0].stiffness is missing, expected a number above 0 to 1e+12 (N/
-{PART}stiffness = 100\n{POSES} | 3: parts[0].stiffness is of a deformable part, expected kind = "deformable"
+{PART}stiffness = 100\n{POSES} | 3: parts[0].stiffness is for deformable parts, expected kind = "deformable"
 {PART}name = 'a'\n{PART}name = 'a'\n{POSES} | 6: parts[1].name is 'a', as of the part on line 3, expected nam
 {PART}[input]\n | 3: [input] has no source, expected recording, poses or sensor
 {PART}{POSES}recording = 'hand.csv'\n | 4: input.poses is given together with input.recording, expected only
-{PART}{SENSOR} | 1: [[parts]] cannot be used: distances are measured by input.sensor, there is no geometry
-{SENSOR}moves = 'mailbox:moves'\n | 3: input.moves cannot be used: distances are measured
-{SENSOR}changes = 'mailbox:c'\n | 3: input.changes cannot be used: distances are measured
+{PART}{SENSOR} | 1: [[parts]] cannot be used: distances come from input.sensor, without geometry
+{SENSOR}moves = 'mailbox:moves'\n | 3: input.moves cannot be used: distances come from
+{SENSOR}changes = 'mailbox:c'\n | 3: input.changes cannot be used: distances come from
 {PART}{POSES}changes = 'mailbox:poses'\n | 5: input.changes is input.poses, expected another address
 {PART}{POSES}parts_from = '.'\n | 5: input.parts_from requires input.changes
-{SENSOR}[fingers]\nradius = 0.01\n | 4: fingers.radius cannot be used: distances are measured
+{SENSOR}[fingers]\nradius = 0.01\n | 4: fingers.radius cannot be used: distances come from
 {PART}{POSES}repeat = true\n | 5: input.repeat requires input.recording
 {PART}{RECORDED}fit = true\nposition = [0, 0, 0]\n | 6: input.position is given together with fit = true, exp
 {PART}{POSES}[service]\npublish = 'mailbox:poses'\n | 4: input.poses is mailbox:poses, which is also in servi
@@ -259,7 +259,7 @@ service = 3\n{PART}{POSES} | 1: service is 3, expected a table: [service]
 {HELD}part = 'pin'\npublish = 'shm://proximity' | 8: held[0].publish has shm://proximity, which is also in
 {HELD}part = ['pin', 'pin']\npublish = 'mailbox:h' | 7: held[0].part has pin, which is also in held[0].part
 {HELD}{PIN}[[held]]\npart = 'lid'\npublish = 'mailbox:h' | 11: held[1].publish has mailbox:h, which is also in
-{SENSOR}[[held]]\n{PIN} | 3: [[held]] cannot be used: distances are measured
+{SENSOR}[[held]]\n{PIN} | 3: [[held]] cannot be used: distances come from
 {PART}{RECORDED}{FAST}[[held]]\n{PIN} | 7: [[held]] cannot be used together with input.fast
 {PART}{POSES}[[held]]\n{PIN} | 5: [[held]] requires input.moves, where the poses of the part come in
 """
@@ -308,7 +308,7 @@ def test_lines_of_many_mistakes_are_not_all_named(refusal):
 
 def test_scene_file_that_cannot_be_read_is_named(tmp_path):
     large = tmp_path / "large.toml"
-    large.write_bytes(b"#" * (MOST_FILE_BYTES + 1))
+    large.write_bytes(b"#" * (MAX_FILE_BYTES + 1))
 
     with pytest.raises(ServiceError, match=r"^none\.toml: cannot be read \(No such file or directory\)$"):
         read_scene_file("none.toml")
@@ -361,7 +361,7 @@ def test_values_are_found_on_their_lines(path, line, ends):
 
 
 def test_statement_that_is_too_long_ends_the_telling_of_lines():
-    long = "a = [\n" + "1,\n" * (MOST_LINES + 1) + "]\nb = 1\n"
+    long = "a = [\n" + "1,\n" * (MAX_LINES + 1) + "]\nb = 1\n"
 
     assert Document("\nc = 1\n" + long, "a").line_of(("c",)) == 2
     assert Document(long, "a").line_of(("b",)) == 1

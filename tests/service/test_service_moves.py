@@ -131,9 +131,9 @@ def test_message_that_names_one_part_300_times_is_refused_at_once(inlet, caplog)
     source.take(parts, NOW)
 
     assert places(parts) == {"a": [0, 0, 0], "b": [2, 0, 0]}
-    assert source.notes == ["queue:: 2 messages of moves that name the same parts again and again"]
+    assert source.notes == ["queue:: 2 messages of moves that repeat parts"]
     (said,) = caplog.messages
-    assert said.endswith("again and again are not used (300 moves, expected one for each part)")
+    assert said.endswith("that repeat parts are not used (300 moves, expected one for each part)")
 
 
 def test_move_without_a_translation_is_refused_and_one_without_the_rest_only_shifts(inlet):

@@ -102,7 +102,7 @@ def test_path_that_is_none_is_refused(path, message):
 def test_device_is_written_to_as_it_is_or_refused():
     with whole_file("/dev/null") as stream:
         stream.write(b"contacts")
-    refused = pytest.raises(FileError, match=r"^/dev/null: cannot be written \(it is no regular file\)$")
+    refused = pytest.raises(FileError, match=r"^/dev/null: cannot be written \(it is not a regular file\)$")
     with refused, whole_file("/dev/null", takes_devices=False):
         pytest.fail("it was opened")
 

@@ -164,7 +164,7 @@ def test_tag_is_keyed_blake2s_over_the_whole_message(key, port):
 def test_largest_message_leaves_room_for_the_tag(key, port):
     address = f"udp://127.0.0.1:{port}?key={key}"
     inlet, outlet = open_inlet(address), open_outlet(address)
-    data, room = np.full(udp.MOST_DATAGRAM_BYTES - TAG_BYTES, 7, np.uint8), np.zeros(100, np.uint8)
+    data, room = np.full(udp.MAX_DATAGRAM_BYTES - TAG_BYTES, 7, np.uint8), np.zeros(100, np.uint8)
     try:
         outlet.send(data)
         assert inlet.wait(PATIENCE)
@@ -226,7 +226,7 @@ def test_strangers_are_counted_as_strangers_and_a_flood_leaves_the_reader_its_ti
     room = np.zeros(100, np.uint8)
     for option, datagrams, refused, unverified in (
         ("from=127.0.0.1:1&", [b"right key, wrong sender"], 1, 0),
-        ("", [bytes(100)] * (udp.MOST_STRANGERS + 1) + [b"friend"], 0, udp.MOST_STRANGERS),
+        ("", [bytes(100)] * (udp.MAX_STRANGERS + 1) + [b"friend"], 0, udp.MAX_STRANGERS),
     ):
         inlet = open_inlet(f"udp://127.0.0.1:{port}?{option}key={key}")
         throw(port, *datagrams[:-1], tagged(datagrams[-1], secret_of(key)))

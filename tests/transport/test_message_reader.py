@@ -137,7 +137,7 @@ def test_kinds_have_numbers_of_their_own():
 @pytest.mark.parametrize("is_default", [True, False])
 def test_so_many_messages_are_taken_at_once(is_flawed, is_default):
     """A flood of garbage leaves the reader its time, and so do good ones."""
-    name, default = ("most_flawed", MOST_FLAWED) if is_flawed else ("most_at_once", MOST_AT_ONCE)
+    name, default = ("max_flawed", MOST_FLAWED) if is_flawed else ("max_at_once", MOST_AT_ONCE)
     most = default if is_default else 3
     bench = Bench(**({} if is_default else {name: most}))
     flood = [b"garbage" if is_flawed else sealed(frame(count=1), number) for number in range(most)]

@@ -157,12 +157,12 @@ def test_strangers_are_left_out_and_counted(opened, port):
 
 def test_flood_of_strangers_leaves_the_reader_its_time(opened, port):
     inlet = opened(open_inlet, f"udp://127.0.0.1:{port}?from=127.0.0.1")
-    datagram(b"me", port, "127.0.0.2", count=udp.MOST_STRANGERS + 1)
+    datagram(b"me", port, "127.0.0.2", count=udp.MAX_STRANGERS + 1)
     datagram(b"friend", port)
     assert inlet.wait(PATIENCE)
 
     assert inlet.receive(np.zeros(100, np.uint8)) == NOTHING
-    assert inlet.refused == udp.MOST_STRANGERS
+    assert inlet.refused == udp.MAX_STRANGERS
     assert take(inlet) == (6, b"friend")
 
 
@@ -177,12 +177,12 @@ def test_sender_elsewhere_has_a_clock_of_its_own(opened, port, place, source, sh
 def test_largest_datagram_travels_and_a_larger_message_is_refused(opened, port):
     address = f"udp://127.0.0.1:{port}"
     inlet, outlet = opened(open_inlet, address), opened(open_outlet, address)
-    data = np.arange(udp.MOST_DATAGRAM_BYTES, dtype=np.uint32).astype(np.uint8)
+    data = np.arange(udp.MAX_DATAGRAM_BYTES, dtype=np.uint32).astype(np.uint8)
     outlet.send(data)
 
-    assert take(inlet, 100_000) == (udp.MOST_DATAGRAM_BYTES, data.tobytes())
+    assert take(inlet, 100_000) == (udp.MAX_DATAGRAM_BYTES, data.tobytes())
     with pytest.raises(PublishError, match=rf"^{address}: .* 65508 bytes .*\(expected at most 65507 bytes\)"):
-        outlet.send(np.zeros(udp.MOST_DATAGRAM_BYTES + 1, np.uint8))
+        outlet.send(np.zeros(udp.MAX_DATAGRAM_BYTES + 1, np.uint8))
 
 
 @pytest.mark.parametrize("tells_size", [True, False])

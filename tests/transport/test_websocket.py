@@ -101,7 +101,7 @@ def test_page_that_does_not_read_misses_messages_and_delays_nobody(url):
         ("ws://0.0.0.0:8765", "expected ws://127.0.0.1:PORT or ws://127.0.0.1:PORT/PATH"),
         ("ws://127.0.0.1", "expected ws://127.0.0.1:PORT"),
         ("ws://127.0.0.1:65536", "expected ws://127.0.0.1:PORT"),
-        ("ws://127.0.0.1:8765?key=a", "there is no option 'key' \\(expected origin\\)"),
+        ("ws://127.0.0.1:8765?key=a", "unknown option 'key' \\(expected origin\\)"),
     ],
 )
 def test_addresses_that_cannot_be_are_refused(text, why):

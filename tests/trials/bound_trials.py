@@ -23,7 +23,7 @@ warnings.simplefilter("ignore", UnitsWarning)  # fingers are far off, and parts 
 BUDGETS = (1, 2, 3, 5, 8, 16, 40, 100, 400, 2000, None, None)
 WORKING_RANGES = (0.0, 1e-3, 0.02, 0.12, 0.12, 1.0, 10.0)
 PERIODS = (0.001, 0.001, 0.00025, 0.004, 0.0085)  # s
-FEWEST_TICKS = 12
+MIN_TICKS = 12
 JERKS = (1e-9, 1e-3, 0.1, 0.1, 300.0)  # m; a part that goes far off makes the scene build its tree anew
 EVENTS = ("none", "none", "coast", "coast", "told", "lie", "jerk", "come and go", "deform", "busy", "park")
 
@@ -139,8 +139,8 @@ def log_of_trial(seed, finger_ticks, *, is_heavy=False, make_tracker=_tracker):
         cell.homes += 1000.0
         cell.move(range(len(cell.solids)))
     counts = [5, 5, 10, 30, 200, 2000]
-    finger_count = int(rng.choice([count for count in counts if FEWEST_TICKS * count <= finger_ticks]))
-    tick_count = max(finger_ticks // finger_count, FEWEST_TICKS)
+    finger_count = int(rng.choice([count for count in counts if MIN_TICKS * count <= finger_ticks]))
+    tick_count = max(finger_ticks // finger_count, MIN_TICKS)
     settings = _settings(rng, finger_count)
     period = float(rng.choice(PERIODS))
     kind = str(rng.choice(EVENTS))

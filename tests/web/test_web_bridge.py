@@ -29,10 +29,10 @@ from proximity.message import (
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.transport import open_inlet, open_publisher
-from proximity.web.bridge import MOST_IN_FLIGHT, Bridge
+from proximity.web.bridge import MAX_IN_FLIGHT, Bridge
 from proximity.web.page_content import scene_page_files, shown_contents
 from proximity.web.page_inbox import PageInbox
-from proximity.web.server.access import HELD_UP, MOST_BYTES, TOO_MUCH, UNFIT, WRONG_TOKEN, Access
+from proximity.web.server.access import HELD_UP, MAX_BYTES, TOO_MUCH, UNFIT, WRONG_TOKEN, Access
 from proximity.web.server.page_server import document
 from proximity.web.sources import LiveFrames, OtherPrograms, Shown
 
@@ -410,7 +410,7 @@ def test_frames_come_byte_for_byte_and_two_at_most_are_under_way(bridge):
         while True:
             got.append(page.recv(0.2))
 
-    assert len(got) == MOST_IN_FLIGHT
+    assert len(got) == MAX_IN_FLIGHT
     assert all(validate(np.frombuffer(each, np.uint8), FRAME) is None for each in got)
     page.send("ok")
     newest = np.frombuffer(page.recv(PATIENCE), np.uint8)
@@ -449,7 +449,7 @@ def test_what_is_shown_is_given_for_the_token(bridge):
 
 def test_an_oversize_message_ends_the_connection(bridge):
     page = bridge.page()
-    page.send(b"x" * (MOST_BYTES + 1))
+    page.send(b"x" * (MAX_BYTES + 1))
 
     assert closed(page)[0] == 1009
     assert bridge.page() is not None  # the next is welcome

@@ -100,10 +100,10 @@ def test_large_parts_are_drawn_coarser_and_look_alike(is_closed):
 def test_a_coarser_scene_says_so():
     scene = proximity.load(MESHES / "sphere.stl")
 
-    data = trimesh.load(io.BytesIO(scene_glb(scene, most_faces=400)), file_type="glb")
+    data = trimesh.load(io.BytesIO(scene_glb(scene, max_faces=400)), file_type="glb")
 
     assert len(next(iter(data.geometry.values())).faces) <= 400
-    text = scene_glb(scene, most_faces=400)
+    text = scene_glb(scene, max_faces=400)
     assert b'"face_count":1280' in text
 
 

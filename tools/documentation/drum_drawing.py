@@ -1,6 +1,6 @@
 """Draw the drum with its stop, and the wiring of its brake: ``python tools/documentation/drum_drawing.py``.
 
-Angles and lengths are those of `Glove` and `FingerPath`, so that they fit the settings of the controller.
+Angles and lengths are those of `Glove` and `FingerPath`, consistent with the settings of the controller.
 """
 
 import math
@@ -118,7 +118,7 @@ def wiring() -> str:
 
 
 def _drum(arm: float, roller: float, angle: float, colour: str) -> list[str]:
-    """Arm and roller at an angle."""
+    """Return arm and roller at an angle."""
     x, y = AXIS
     centre = _at(arm, angle)
     across, down = centre.split()

@@ -1,6 +1,6 @@
-"""Remake the figures that the documentation shows: ``python tools/documentation/figure_pictures.py``.
+"""Regenerate the figures of the documentation: ``python tools/documentation/figure_pictures.py``.
 
-They are those of ``proximity figures``, reduced so that a page loads quickly.
+They are those of ``proximity figures``, reduced for fast loading.
 """
 
 import tempfile

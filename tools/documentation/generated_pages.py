@@ -1,4 +1,4 @@
-"""Pages of the reference that are made of the program itself, each time the documentation is built.
+"""Pages of the reference, generated from the program with each build of the documentation.
 
 MkDocs calls the functions named ``on_…``: tools/documentation/mkdocs.yml names this file.
 """
@@ -45,11 +45,11 @@ PUBLIC = {
         "RecordingError", "DecaffError", "MotorError", "UnitsWarning",
     ),
 }  # fmt: skip
-"""All public names, in the order in which a reader meets them."""
+"""All public names, in the order of the page."""
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PROGRAM = re.compile(r"^The program: \[.*\]\(\.\./examples/(.*)\)$", re.MULTILINE)
-"""A link that a code host follows; a built page has the program itself."""
+"""A link for code hosts; a built page includes the program itself."""
 LANGUAGES = {".py": "py", ".ipynb": "py", ".c": "c", ".h": "c", ".toml": "toml"}
 
 STATES = {
@@ -65,11 +65,11 @@ STATES = {
 PART = Path(__file__).parents[2] / "meshes" / "bracket.stl"
 RUNNING = "running/bracket.html"
 LIVE = "live in a browser.*"
-"""Behind that the first page has a link to the page that runs."""
+"""On the first page, a link to the live page follows this text."""
 
 
 def on_files(files, config):
-    """Add the generated pages to those of the folder, and one that computes by itself."""
+    """Add the generated pages to those of the folder, and the live page."""
     for name, text in pages().items():
         files.append(File.generated(config, f"reference/{name}", content=text))
     with tempfile.TemporaryDirectory() as folder:
@@ -79,19 +79,17 @@ def on_files(files, config):
 
 
 def on_page_markdown(markdown, page, **_):
-    """Write the layouts below the page on messages, the programs into that on examples, and a link."""
+    """Append the layouts to the page on messages, the programs to that on examples, and the link."""
     if page.file.src_uri == "index.md":
         assert LIVE in markdown, "the first page names the page"
-        return markdown.replace(
-            LIVE, f"{LIVE} **[Try it here]({RUNNING})**: one file, which computes by itself."
-        )
+        return markdown.replace(LIVE, f"{LIVE} **[Try it here]({RUNNING})**: one file with its own engine.")
     if page.file.src_uri == "reference/messages.md":
         return f"{markdown}\n{message_tables.records()}"
     return PROGRAM.sub(lambda link: _program(link[1]), markdown)
 
 
 def _program(name):
-    """Return an example as a block that opens; of a notebook its code."""
+    """Return an example as a collapsible block; for a notebook its code."""
     code = (EXAMPLES / name).read_text(encoding="utf-8")
     if name.endswith(".ipynb"):
         cells = json.loads(code)["cells"]
@@ -101,7 +99,7 @@ def _program(name):
 
 
 def pages():
-    """Return the generated pages of the reference, by their names."""
+    """Return the generated pages of the reference, by name."""
     return {
         "command-line.md": _command_line(),
         "python.md": _python(),
@@ -111,7 +109,7 @@ def pages():
 
 
 def _command_line():
-    """Every command with its arguments, options and examples, as ``--help`` has them."""
+    """Return every command with its arguments, options and examples, from ``--help``."""
     command = typer.main.get_command(cli.app)
     context = typer.Context(command, info_name="proximity")
     text = get_docs_for_click(obj=command, ctx=context, name="proximity").partition("\n")[2]
@@ -125,7 +123,7 @@ def _command_line():
 
 
 def _examples_as_blocks(text):
-    """Set the examples below each command as a block of shell commands."""
+    """Format the examples of each command as a block of shell commands."""
     lines, inside = [], False
     for line in text.split("\n"):
         if line == "Examples:":
@@ -146,7 +144,7 @@ def _python():
         raise ValueError(f"generated_pages.PUBLIC and proximity.__all__ differ in {', '.join(missing)}")
     blocks = [
         "# Python",
-        "Everything that `import proximity` offers. Lengths are metres, instants nanoseconds.",
+        "The public names of `proximity`. Lengths are metres, instants nanoseconds.",
     ]
     for title, group in PUBLIC.items():
         blocks.append(f"## {title}")
@@ -160,7 +158,7 @@ def _python():
 def _states():
     blocks = [
         "# States and flags",
-        "The numbers stand in [messages](messages.md); Python has them by these names.",
+        "Their numbers are in [messages](messages.md); these are their names in Python.",
     ]
     for title, name in STATES.items():
         python_name = message_tables.ENUMS[name].__name__

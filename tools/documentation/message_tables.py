@@ -1,4 +1,4 @@
-"""Tables of messages and enumerations, made of the tables that the messages themselves are made of."""
+"""Tables of messages and enumerations, generated from the declarations of the messages."""
 
 from proximity.message import Message
 from proximity.message.c_header import ENUMS, KINDS, RECORDS, c_type, meanings_of
@@ -26,16 +26,16 @@ TITLES = {
     ),
     "label": ("Name", "One part or finger of a `description`.", ()),
 }  # fmt: skip
-"""Of each header and record: its title, what it is, and the fields that it has before those of its table."""
+"""Title, description and preceding fields of each header and record."""
 
 
 def records():
-    """The kinds, the layout of every header and record, and examples with their checksums, as Markdown."""
+    """Return the kinds, the layout of every header and record, and examples with checksums, as Markdown."""
     return "\n\n".join(["## Layouts", _kinds(), *map(_record, RECORDS), _vectors()]) + "\n"
 
 
 def enum_table(name):
-    """The members of an enumeration, with what they mean."""
+    """Return the members of an enumeration, with their meanings."""
     meanings = meanings_of(ENUMS[name])
     rows = [
         f"| `{member.name}` | {int(member)} | {meanings[member.name].replace('``', '`')} |"
@@ -45,7 +45,7 @@ def enum_table(name):
 
 
 def example(kind):
-    """A message of one record, filled as the table of examples says, and sealed."""
+    """Return a message of one record, filled from the table of examples, and sealed."""
     message = Message(kind, 1)
     message.header[kind.sent] = 3
     if "name" in kind.record.names:

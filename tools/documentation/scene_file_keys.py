@@ -1,6 +1,6 @@
 """The page on the keys of a scene file, made of the commented sample ``meshes/demo.toml``.
 
-The sample shows every key that the reader knows; if one is missing here or there, the page is not made.
+The sample shows every key of the reader; a missing key on either side is an error.
 """
 
 import re
@@ -16,7 +16,7 @@ PURPOSES = {
     "parts": "A file of one part or several. Repeat the table for every file.",
     "input": "Where poses come from: exactly one of `recording`, `poses` and `sensor`.",
     "glove": "The calibration of the glove that is worn. Requires `input.poses`.",
-    "web": "The page beside the service, with `proximity serve --web`.",
+    "web": "The page of the service, with `proximity serve --web`.",
 }
 HEAD = """# Scene file
 
@@ -44,7 +44,7 @@ def page():
 
 
 def _keys_of_the_sample():
-    """Return the value and the meaning that stand beside each key, by tables."""
+    """Return value and meaning of each key, by tables."""
     tables, keys, last = {}, {}, None
     for line in SAMPLE.read_text(encoding="utf-8").splitlines():
         if header := re.fullmatch(r"#?\[+(\w+)\]+.*", line):

@@ -33,17 +33,15 @@ GROUPS = (
     ("kernels.tracking", "kernels.scene.queries.segment_queries"),
     ("",),
 )
-"""Modules, by the beginnings of their names, whose entry points share much code: groups that take about
-as long.
-"""
+"""Modules, by prefixes of their names, whose entry points share much code: groups of similar duration."""
 RARELY = 200_000, 50, 100
 """Thresholds of the garbage collector: by default it takes a tenth of the time, and finds little."""
 
 
 def build(targets: list[Target], folder: Path, *, every_set: bool) -> list[Path]:
-    """Make the extension module of each target in its folder, and the library beside it; the paths.
+    """Build the extension module of each target in its folder, and the library next to it; return the paths.
 
-    Only the best set of instructions that this machine, or a browser, has, unless *every_set*.
+    Only for the best set of instructions of this machine, or of browsers, unless *every_set*.
     """
     sets = {target.name: target.sets if every_set else usable_sets(target)[-1:] for target in targets}
     process_count = min(len(GROUPS), os.cpu_count() or 1)
@@ -67,7 +65,7 @@ def build(targets: list[Target], folder: Path, *, every_set: bool) -> list[Path]
 
 
 def _remove_old_modules(folder: Path) -> None:
-    """Remove modules for browsers of other sources: they are compiled when they are wanted."""
+    """Remove modules for browsers of other sources: they are compiled on demand."""
     for path in folder.glob("proximity.*.wasm"):
         if library_digest().encode() not in path.read_bytes():
             path.unlink()
@@ -97,7 +95,7 @@ class CompiledGroup(NamedTuple):
 def _compile_groups(
     groups: tuple[int, ...], targets: list[Target], sets: dict[str, tuple[Instructions, ...]]
 ) -> tuple[list[str], dict[tuple[str, str], bytes]]:
-    """Entry points in groups, as `entry_table` has them, and their object file for each target and set."""
+    """Return entry points in groups, as for `entry_table`, and their object file for each target and set."""
     entries, code = kept_code.read(groups) or _code_of_groups(groups)
     return entries, {
         (target.name, instructions.name): emit_object(code, target, instructions)
@@ -107,7 +105,7 @@ def _compile_groups(
 
 
 def _code_of_groups(groups: tuple[int, ...]) -> tuple[list[str], str]:
-    """Entry points in groups, and their LLVM code, which is kept."""
+    """Return entry points in groups, and their LLVM code, which is kept."""
     gc.set_threshold(*RARELY)
     front_end.disable_code_generation()
     for source in sorted(PACKAGE.rglob("*.py")):
@@ -124,13 +122,13 @@ def _code_of_groups(groups: tuple[int, ...]) -> tuple[list[str], str]:
 
 
 def _group_of(module: str) -> int:
-    """Number of the group that a module is in: the first of which a beginning fits."""
+    """Return the number of the group of a module: the first with a matching prefix."""
     name = module.removeprefix("proximity.")
     return next(k for k, beginnings in enumerate(GROUPS) if name.startswith(beginnings))
 
 
 def _load(name: str, source: Path) -> None:
-    """Import a module without the packages that it is in: they import what kernels do not need."""
+    """Import a module without its packages, which import more than kernels need."""
     if name not in sys.modules:
         spec = importlib.util.spec_from_file_location(name, source)
         assert spec is not None and spec.loader is not None, f"{source} can be loaded"
@@ -169,7 +167,7 @@ def _linked(target: Target, objects: list[CompiledGroup], digest: str, place: Pa
 def _linked_module(
     target: Target, objects: list[CompiledGroup], instructions: Instructions, folder: Path
 ) -> Path:
-    """Link the objects of one set of instructions to a module for browsers; its path."""
+    """Link the objects of one set of instructions to a module for browsers; return its path."""
     own = [each for each in objects if each.instructions == instructions]
     with tempfile.TemporaryDirectory() as scratch:
         files = [Path(scratch, f"{number}.o") for number in range(len(own))]
@@ -188,5 +186,5 @@ def _placed(made: Path, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_suffix(".unfinished")
     unfinished.write_bytes(made.read_bytes())
-    os.replace(unfinished, path)  # whoever has loaded the old one keeps it
+    os.replace(unfinished, path)  # a process that has loaded the old one keeps it
     return path

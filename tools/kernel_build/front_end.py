@@ -1,10 +1,9 @@
 """Kernels to one LLVM module: numba's front end, with its optimiser and its linker switched off.
 
-numba infers types and lowers each function to raw LLVM code. By itself it would optimise every function anew
-for each of its callers; here all raw modules are linked once, and only the wrappers stay visible. A *wrapper*
-is a function of one address: words of arguments, behind which it writes words of results.
-
-This leans on internals of numba, which is pinned where this runs; see `disable_code_generation`.
+numba infers types and lowers each function to raw LLVM code. By default it would optimise every function
+again for each of its callers; here all raw modules are linked once, and only the wrappers stay visible. A
+*wrapper* is a function of one address: words of arguments, followed by the words of results. This uses
+internals of numba, whose version is fixed; see `disable_code_generation`.
 """
 
 import itertools
@@ -25,7 +24,7 @@ from proximity.native.signature import Array, Bundle, Signature
 
 LINKED_AT_ONCE = 8
 NO_ADDRESS = 123456789
-"""Stands for every address of the process that compiles."""
+"""Placeholder for every address of the compiling process."""
 _NAMED_AFTER_ADDRESS = re.compile(r"numba\.dynamic\.globals\.[0-9a-f]+|(?<=__numba_array_expr_)0x[0-9a-f]+")
 _NAMED_AFTER_ERROR = re.compile(
     r"(?<=\.const\.pickledata\.)[0-9a-f]{40}|(?<=\.const\.picklebuf\.)[0-9a-f]{40}"
@@ -36,7 +35,7 @@ _ERROR_SIZE = re.compile(r"^(@\.const\.picklebuf\..*?) i32 \d+,", re.MULTILINE)
 
 
 def disable_code_generation() -> None:
-    """Have numba stop behind its front end, in this process, for good."""
+    """Stop numba after its front end, in this process, permanently."""
     library = codegen.CPUCodeLibrary
     numbers = itertools.count(1)
 
@@ -47,7 +46,7 @@ def disable_code_generation() -> None:
         self._finalized = True
 
     def executable(self, library, fndesc, env):
-        return [].append  # a builtin, as numba wants it, and another one for each function: it is a key
+        return [].append  # a builtin, as numba requires, and a new one for each function: it is a key
 
     library._optimize_functions = set_layout
     library.finalize = finalize
@@ -66,7 +65,7 @@ def disable_code_generation() -> None:
     def is_equal(self, other):
         return self._values == other._values or self.values() == other.values()
 
-    targetconfig.TargetConfig.__eq__ = is_equal  # mostly the first is true, which takes a tenth of the second
+    targetconfig.TargetConfig.__eq__ = is_equal  # usually the first is true, in a tenth of the time
 
 
 # --- words to values, inside compiled code ---------------------------------------------------------------
@@ -81,7 +80,7 @@ def _words_behind(builder, address):
 
 
 def _array(context, builder, value, words, at):
-    """The array of which the words are at that place."""
+    """Return the array whose words are at a position."""
     word = ir.IntType(64)
     lengths = [
         _word(builder, words, at + 1 + axis) if length < 0 else ir.Constant(word, length)
@@ -110,7 +109,7 @@ def _value_at(context, builder, value, words, at):
 
 
 def _reader(value, at):
-    """A function of the address of the words: the value of which the words are at that place."""
+    """Return a function of the address of the words: the value at that position."""
 
     @intrinsic
     def read(typingctx, address):
@@ -123,9 +122,9 @@ def _reader(value, at):
 
 
 def _writer(value, at):
-    """A function of the address of the words and of a value: the value as words at that place.
+    """Return a function that writes a value as words at a position.
 
-    An array is its address, its lengths, and the address of its owner, of which it is one reference.
+    An array is its address, its lengths, and the address of its owner, with one reference to it.
     """
 
     @intrinsic
@@ -161,7 +160,7 @@ def _writer(value, at):
 
 
 def _wrapper(name: str, kernel: Any, signature: Signature) -> Any:
-    """The function of one address that asks a kernel."""
+    """Return the wrapper of a kernel: a function of one address."""
     names: dict[str, Any] = {"kernel": kernel}
     lines, at = [], 0
     for k, value in enumerate(signature.arguments):
@@ -191,7 +190,7 @@ def _compiled(function: Any) -> Any:
 
 
 def _modules(library: Any, seen: set[int]) -> Iterator[Any]:
-    """Raw modules of a library and of all that it is linked with, each once."""
+    """Yield raw modules of a library and of all libraries linked with it, each once."""
     if id(library) in seen:
         return
     seen.add(id(library))
@@ -201,7 +200,7 @@ def _modules(library: Any, seen: set[int]) -> Iterator[Any]:
 
 
 def _linked(parts: list[Any]) -> Any:
-    """One module of all, by way of small ones: linking takes as long as what has been linked is large."""
+    """Link all modules in a tree: the time of linking grows with the size of the target."""
     while len(parts) > 1:
         for at in range(0, len(parts), LINKED_AT_ONCE):
             for other in parts[at + 1 : at + LINKED_AT_ONCE]:
@@ -241,10 +240,10 @@ def linked_wrappers(entries: dict[str, tuple[Any, Signature]]) -> str:
 
 
 def _without_traces(code: str) -> str:
-    """Take out of the code what tells of this process and this machine: the same sources give the same code.
+    """Remove traces of this process and this machine from the code: builds must be reproducible.
 
-    That is what numba names after addresses, and the errors it would raise, which name files of its own.
-    Nothing of it is used: `objects.emit_object` refuses optimised code that holds an address or raises.
+    Those are numba's names with addresses, and the errors it would raise, which name its files. None of it is
+    used: `objects.emit_object` refuses optimised code that contains an address or raises.
     """
     names: dict[str, str] = {}
     for pattern in (_NAMED_AFTER_ADDRESS, _NAMED_AFTER_ERROR):

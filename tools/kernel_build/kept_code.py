@@ -12,7 +12,7 @@ TAB = "\t"
 
 
 def read(groups: tuple[int, ...]) -> tuple[list[str], str] | None:
-    """Return the entry points and the code that was kept of groups for these sources, if any was."""
+    """Return the entry points and the kept code of groups for these sources, if any."""
     with suppress(OSError, zlib.error, UnicodeDecodeError):
         head, _, code = zlib.decompress(_path(groups).read_bytes()).decode("ascii").partition("\n")
         return head.split(TAB), code
@@ -20,9 +20,9 @@ def read(groups: tuple[int, ...]) -> tuple[list[str], str] | None:
 
 
 def write(groups: tuple[int, ...], entries: list[str], code: str) -> None:
-    """Keep the code of groups; that of other sources goes."""
+    """Keep the code of groups; that of other sources is removed."""
     path = _path(groups)
-    with suppress(OSError):  # a folder that cannot be written: nothing is kept
+    with suppress(OSError):  # a read-only folder keeps none
         FOLDER.mkdir(parents=True, exist_ok=True)
         for old in FOLDER.glob("*.z"):
             if old.name.split("-")[0] != path.name.split("-")[0]:
@@ -33,13 +33,13 @@ def write(groups: tuple[int, ...], entries: list[str], code: str) -> None:
 
 
 def remove() -> None:
-    """Keep nothing."""
+    """Remove all kept code."""
     for path in FOLDER.glob("*.z"):
         path.unlink(missing_ok=True)
 
 
 def _path(groups: tuple[int, ...]) -> Path:
-    """The file of groups, named after the sources and this version of numba."""
+    """Return the file of groups, named after the sources and this version of numba."""
     from numba import __version__
 
     digest = hashlib.sha256(f"{sources_digest()} {__version__}".encode()).hexdigest()[:16]

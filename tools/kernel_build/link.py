@@ -25,8 +25,8 @@ CONTROLLER = ROOT / "proximity" / "decaff" / "controller"
 RECEIVER = CORE / "receiver" / "receiver_entries.c"
 LIBRARY = [CORE / name for name in ("library", "loop", "mailbox")]
 _BIONIC = ["-D__errno_location=__errno", "-U__linux__", "-fno-builtin", "-mno-outline-atomics", "-fPIC"]
-"""For Android: what its C library names otherwise than the one whose headers are here. There is no shared
-memory and no loop, as on a system that is not Linux."""
+"""Options for Android: names in its C library that differ from the headers here. There is no shared memory
+and no loop, as on other systems without Linux."""
 _COMPILE = ["-O2", "-std=c11", "-Wall", "-Wextra", "-fvisibility=hidden", "-fno-sanitize=all", "-g0"]
 
 
@@ -68,7 +68,7 @@ def link_library(
 def library_objects(
     target: Target, wrappers: list[tuple[str, str, str]], digest: str, folder: Path
 ) -> list[Path]:
-    """Return the objects of the library's own files in C, and of the table of *wrappers*."""
+    """Return the objects of the library's C files, and of the table of *wrappers*."""
     sets: dict[str, dict[str, str]] = {}
     for instructions, name, symbol in wrappers:
         sets.setdefault(instructions, {})[name] = symbol
@@ -92,7 +92,7 @@ def _is_android(target: Target) -> bool:
 
 
 def _named_libraries(target: Target, folder: Path) -> list[Path]:
-    """Libraries of the system by their names alone: what is called is found when the library is loaded."""
+    """Return stubs of system libraries by name: symbols are resolved when the library is loaded."""
     made = [folder / f"named-{name}.so" for name in ("libc", "libm")]
     (folder / "named.c").write_text("")
     for path in made:
@@ -112,9 +112,9 @@ def _mathematics(target: Target) -> list[str]:
 
 
 def entry_table(wrappers: list[tuple[str, str, str]], entries: list[str], digest: str) -> str:
-    """Return the C source of the table of wrappers, and of what Python is told of entry points.
+    """Return the C source of the table of wrappers, and of the entry points' data for Python.
 
-    *entries*: name, rows with the interpreter locked, and signature of each, between strokes.
+    *entries*: name, rows with the interpreter locked, and signature of each, separated by strokes.
     """
     lines = ['#include "entry_points.h"', ""]
     wrappers = [*wrappers, *((C_CODE, name, name) for name in _functions_in_c())]
@@ -130,7 +130,7 @@ def entry_table(wrappers: list[tuple[str, str, str]], entries: list[str], digest
 
 
 def _functions_in_c() -> list[str]:
-    """Names of the entry points that are written in C."""
+    """Return the names of the entry points written in C."""
     text = "".join(
         path.read_text(encoding="ascii") for path in (CONTROLLER / "controller_entries.c", RECEIVER)
     )
@@ -157,19 +157,19 @@ def run_zig(target: Target, folder: Path, *words: str) -> None:
 
 
 def _headers(target: Target) -> list[str]:
-    """Where headers are; those of another system's Python and NumPy are replaced where they differ."""
+    """Return the options for headers; those of Python and NumPy are replaced for other systems."""
     own = HEADERS / target.name.split("-")[0]
     config = own / "pyconfig.h"
     python = sysconfig.get_paths()["include"]
     folders = [*([own] if own.is_dir() else []), python, numpy.get_include()]
     first = ["-include", str(config)] if config.is_file() else []
-    # Debian's pyconfig.h includes that of the architecture, which lies beside the folder of Python's headers.
+    # Debian's pyconfig.h includes that of the architecture, next to the folder of Python's headers.
     last = ["-idirafter", str(Path(python).parent)]
     return first + [f"-I{folder}" for folder in (PYTHON, CONTROLLER, *folders)] + last
 
 
 def _system(target: Target, compiled: list[Path], folder: Path) -> list[str]:
-    """What else the linker has to be given on a system."""
+    """Return the linker's options for a system."""
     if target.name.startswith("linux"):
         return _mathematics(target)
     if target.name.startswith("macos"):

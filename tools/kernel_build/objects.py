@@ -1,4 +1,4 @@
-"""How LLVM makes an object file of the wrappers, for one set of instructions."""
+"""Object file of the wrappers by LLVM, for one set of instructions."""
 
 import re
 
@@ -9,7 +9,7 @@ from kernel_build.targets import WRAPPER_PREFIX, Instructions, Target, wrapper_s
 from kernel_build.wasm import without_fused
 
 LEVEL = 3
-"""Of optimisation."""
+"""Optimisation level."""
 ALLOWED_UNDEFINED = {
     *(
         "atan2",
@@ -28,7 +28,7 @@ ALLOWED_UNDEFINED = {
     ),
     *("NRT_MemInfo_alloc_aligned", "NRT_MemInfo_call_dtor", "numba_frexp", "numba_ldexp"),
 }
-"""What compiled kernels may ask of others: functions of C's libraries, and those in ``runtime.c``."""
+"""External symbols allowed in compiled kernels: functions of C's libraries, and those in ``runtime.c``."""
 
 
 def emit_object(code: str, target: Target, instructions: Instructions) -> bytes:
@@ -57,13 +57,13 @@ def emit_object(code: str, target: Target, instructions: Instructions) -> bytes:
     for function in module.functions:
         if function.name.startswith(WRAPPER_PREFIX) and function.linkage == binding.Linkage.external:
             function.name = wrapper_symbol(function.name.removeprefix(WRAPPER_PREFIX), instructions)
-            function.visibility = "hidden"  # nobody calls them but what they are linked with
+            function.visibility = "hidden"  # called only by the objects linked with them
     _refuse_undefined(module)
     return machine.emit_object(module)
 
 
 def _refuse_undefined(module: binding.ModuleRef) -> None:
-    """Refuse code that could ask for what is not there: of numba's errors above all."""
+    """Raise for code with undefined symbols, above all numba's errors."""
     unknown = {
         function.name
         for function in module.functions
@@ -73,7 +73,7 @@ def _refuse_undefined(module: binding.ModuleRef) -> None:
     }
     unknown |= {variable.name for variable in module.global_variables if variable.is_declaration}
     if unknown:
-        raise SystemExit(f"kernels ask for {', '.join(sorted(unknown))}, which the engine does not have")
+        raise SystemExit(f"kernels need {', '.join(sorted(unknown))}, which the engine does not have")
     address = re.search(r"inttoptr \(i64 \d{6,}", str(module))
     if address:
         raise SystemExit(f"kernels hold an address of the process that compiled them: {address[0]}")

@@ -1,4 +1,4 @@
-"""What has been compiled, and whether it is as the sources are. Needs nothing but Python."""
+"""State of the compiled files: whether they match the sources. Needs only Python."""
 
 import hashlib
 import importlib.util
@@ -29,17 +29,17 @@ def sources_digest() -> str:
 
 
 def every_set_is_wanted() -> bool:
-    """Return whether the environment asks for every set of instructions."""
+    """Return whether the environment requests every set of instructions."""
     return os.environ.get("PROXIMITY_INSTRUCTIONS") == "all"
 
 
 def digest_in_c() -> str:
-    """Return the digest of what is written in C beside kernels."""
+    """Return the digest of the C code next to kernels."""
     return str(sources().digest_in_c())
 
 
 def library_digest() -> str:
-    """Return the digest of the library in C: of kernels, of its own files, and of what is generated."""
+    """Return the digest of the library in C: of kernels, its own files, and generated code."""
     patterns = (
         "core/*/*.c", "core/*/*.h", "core/*/*.in", "core/*.py", "scene/**/*.py",
         "__init__.py", "tracker/*.py", "message/*.py", "../tools/core_tables.py",
@@ -56,7 +56,7 @@ def core_digest() -> str:
 
 
 def is_current(target: Target, folder: Path, *, every_set: bool) -> bool:
-    """Return whether a folder holds the extension module and the library of a target as the sources are."""
+    """Return whether the extension module and library of a target in a folder match the sources."""
     files = made_files(target, folder, every_set=every_set)
     sets = [f"for {each.name}" for each in target.sets if every_set]
     words = [[library_digest(), *([] if target.is_web else sets)]] * len(files)

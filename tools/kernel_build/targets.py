@@ -1,40 +1,40 @@
-"""Processors and systems that kernels are compiled for. Needs only Python: it is asked before all else."""
+"""Target processors and systems of compiled kernels. Needs only Python, as it is imported first."""
 
 import platform
 from dataclasses import dataclass
 from pathlib import Path
 
 WRAPPER_PREFIX = "proximity_entry_"
-"""How the symbols of wrappers begin."""
+"""Prefix of the wrappers' symbols."""
 
 
 @dataclass(frozen=True, slots=True)
 class Instructions:
-    """A set of instructions that objects are made for."""
+    """Target set of instructions of objects."""
 
-    name: str  # as Python and the names of wrappers have it
+    name: str  # as in Python and the names of wrappers
     cpu: str  # as LLVM calls it
     features: str = ""
-    needs: tuple[str, ...] = ()  # features of a processor, as LLVM calls them
+    needs: tuple[str, ...] = ()  # features of a processor, in LLVM's names
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A system, with the sets of instructions that its objects are made for."""
+    """A system, with the sets of instructions of its objects."""
 
     name: str
     triple: str
-    zig: str  # as the linker calls it
+    zig: str  # in the linker's names
     wheel: str  # tag of wheels
     sets: tuple[Instructions, ...]
-    extension: str = "_kernels.abi3.so"  # name of the extension module's file; "": there is no Python
+    extension: str = "_kernels.abi3.so"  # name of the extension module's file; "": without Python
     library: str = "libproximity.so"  # name of the library in C
     import_library: str = ""  # by which linkers find that, where a system needs one
     static_library: str = ""  # the same for programs that contain it
 
     @property
     def is_web(self) -> bool:
-        """Whether there are modules for browsers instead of a library."""
+        """True if modules for browsers replace the library."""
         return self.name == "wasm32"
 
 
@@ -94,7 +94,7 @@ TARGETS = {
 
 
 def host_target() -> Target:
-    """Return the target that this machine is; `SystemExit` where it is none."""
+    """Return this machine's target; raise `SystemExit` if it has none."""
     name = _host_name()
     if name not in TARGETS:
         raise SystemExit(
@@ -104,12 +104,12 @@ def host_target() -> Target:
 
 
 def target_folder(target: Target, folder: Path) -> Path:
-    """Return where the files of a target belong: those of this machine in the folder itself."""
+    """Return the folder of a target's files: for this machine the folder itself."""
     return folder if target.name == _host_name() else folder / target.name
 
 
 def module_path(instructions: Instructions, folder: Path) -> Path:
-    """Return where the module for browsers that has a set of instructions belongs."""
+    """Return the path of the module for browsers with a set of instructions."""
     return folder / f"proximity.{instructions.name}.wasm"
 
 

@@ -1,7 +1,7 @@
-"""WebAssembly: what it has instead of fused multiply-add, and the linking of a module that imports nothing.
+"""WebAssembly: replacement of fused multiply-add, and linking of a module without imports.
 
-With relaxed vector instructions a processor fuses where it can, and answers are those of other targets to the
-bit; without, a product is rounded before the sum.
+With relaxed vector instructions processors fuse if they can, and answers equal those of other targets to the
+bit; otherwise a product is rounded before the sum.
 """
 
 import re
@@ -17,12 +17,12 @@ _EXPORTED = re.compile(r"^PROXIMITY_API[^;]*?\b(proximity_\w+)\(", re.MULTILINE)
 _NOT_THERE = {
     "proximity_open",
     "proximity_use_instructions",
-}  # there are no files, and one set of instructions
+}  # no files, and one set of instructions
 STACK = 1 << 20  # bytes
 
 
 def without_fused(code: str, *, is_relaxed: bool) -> str:
-    """Return LLVM code in which functions of its own stand for fused multiply-add."""
+    """Return LLVM code with fused multiply-add replaced by functions of the module."""
     code = _CALLED.sub(r"@fused_\1", _DECLARED.sub("", code))
     functions = [code]
     for real, bits, lanes in (("double", 64, 2), ("float", 32, 4)):
@@ -50,7 +50,7 @@ def _of_numbers(real: str, bits: int, lanes: int, is_relaxed: bool) -> str:
 
 
 def _of_vectors(real: str, bits: int, lanes: int, is_relaxed: bool) -> str:
-    """Of eight lanes: in registers, of which each has that many."""
+    """Return the function for eight lanes, split into registers of *lanes* each."""
     whole = f"<8 x {real}>"
     head = f"define internal {whole} @fused_v8f{bits}({whole} %a, {whole} %b, {whole} %c) alwaysinline {{\n"
     if not is_relaxed:

@@ -1,4 +1,4 @@
-"""For Windows: the library by which an extension finds Python's stable interface."""
+"""Windows: the import library of Python's stable interface for an extension."""
 
 import struct
 import subprocess
@@ -6,13 +6,13 @@ import sys
 from pathlib import Path
 
 IMPORTED = "__imp_"
-"""How symbols begin that are looked for in another library."""
+"""Prefix of symbols imported from another library."""
 _HEADER, _SYMBOL = struct.Struct("<8xII"), struct.Struct("<8sIhHBB")
 _EXTERNAL = 2
 
 
 def python_library(objects: list[Path], folder: Path) -> Path:
-    """Make the import library of all that objects ask of Python; return its path."""
+    """Make the import library of all Python symbols used by objects; return its path."""
     asked = {name.removeprefix(IMPORTED) for each in objects for name in undefined_symbols(each.read_bytes())}
     names = sorted(name for name in asked if name.startswith(("Py", "_Py")))
     definitions, library = folder / "python3.def", folder / "python3.lib"
@@ -25,7 +25,7 @@ def python_library(objects: list[Path], folder: Path) -> Path:
 
 
 def undefined_symbols(content: bytes) -> list[str]:
-    """Return the symbols that an object file, COFF, asks of others."""
+    """Return the undefined symbols of an object file, COFF."""
     start, count = _HEADER.unpack_from(content)
     names = content[start + _SYMBOL.size * count :]
     found, at = [], 0

@@ -1,1 +1,1 @@
-"""What Node and a page run to time the engine for browsers."""
+"""Programs for Node and a page that time the engine for browsers."""

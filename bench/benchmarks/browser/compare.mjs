@@ -1,11 +1,11 @@
 // Five signed points a call, by the engine and by three-mesh-bvh: for Node (node compare.mjs FOLDER) and for a page.
 
 const CALL = 5; // points
-const ROUNDS = 120; // of which the quickest counts: the machine may do something else in others
+const ROUNDS = 120; // the fastest one counts, as other programs disturb others
 const CALLS = 50; // of each, one after the other, in a round
 
-/** *given* gives files of a folder by their names, *engine* and *bvh* are the modules; microseconds a call, and how far
- * answers are apart. */
+/** given* returns files of a folder by name, *engine* and *bvh* are the modules; returns microseconds a call, and
+ * the differences of answers. */
 export async function compare(given, engine, three, bvh) {
   const { signed, triangles, points } = {
     signed: new Float64Array(await given("signed.bin")),

@@ -1,1 +1,1 @@
-"""Digests of answers: the public interface is asked, and the raw bytes of what it returns are hashed."""
+"""Digests of answers: the raw bytes returned by the public interface are hashed."""

@@ -1,4 +1,4 @@
-"""Scenes that the library in C is asked about, with the interface of `proximity.Scene`."""
+"""Scenes answered by the library in C, with the interface of `proximity.Scene`."""
 
 import ctypes
 import tempfile
@@ -10,8 +10,8 @@ import numpy as np
 from proximity import (
     ArgumentError,
     Clearance,
-    MeshError,
     FileVersionError,
+    MeshError,
     MeshFormatError,
     NotWatertightError,
     Part,
@@ -78,7 +78,7 @@ class Paths(ctypes.Structure):
 
 
 class LibraryScene:
-    """A compiled scene as the library answers about it; parts are found by their names."""
+    """A compiled scene answered by the library; parts are found by name."""
 
     def __init__(
         self, source: Path | np.ndarray | None = None, instructions: str = "", path: Path | None = None
@@ -125,7 +125,7 @@ class LibraryScene:
         self.call("remove", self._scene, self._part(name))
 
     def call(self, name: str, *arguments: Any) -> None:
-        """Call a function that returns the number of an error."""
+        """Call a function that returns an error number."""
         error = Error()
         code = getattr(self._library, f"proximity_{name}")(*arguments, ctypes.byref(error))
         if code:
@@ -141,7 +141,7 @@ class LibraryScene:
 
     @property
     def instructions(self) -> str:
-        """The set of instructions that answers."""
+        """Set of instructions in use."""
         return str(self._library.proximity_instructions(self._scene).decode())
 
     @property
@@ -166,26 +166,26 @@ class LibraryScene:
         return corners[0], corners[1]
 
     def pose(self, name: str) -> np.ndarray:
-        """The pose of a part, (4, 4)."""
+        """Return the pose of a part, (4, 4)."""
         matrix = np.empty((4, 4))
         self.call("pose", self._scene, self._part(name), _address(matrix))
         return matrix
 
     def move_many(self, names: list[str], matrices: Any, speeds: Any = None, turns: Any = None) -> None:
-        """Put parts elsewhere."""
+        """Set poses of parts."""
         rows = np.array([self._part(name) for name in names], np.int32)
         given = [None if each is None else np.array(each, np.float64) for each in (matrices, speeds, turns)]
         addresses = [None if each is None else _address(each) for each in given]
         self.call("move", self._scene, _address(rows), ctypes.c_size_t(len(rows)), *addresses)
 
     def post(self, name: str, matrix: Any, pose_ns: int, speed: Any = None, turn: Any = None) -> None:
-        """Say where a part is, for the next tick."""
+        """Post the pose of a part for the next tick."""
         given = [None if each is None else np.array(each, np.float64) for each in (matrix, speed, turn)]
         pose, *velocities = (None if each is None else _address(each) for each in given)
         self.call("post", self._scene, self._part(name), pose, ctypes.c_int64(pose_ns), *velocities)
 
     def take(self, instant_ns: int) -> None:
-        """Put parts where they were posted."""
+        """Move parts to their posted poses."""
         self.call("take", self._scene, ctypes.c_int64(instant_ns))
 
     def hide(self, name: str, is_hidden: bool = True) -> None:
@@ -199,7 +199,7 @@ class LibraryScene:
     def _part(self, name: str) -> int:
         return int(self._library.proximity_find_part(self._scene, name.encode("utf-8", "surrogatepass")))
 
-    # --- questions, as `proximity.scene.queries` has them ---
+    # --- queries, as in `proximity.scene.queries` ---
 
     def _ask(
         self, name: str, *given: Any, limit: float | None = None, dtype: type = np.float64
@@ -252,7 +252,7 @@ class LibraryScene:
         tolerance: float = 0.0,
         budget: int | None = None,
     ) -> Clearance:
-        """The shortest connection of two parts."""
+        """Return the shortest connection of two parts."""
         table = np.empty((), CLEARANCE)
         limits = ctypes.c_double(max_distance), ctypes.c_double(tolerance), ctypes.c_size_t(budget or 0)
         self.call("clearance", self._scene, self._part(first), self._part(second), *limits, _address(table))
@@ -301,7 +301,7 @@ class LibraryTracker:
         path_bends: Any = None,
         bends: Any = None,
     ) -> np.ndarray:
-        """Answer for all fingers, where the parts of the Python scene are now."""
+        """Tick all fingers, with the parts at their present poses in the Python scene."""
         self._follow()
         instants = np.array(np.broadcast_to(t_pose_ns, len(self.contacts)), np.int64)
         given = [positions, velocities, paths, path_bends, bends]
@@ -316,11 +316,11 @@ class LibraryTracker:
         return self.contacts
 
     def reset(self) -> None:
-        """Forget all fingers."""
+        """Reset all fingers."""
         self._library.proximity_reset_tracker(self._tracker)
 
     def _follow(self) -> None:
-        """Move and hide what was moved and hidden in Python since the tick before."""
+        """Apply the moves and hiding of the Python scene since the last tick."""
         model = self._python.snapshot()
         if model is self._model:
             return

@@ -1,6 +1,6 @@
-"""Scenes that a program linked with the library answers about: on processors and systems that are emulated.
+"""Scenes answered by a program linked with the library: for emulated processors and systems.
 
-The program is ``tests/support/clients/library_server.c``, which takes questions on its standard input.
+The program is ``tests/support/clients/library_server.c``, which reads queries from its standard input.
 """
 
 import struct
@@ -21,7 +21,7 @@ HEAD, CODE = struct.Struct("<qqd"), struct.Struct("<q")
 
 
 class ProgramScene(LibraryScene):
-    """A compiled scene that another program has opened."""
+    """A compiled scene opened by another program."""
 
     def __init__(self, command: list[str], path: Path) -> None:
         self._program = subprocess.Popen(
@@ -49,7 +49,7 @@ class ProgramScene(LibraryScene):
 
 
 def through_program(scene: Scene, command: list[str]) -> ProgramScene:
-    """Return a scene, saved and opened by the program that a command starts."""
+    """Return a scene, saved, and opened by the program of a command."""
     with tempfile.TemporaryDirectory(prefix="proximity_digest_") as folder:
         path = Path(folder) / "scene.prox"
         scene.save(path)

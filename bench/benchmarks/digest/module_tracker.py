@@ -1,7 +1,7 @@
-"""A tracker in a program that has the engine for browsers, on the scene of a trial: its bounds are tried.
+"""A tracker in a program with the engine for browsers, on the scene of a trial, to check its bounds.
 
-The program is ``tests/support/clients/module_server.mjs``. Moves of parts, hiding and showing go to it as
-they come; when parts come, go or are deformed, it opens the scene anew.
+The program is ``tests/support/clients/module_server.mjs``. Moves, hiding and showing of parts are forwarded;
+when parts are added, removed or deformed, it opens the scene again.
 """
 
 import subprocess
@@ -20,7 +20,7 @@ SETTINGS = "latency", "working_range", "tolerance", "horizon", "max_speed", "max
 
 
 class ForwardedScene:
-    """A scene whose changes reach a program, too."""
+    """A scene whose changes are forwarded to a program."""
 
     def __init__(self, scene: Scene, command: list[str]) -> None:
         self.scene, self.is_other = scene, False
@@ -41,7 +41,7 @@ class ForwardedScene:
         self._folder.cleanup()
 
     def tell(self, action: int, words: np.ndarray, size: int = 0) -> bytes:
-        """Have the program do something; so many bytes of an answer."""
+        """Send the program an action; return *size* bytes of its answer."""
         assert self._program.stdin is not None and self._program.stdout is not None
         self._program.stdin.write(HEAD.pack(action, len(words), 0.0) + words.tobytes())
         self._program.stdin.flush()
@@ -50,7 +50,7 @@ class ForwardedScene:
         return self._program.stdout.read(size)
 
     def refresh(self) -> bool:
-        """Have the program open the scene that there is now, if it is another; whether it is."""
+        """Make the program open the present scene, if it has another; return whether it did."""
         was_other, self.is_other = self.is_other, False
         if was_other:
             self._save()
@@ -58,12 +58,12 @@ class ForwardedScene:
         return was_other
 
     def move(self, name: str, pose: Any, *, velocity: Any, angular_velocity: Any) -> None:
-        """As `Scene.move`."""
+        """Like `Scene.move`."""
         self.scene.move(name, pose, velocity=velocity, angular_velocity=angular_velocity)
         self._tell_moves([name], [pose], [velocity], [angular_velocity])
 
     def move_many(self, names: list[str], poses: Any, velocities: Any, spins: Any) -> None:
-        """As `Scene.move_many`."""
+        """Like `Scene.move_many`."""
         self.scene.move_many(names, poses, velocities, spins)
         self._tell_moves(names, poses, velocities, spins)
 
@@ -75,13 +75,13 @@ class ForwardedScene:
             self.tell(MOVE, rows.astype(np.float64).ravel())
 
     def hide(self, name: str, *, is_hidden: bool = True) -> None:
-        """As `Scene.hide`."""
+        """Like `Scene.hide`."""
         (self.scene.hide if is_hidden else self.scene.show)(name)
         if not self.is_other:
             self.tell(HIDE, np.array([self._numbers[name], is_hidden], np.float64))
 
     def show(self, name: str) -> None:
-        """As `Scene.show`."""
+        """Like `Scene.show`."""
         self.hide(name, is_hidden=False)
 
     def __getattr__(self, name: str) -> Any:
@@ -91,7 +91,7 @@ class ForwardedScene:
 
 
 class ModuleTracker:
-    """A tracker of the engine for browsers, with the interface of `Tracker` as far as trials use it."""
+    """A tracker of the engine for browsers, with the methods of `Tracker` used by trials."""
 
     def __init__(self, scene: ForwardedScene, fingers: int, **given: Any) -> None:
         self._scene, self._twin = scene, Tracker(scene.scene, fingers=fingers, **given)
@@ -103,16 +103,16 @@ class ModuleTracker:
     @property
     def _settings(self) -> Any:
         if self._scene.refresh():
-            self._twin.reset()  # as the tracker is, which begins anew on a scene that is opened anew
+            self._twin.reset()  # like the tracker, which restarts on a newly opened scene
         return self._twin._settings
 
     def reset(self) -> None:
-        """As `Tracker.reset`."""
+        """Like `Tracker.reset`."""
         self._twin.reset()
         self._scene.tell(RESET, np.zeros(0))
 
     def tick(self, positions: np.ndarray, pose_ns: Any, now_ns: int, **known: Any) -> np.ndarray:
-        """As `Tracker.tick`; the twin tells how coarse a crowd may be answered, and is asked before."""
+        """Like `Tracker.tick`; the twin, ticked first, gives the permitted coarseness for crowds."""
         self._twin.tick(positions, pose_ns, now_ns, **known)
         names = "velocities", "paths", "path_bends", "bends"
         more = [np.zeros(0) if known.get(name) is None else np.ravel(known[name]) for name in names]

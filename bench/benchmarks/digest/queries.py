@@ -26,7 +26,7 @@ QUERIES = {
     "cast_distance": (),
     "closest_to_segments": SEGMENT_FIELDS,
 }
-"""Fields of what each query returns; an array where there are none."""
+"""Fields of each query's result; an array if there are none."""
 LIMITED = ("closest", "cast", "cast_distance", "closest_to_segments")  # they take max_distance
 NEAR = 0.02  # standard deviation of the distance to the surface, in diagonals
 LIMIT = 0.01  # max_distance, in diagonals
@@ -35,7 +35,7 @@ FINGERS = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inputs:
-    """What is asked of one scene or solid."""
+    """Inputs of the queries of one scene or solid."""
 
     points: np.ndarray  # (N, 3) m
     origins: np.ndarray  # (R, 3) m
@@ -45,7 +45,7 @@ class Inputs:
     limit: float  # m
 
     def of(self, query: str) -> tuple[np.ndarray, ...]:
-        """The arrays that *query* takes."""
+        """Return the arrays that *query* takes."""
         if query.startswith("cast"):
             return self.origins, self.directions
         return (self.starts, self.ends) if query == "closest_to_segments" else (self.points,)
@@ -56,7 +56,8 @@ def digests_of(
 ) -> Iterator[tuple[str, str]]:
     """Yield ``name/query`` and the digest of its answers, for each query.
 
-    *triangles*: (F, 3, 3) m, surface of *target*, near which points are placed; *count*: how many, about.
+    *triangles*: (F, 3, 3) m, surface of *target*, near which points are placed; *count*: approximate number
+    of points.
     """
     inputs = make_inputs(generator(name), triangles, count)
     for query, fields in QUERIES.items():
@@ -87,7 +88,7 @@ def answers_of(ask: Callable[..., Any], inputs: Inputs, query: str, workers: int
 
 
 def _answer(ask, *arrays, **settings):
-    """The answer, or the class of the error that was raised."""
+    """Return the answer, or the class of the raised error."""
     try:
         return ask(*arrays, **settings)
     except ProximityError as error:
@@ -106,7 +107,7 @@ def add_answer(digest: Any, answer: Any, fields: tuple[str, ...]) -> None:
 
 
 def triangles_of(target: Scene | Solid) -> np.ndarray:
-    """Corners of all faces, (F, 3, 3) m, in the frame in which *target* is asked."""
+    """Return the corners of all faces, (F, 3, 3) m, in the frame of *target*'s queries."""
     if isinstance(target, Solid):
         return target.mesh.vertices[target.mesh.faces]
     found = []
@@ -117,7 +118,7 @@ def triangles_of(target: Scene | Solid) -> np.ndarray:
 
 
 def make_inputs(rng: np.random.Generator, triangles: np.ndarray, count: int) -> Inputs:
-    """Points near a surface, around it, on vertices and edges, far away, not finite; rays; segments."""
+    """Return points near a surface, around it, on vertices, edges, far away, not finite; rays; segments."""
     lower, upper = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     middle, reach = 0.5 * (lower + upper), upper - lower
     diagonal = float(np.sqrt((reach * reach).sum()))

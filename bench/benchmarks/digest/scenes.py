@@ -27,7 +27,7 @@ SOUP_FACES = 60
 
 
 def generator(name: str) -> np.random.Generator:
-    """Random numbers that depend on *name* alone, so that no case changes another."""
+    """Return a generator seeded by *name* alone, so that no case changes another."""
     return np.random.default_rng(zlib.crc32(name.encode()))
 
 
@@ -40,13 +40,13 @@ def open_saved(scene: Scene) -> Scene:
 
 
 def box(size: tuple[float, float, float]) -> Mesh:
-    """A box around the origin, 12 faces."""
+    """Return a box around the origin, 12 faces."""
     corners = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)], dtype=np.float64)
     return (corners - 0.5) * size, np.array(BOX_FACES)
 
 
 def ball(radius: float, around: int, up: int) -> Mesh:
-    """A ball of rings of *around* vertices, *up* of them between the poles; closed."""
+    """Return a ball of rings of *around* vertices, *up* of them between the poles; closed."""
     height = np.cos(np.pi * np.arange(1, up + 1) / (up + 1))[:, None]
     turn = 2.0 * np.pi * np.arange(around) / around
     width = np.sqrt(1.0 - height * height)
@@ -64,26 +64,26 @@ def ball(radius: float, around: int, up: int) -> Mesh:
 
 
 def soup(size: float, rng: np.random.Generator) -> Mesh:
-    """Triangles that have nothing to do with each other: no inside."""
+    """Return independent triangles, without an inside."""
     middles = rng.uniform(-0.5 * size, 0.5 * size, (SOUP_FACES, 1, 3))
     corners = middles + rng.normal(0.0, 0.1 * size, (SOUP_FACES, 3, 3))
     return corners.reshape(-1, 3), np.arange(3 * SOUP_FACES).reshape(-1, 3)
 
 
 def hollow_ball(radius: float) -> Scene:
-    """A ball with a hollow; all faces of the hollow are about equally far from the origin."""
+    """Return a ball with a hollow; all faces of the hollow are about equally far from the origin."""
     outer, inner = ball(1.2 * radius, 24, 12), ball(radius, 120, 60)
     faces = np.concatenate([outer[1], inner[1][:, ::-1] + len(outer[0])])
     return Scene.from_mesh(np.concatenate([outer[0], inner[0]]), faces, name="hollow ball")
 
 
 def random_pose(rng: np.random.Generator, reach: float, offset: float = 0.0) -> Pose:
-    """A pose with a random orientation, within *reach* of a point *offset* from the origin."""
+    """Return a pose with a random orientation, within *reach* of a point *offset* from the origin."""
     return Pose(random_rotation(rng), offset + rng.uniform(-reach, reach, 3))
 
 
 def random_rotation(rng: np.random.Generator) -> np.ndarray:
-    """A rotation matrix, from a random unit quaternion."""
+    """Return a rotation matrix, from a random unit quaternion."""
     w, x, y, z = rng.normal(size=4)
     length = np.sqrt(w * w + x * x + y * y + z * z)
     w, x, y, z = w / length, x / length, y / length, z / length
@@ -99,7 +99,7 @@ def random_rotation(rng: np.random.Generator) -> np.ndarray:
 def random_scene(
     rng: np.random.Generator, part_count: int, size: float, offset: float = 0.0, *, has_soups: bool = True
 ) -> Scene:
-    """Boxes, balls and soups with random poses; they may overlap."""
+    """Return boxes, balls and soups with random poses; they may overlap."""
     parts, reach = [], 1.2 * size * part_count ** (1.0 / 3.0)
     for number in range(part_count):
         kind = number % (3 if has_soups else 2)

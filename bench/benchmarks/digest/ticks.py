@@ -14,14 +14,14 @@ from proximity import Pose, Scene, Tracker
 
 PERIOD_NS = 1_000_000
 WORK = "work"
-"""The column with the nodes and leaves visited: another search may change it without changing any answer."""
+"""Column of nodes and leaves visited: another search may change it without changing any answer."""
 PATH_CORNERS = 5
 Change = Callable[[Scene, int, np.random.Generator], None]
 
 
 @dataclass(frozen=True, slots=True)
 class TickCase:
-    """A scene, fingers that move in it, and what they are asked with."""
+    """A scene, fingers that move in it, and the settings of their tracker."""
 
     name: str
     make: Callable[[Path], Scene]
@@ -30,14 +30,14 @@ class TickCase:
     settings: dict[str, Any] = field(default_factory=dict)
     has_paths: bool = False
     has_velocities: bool = False
-    reach: float = 1.0  # how far fingers go from the middle of the scene: 1 is a little beyond its box
-    change: Change | None = None  # what happens to the scene before a tick
+    reach: float = 1.0  # distance of the fingers from the middle of the scene: 1 is slightly beyond its box
+    change: Change | None = None  # a change of the scene before a tick
 
 
 def digests_of_ticks(meshes: Path, tracker_of: Any = Tracker) -> Iterator[tuple[str, str, str]]:
     """Yield the name of each case, the digest of its records without `WORK`, and that of `WORK`.
 
-    *tracker_of*: what makes a tracker; that of the library in C cannot deform parts.
+    *tracker_of*: makes a tracker; that of the library in C cannot deform parts.
     """
     for case in CASES:
         if tracker_of is Tracker or case.change is not change_parts:
@@ -66,7 +66,7 @@ def digests_of_case(case: TickCase, meshes: Path, tracker_of: Any = Tracker) -> 
 
 
 def motion(scene: Scene, case: TickCase, rng: np.random.Generator) -> np.ndarray:
-    """Fingers that swing through a scene; at times one is lost, rests, or jumps, (T, N, 3) m."""
+    """Return fingers that swing through a scene; at times one is lost, rests, or jumps, (T, N, 3) m."""
     lower, upper = scene.bounds
     finger_count, tick_count = case.finger_count, case.tick_count
     middle, reach = 0.5 * (lower + upper), case.reach * (0.5 * (upper - lower) + 0.02)
@@ -85,7 +85,7 @@ def motion(scene: Scene, case: TickCase, rng: np.random.Generator) -> np.ndarray
 
 
 def instant_of(number: int, now_ns: int) -> int:
-    """Instant of a pose: mostly the last period, sometimes the same again, older, or long ago."""
+    """Return the instant of a pose: mostly the last period, sometimes the same again, older, or long ago."""
     if number % 7 == 3:
         return now_ns - 2 * PERIOD_NS
     if number % 501 == 500:
@@ -94,7 +94,7 @@ def instant_of(number: int, now_ns: int) -> int:
 
 
 def _extras(case: TickCase, positions: np.ndarray, number: int) -> dict[str, Any]:
-    """Velocities and paths of a tick, from the motion itself."""
+    """Return velocities and paths of a tick, from the motion itself."""
     found: dict[str, Any] = {}
     later = positions[min(number + 1, len(positions) - 1)]
     if case.has_velocities and number % 3:

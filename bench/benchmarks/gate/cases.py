@@ -21,12 +21,12 @@ TOLERANCE = 1e-12  # of the diagonal: both compute in float64
 
 
 class AnswerError(Exception):
-    """Answers of this package and of the yardstick differ, so that times mean nothing."""
+    """Answers of this package and of the yardstick differ, so that times are meaningless."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GateCase:
-    """One of our calls, and the yardstick's; each does the same work every time."""
+    """One call of this package, and the yardstick's; each does the same work every time."""
 
     name: str
     ours: Callable[[], Any]
@@ -39,7 +39,7 @@ def make_cases() -> list[GateCase]:
     Raises
     ------
     AnswerError
-        If ours and the yardstick differ; the message says in which case and by how much.
+        If this package and the yardstick differ; the message names the case and the difference.
     """
     vertices, faces = scenes.freeform(RING)
     scene, plain = proximity.Scene.from_mesh(vertices, faces), yardstick.build(vertices, faces)
@@ -146,7 +146,7 @@ def _publish_case():
 
 
 def _each(call, arguments):
-    """A call that asks for each in turn."""
+    """Return a call that makes each query in turn."""
 
     def run():
         for argument in arguments:

@@ -1,4 +1,4 @@
-"""Limits of the gate: the share of the yardstick's time that each of our calls may take."""
+"""Limits of the gate: the permitted time of each call, as a share of the yardstick's."""
 
 import datetime
 import json
@@ -15,14 +15,13 @@ from proximity.native import MODE
 
 FILE = BENCH / "gate.toml"
 MARGIN = 1.4
-"""A limit is this many times the measured ratio. Runs differ by less, also beside a process that takes a
-core; a kernel that takes twice as long exceeds it (`gate.toml` has the spreads)."""
+"""Ratio of a limit to the measured ratio. Runs differ by less, also while another process takes a core; a
+kernel of twice the time exceeds it (`gate.toml` has the spreads)."""
 MEASURED_ON = "emeraldrapids"
 """LLVM's name of the processor that the limits were measured on."""
 OTHER_MACHINE = 1.35
-"""Limits are this many times as large on another processor, or with narrower vectors: ours have eight lanes,
-the yardstick one. With AVX2 alone on that Xeon ratios were 0.96 (building) to 1.28 (segments) times as
-large."""
+"""Factor of the limits on another processor, or with narrower vectors: the engine's have eight lanes, the
+yardstick one. With AVX2 alone on that Xeon ratios were 0.96 (building) to 1.28 (segments) times as large."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,22 +43,22 @@ class GateVerdict:
 
     @property
     def is_met(self) -> bool:
-        """Whether the case is as fast as it should be; nan is not."""
+        """True if the case is within its limit; nan is not."""
         return self.ratio <= self.limit.limit
 
     @property
     def sentence(self) -> str:
-        """The fault and the remedy, of a verdict that is not met."""
+        """The failure and its remedy, of a verdict that is not met."""
         slower, known = self.ratio / self.limit.measured, self.limit
         return (
-            f"{self.case} takes {slower:.2f} times as long as it did: {self.ratio:.3g} times the yardstick's "
+            f"{self.case} takes {slower:.2f} times as long as before: {self.ratio:.3g} times the yardstick's "
             f"time, measured was {known.measured:.3g}, the limit is {known.limit:.3g}; make it fast again, "
             f'or run: python bench/gate.py --update {self.case} --reason "why it is worth that"'
         )
 
 
 class LimitError(Exception):
-    """The file of limits cannot be used, or does not fit the cases."""
+    """The file of limits cannot be used, or does not match the cases."""
 
 
 def read_limits(path: Path | None = None) -> dict[str, Limit]:
@@ -68,7 +67,7 @@ def read_limits(path: Path | None = None) -> dict[str, Limit]:
     Raises
     ------
     LimitError
-        If a line is not what it should be; the message names it.
+        If a line is invalid; the message names it.
     """
     path, found = path or FILE, {}
     for name, fields in tomllib.loads(path.read_text(encoding="utf-8")).items():
@@ -85,7 +84,7 @@ def read_limits(path: Path | None = None) -> dict[str, Limit]:
 
 
 def is_known_machine() -> bool:
-    """Whether kernels and the yardstick are compiled as they were when the limits were measured."""
+    """Return whether kernels and yardstick are compiled as when the limits were measured."""
     is_chosen = numba.config.CPU_NAME or numba.config.CPU_FEATURES or MODE not in ("v4", "jit")
     return not is_chosen and llvmlite.binding.get_host_cpu_name() == MEASURED_ON
 
@@ -126,7 +125,7 @@ def judge(ratios: dict[str, float], limits: dict[str, Limit]) -> list[GateVerdic
 
 
 def new_limit(ratio: float, reason: str) -> Limit:
-    """Return a limit from a ratio that was just measured."""
+    """Return a limit from a new ratio."""
     assert math.isfinite(ratio), "a ratio that was measured is a number"
     today = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d")
     return Limit(float(f"{ratio:.3g}"), float(f"{MARGIN * ratio:.3g}"), f"{today}: {reason}")

@@ -1,9 +1,9 @@
 """The yardstick of the gate: a plain tree and plain formulas, timed in the same run as our kernels.
 
-Scalar code as a textbook has it: a binary tree by medians, float64 boxes, one triangle at a time. It is
-frozen: an edit changes every ratio in ``gate.toml``. It imports nothing of the package, so that no change
-there makes it faster or slower; compiled by the same numba and for the same mesh, it is slowed by a busy
-machine as our kernels are.
+Scalar textbook code: a binary tree by medians, float64 boxes, one triangle at a time. It is frozen: an edit
+changes every ratio in ``gate.toml``. It is independent of the package, so that no change there makes it
+faster or slower; compiled by the same numba and for the same mesh, it is slowed by a busy machine like the
+kernels.
 
 Tried and dropped (2026-11): embreex for rays and SciPy's tree for points. Their ratios spread as widely
 (0.90 to 1.10 and 0.84 to 1.15 times the median on a busy machine), but a new version of theirs moves them.
@@ -48,7 +48,7 @@ _compiled = numba.njit(cache=True, nogil=True)
 
 @_compiled
 def _halve(order, keys, first, last):
-    """Put the rows with the smaller keys into the first half; returns where the second begins."""
+    """Put the rows with the smaller keys into the first half; return the start of the second."""
     middle = (first + last) // 2
     low, high = first, last - 1
     while low < high:

@@ -1,1 +1,1 @@
-"""How costs grow with faces, parts, points and distance."""
+"""Growth of costs with faces, parts, points and distance."""

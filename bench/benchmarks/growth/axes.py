@@ -15,11 +15,11 @@ from proximity import Scene, Tracker
 
 FIVE_POINTS, FIVE_RAYS = "five signed points", "five rays"
 ON_SURFACE = 1e-6  # of the diagonal
-MOVING_SHARE = 10  # one part in so many
-ONE_MESH = 100_000  # faces, where something else grows
-KEPT_SHARE = 0.9  # a point counts whose distance is at least this share of the wanted one
-FEWEST_POINTS = 50
-FEWEST_BATCHES = 5
+MOVING_SHARE = 10  # number of parts per moving one
+ONE_MESH = 100_000  # faces, for the other axes
+KEPT_SHARE = 0.9  # a point counts if its distance is at least this share of the wanted one
+MIN_POINTS = 50
+MIN_BATCHES = 5
 BRACKET = "bracket", "% of the distance"
 BRACKET_INSIDE = "finger inside a full ball", *BRACKET
 
@@ -32,7 +32,7 @@ class GrowthSizes:
     parts: tuple[int, ...]
     points: tuple[int, ...]
     distances: tuple[float, ...]  # of the diagonal
-    balls: tuple[int, ...]  # times that the faces of an icosahedron are cut in four
+    balls: tuple[int, ...]  # subdivisions of an icosahedron's faces
     budgets: tuple[int, ...]
     ticks: int
     calls: int
@@ -71,11 +71,11 @@ QUICK = GrowthSizes(
     exact_calls=20,
 )
 SMALL = GrowthSizes((300, 600, 1200), (1, 3), (1, 64), (1e-3, 1.0), (1, 2), (50, 500), 30, 10, 3)
-"""For the smoke test: everything runs, no figure means anything."""
+"""Sizes for the smoke test, whose figures are meaningless."""
 
 
 def measure_faces(sizes: GrowthSizes) -> Curve:
-    """One part of more and more faces: ticks, points, rays, building, memory."""
+    """Measure one part with growing numbers of faces: ticks, points, rays, building, memory."""
     curve, hand = Curve("faces"), None
     for size in sizes_that_fit(curve, sizes.faces):
         mesh = inputs.ring(size)
@@ -94,7 +94,7 @@ def measure_faces(sizes: GrowthSizes) -> Curve:
 
 
 def measure_parts(sizes: GrowthSizes) -> Curve:
-    """More and more parts around the same hand: at rest, and a tenth of them moved before each tick."""
+    """Measure growing numbers of parts around a hand: at rest, and a tenth moved before each tick."""
     curve = Curve("parts")
     for count in sizes.parts:
         scene = inputs.lattice(count)
@@ -115,7 +115,7 @@ def measure_parts(sizes: GrowthSizes) -> Curve:
 
 
 def measure_points(sizes: GrowthSizes) -> Curve:
-    """More and more points or rays in one call, at one part."""
+    """Measure growing numbers of points or rays in one call, at one part."""
     curve = Curve("points")
     mesh = inputs.ring(min(ONE_MESH, sizes.faces[-1]))
     scene = scene_of(mesh)
@@ -123,7 +123,7 @@ def measure_points(sizes: GrowthSizes) -> Curve:
     points = inputs.near(mesh, -(-total // FINGERS)).reshape(-1, 3)
     origins, directions = (each.reshape(-1, 3) for each in inputs.rays(mesh, -(-total // FINGERS)))
     for count in sizes.points:
-        calls = range(max(FEWEST_BATCHES, min(sizes.calls, total // count)))
+        calls = range(max(MIN_BATCHES, min(sizes.calls, total // count)))
         rows = [np.arange(k * count, (k + 1) * count) % total for k in calls]
         asked = {
             "signed_distance": _calls(scene.signed_distance, [points[own] for own in rows]),
@@ -138,7 +138,7 @@ def measure_points(sizes: GrowthSizes) -> Curve:
 
 
 def measure_distance(sizes: GrowthSizes) -> Curve:
-    """Points ever farther from the surface, outside and inside; fingers there, their track kept or not."""
+    """Measure points at growing distances, outside and inside; fingers there, their track kept or not."""
     curve = Curve("distance")
     mesh = inputs.ring(min(ONE_MESH, sizes.faces[-1]))
     scene = scene_of(mesh)
@@ -150,7 +150,7 @@ def measure_distance(sizes: GrowthSizes) -> Curve:
             points = points[sign * scene.signed_distance(points) >= KEPT_SHARE * wanted][
                 : FINGERS * sizes.calls
             ]
-            if len(points) < FEWEST_POINTS:
+            if len(points) < MIN_POINTS:
                 curve.left_out.append(
                     f"Distances from {share:.2g} diagonals on {side} are left out: "
                     f"only {len(points)} of the points are that far from the surface."
@@ -164,7 +164,7 @@ def measure_distance(sizes: GrowthSizes) -> Curve:
 
 
 def measure_centre(sizes: GrowthSizes) -> Curve:
-    """The centre of a ball, where all faces are equally far: an exact point, and a finger with its budget."""
+    """Measure the centre of a ball, equally far from all faces: an exact point, and a finger."""
     curve, points = Curve("centre"), _about_centre(sizes.calls)
     exact = points[: sizes.exact_calls]
     for subdivisions in sizes.balls:
@@ -180,7 +180,7 @@ def measure_centre(sizes: GrowthSizes) -> Curve:
 
 
 def measure_budget(sizes: GrowthSizes) -> Curve:
-    """The centre of the largest hollow ball, with larger and larger budgets: what certainty costs."""
+    """Measure the centre of the largest hollow ball, with growing budgets: the cost of certainty."""
     curve = Curve("budget")
     scene = scene_of(inputs.hollow_ball(sizes.balls[-1]))
     for budget in sizes.budgets:
@@ -201,7 +201,7 @@ MEASURES: dict[str, Callable[[GrowthSizes], Curve]] = {
 
 
 def _calls(ask, *arrays):
-    """A call for each row of arrays."""
+    """Return a call for each row of arrays."""
     return [lambda rows=rows: ask(*rows) for rows in zip(*arrays, strict=True)]
 
 
@@ -230,7 +230,7 @@ def _mover(scene: Scene, motion: motions.PartMotion) -> Callable[[int], None]:
 
 
 def _add_tracks(curve, share, scene, hands):
-    """Ticks of hands at rest: the first of a track, and the fourth."""
+    """Add ticks of hands at rest: the first of a track, and the fourth."""
     tracker, first, fourth = Tracker(scene, radius=RADIUS), [], []
     for hand in hands:
         tracker.reset()
@@ -247,12 +247,12 @@ def _add_tracks(curve, share, scene, hands):
 
 
 def _about_centre(count: int) -> np.ndarray:
-    """Points within rounding error of a ball's centre, as seen from its surface, (count, 3)."""
+    """Return points within rounding error of a ball's centre, relative to its surface, (count, 3)."""
     return np.random.default_rng(9).normal(0.0, 1e-6 * inputs.BALL_RADIUS, (count, 3))
 
 
 def _bracket(scene, points, budget=None):
-    """Times (ns), work, and widths of brackets as shares of the distance, of first ticks at *points*."""
+    """Return times (ns), work, and widths of brackets as shares of the distance, of first ticks."""
     tracker = Tracker(scene, fingers=1, radius=0.0, budget=budget)
     calls, found = [], []
     for point in points:

@@ -1,4 +1,4 @@
-"""Straight lines fitted to the logarithms of both: how steeply a cost grows at its upper end."""
+"""Straight lines fitted to the logarithms of both: the growth of a cost at its upper end."""
 
 import itertools
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from scipy.stats import linregress
 from benchmarks.growth.samples import GrowthRow
 
 UPPER_DECADES = 2.0
-FEWEST = 3  # points of a line whose error means something
+FEWEST = 3  # minimum number of points for a meaningful error
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +28,12 @@ class Fit:
 
     @property
     def words(self) -> str:
-        """Slope and error for people; never a negative zero."""
+        """Return slope and error as text; never a negative zero."""
         return f"{round(self.slope, 2) + 0.0:.2f} ± {self.error:.2f}"
 
 
 def fit_rows(rows: list[GrowthRow]) -> list[Fit]:
-    """Return the fit of each curve that has points enough."""
+    """Return the fit of each curve that has enough points."""
 
     def curve(row: GrowthRow) -> tuple[str, str, str]:
         return row.axis, row.series, row.quantity
@@ -52,6 +52,6 @@ def _fit(axis, series, quantity, rows):
     x, y = x[is_upper], y[is_upper]
     found = linregress(np.log10(x), np.log10(y))
     factor = 10.0 ** float(found.intercept)
-    # Without any residual the quotient of two zeros is no number.
+    # Without any residual the quotient of two zeros is nan.
     slope, error = float(found.slope), float(np.nan_to_num(found.stderr))
     return Fit(axis, series, quantity, slope, error, factor, float(x.min()), float(x.max()), len(x))

@@ -28,7 +28,7 @@ X_LABELS = {
     "centre": "faces of a hollow ball, asked at its centre",
     "budget": "work budget, nodes and leaves",
 }
-MOST_COLUMNS = 3
+MAX_COLUMNS = 3
 
 
 def write_plots(folder: Path, machine: dict, rows: list[GrowthRow], fits: list[Fit]) -> list[Path]:
@@ -50,7 +50,7 @@ def write_plots(folder: Path, machine: dict, rows: list[GrowthRow], fits: list[F
 def draw(axis: str, rows: list[GrowthRow], fits: list[Fit], caption: str) -> Figure:
     """Medians with their fitted lines, 99th percentiles faint above them."""
     quantities = list(dict.fromkeys(row.quantity for row in rows))
-    lines = -(-len(quantities) // MOST_COLUMNS)
+    lines = -(-len(quantities) // MAX_COLUMNS)
     columns = -(-len(quantities) // lines)
     width, height = PANELS[columns]
     with matplotlib.rc_context(LOOK):

@@ -20,8 +20,8 @@ from proximity import Scene, Tracker
 
 PEAK_BYTES_PER_FACE = 900
 """While a part is made, its mesh included: 580 were measured on 3 M faces (2026-11-21)."""
-MOST_BUILD_S = 300.0
-FEWEST_FOR_P99 = 100
+MAX_BUILD_S = 300.0
+MIN_FOR_P99 = 100
 NS_PER_US, NS_PER_S = 1e3, 1e9
 BUILD_ROUNDS, BUILD_S = 7, 3.0
 TIME, WORK = "time", "nodes and leaves"
@@ -31,42 +31,42 @@ TIME, WORK = "time", "nodes and leaves"
 class GrowthRow:
     """One point of one curve."""
 
-    axis: str  # what grows: "faces", "parts", …
-    series: str  # of what: "tick of five fingers", …
-    quantity: str  # what is measured: one panel of the plot
+    axis: str  # quantity that grows: "faces", "parts", …
+    series: str  # subject: "tick of five fingers", …
+    quantity: str  # measured quantity: one panel of the plot
     unit: str
     x: float
     median: float
-    p99: float | None  # None where there are too few samples
+    p99: float | None  # None for too few samples
     count: int  # samples
 
 
 @dataclass(slots=True)
 class Curve:
-    """Rows of one axis, and sentences on what was left out."""
+    """Rows of one axis, and sentences on omitted sizes."""
 
     axis: str
     rows: list[GrowthRow] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
 
     def add(self, series: str, quantity: str, unit: str, x: float, values: np.ndarray) -> None:
-        """Take the samples of one point."""
+        """Add the samples of one point."""
         count = int(np.size(values))
-        p99 = float(np.percentile(values, 99.0)) if count >= FEWEST_FOR_P99 else None
+        p99 = float(np.percentile(values, 99.0)) if count >= MIN_FOR_P99 else None
         row = GrowthRow(self.axis, series, quantity, unit, float(x), float(np.median(values)), p99, count)
         self.rows.append(row)
 
     def add_time(self, series: str, x: float, nanoseconds: np.ndarray) -> None:
-        """Take times of calls."""
+        """Add times of calls."""
         self.add(series, TIME, "µs", x, nanoseconds / NS_PER_US)
 
     def add_work(self, series: str, x: float, work: np.ndarray) -> None:
-        """Take nodes and leaves of calls."""
+        """Add nodes and leaves of calls."""
         self.add(series, WORK, "a call", x, work)
 
 
 def time_each(calls: list[Callable[[], object]]) -> np.ndarray:
-    """Thread time of each call in the calmest of three rounds, ns."""
+    """Return the thread time of each call in the fastest of three rounds, ns."""
     logs = [TickLog() for _ in range(REPEATS)]
     with without_collector():
         calls[0]()
@@ -78,7 +78,8 @@ def time_each(calls: list[Callable[[], object]]) -> np.ndarray:
 def time_ticks(
     scene: Scene, positions: np.ndarray, before: Callable[[int], object] | None = None, **settings: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Thread time (ns) of each tick in the calmest of three runs, and nodes and leaves of its fingers.
+    """Return the thread time (ns) of each tick in the fastest of three runs, and nodes and leaves of its
+    fingers.
 
     (T, N, 3) *positions*; ticks in which a finger is missing do not count.
     """
@@ -96,7 +97,7 @@ def time_ticks(
 
 
 def time_builds(make: Callable[[], Scene]) -> tuple[Scene, np.ndarray]:
-    """Return what *make* makes and the times of making it, ns: once at least, for some seconds at most."""
+    """Return the result of *make* and its durations, ns: once at least, for some seconds at most."""
     taken: list[int] = []
     while not taken or (len(taken) < BUILD_ROUNDS and sum(taken) < BUILD_S * NS_PER_S):
         scene = None  # frees the previous one, so that there is one at a time
@@ -108,7 +109,7 @@ def time_builds(make: Callable[[], Scene]) -> tuple[Scene, np.ndarray]:
 
 
 def sizes_that_fit(curve: Curve, sizes: tuple[int, ...]) -> Iterator[int]:
-    """Yield numbers of faces that fit the free memory and take no longer than `MOST_BUILD_S` to build.
+    """Yield numbers of faces that fit the free memory and take at most `MAX_BUILD_S` to build.
 
     The time of a size is estimated from the time that the previous one took.
     """
@@ -118,8 +119,8 @@ def sizes_that_fit(curve: Curve, sizes: tuple[int, ...]) -> Iterator[int]:
         expected = taken * size / last if last else 0.0
         if needed > free:
             reason = f"making them takes about {needed / 1e9:.1f} GB, and {free / 1e9:.1f} GB are free"
-        elif expected > MOST_BUILD_S:
-            reason = f"they would take about {expected:.0f} s, more than {MOST_BUILD_S:g} s"
+        elif expected > MAX_BUILD_S:
+            reason = f"they would take about {expected:.0f} s, more than {MAX_BUILD_S:g} s"
         else:
             start = time.monotonic()
             yield size

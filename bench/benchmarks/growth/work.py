@@ -1,7 +1,7 @@
-"""Numbers of nodes and leaves that a query visits: the same on every machine.
+"""Numbers of nodes and leaves visited by a query: the same on every machine.
 
-Rays are counted by a kernel of this file, which numba compiles together with those that it calls: where
-kernels were compiled ahead of time, it cannot be called.
+Rays are counted by a kernel of this file, which numba compiles together with the kernels it calls: it does
+not work with kernels compiled ahead of time.
 """
 
 import numpy as np
@@ -33,7 +33,7 @@ from proximity.native import inlined, kernel
 from proximity.native.simd import splat32
 
 UNLIMITED = 10**9
-WHOLE_SCENE = 10.0  # m, as far as a tracker looks
+WHOLE_SCENE = 10.0  # m, search range of a tracker
 NO_HORIZON = 1e-9  # s
 
 
@@ -66,7 +66,7 @@ def work_of_rays(scene: Scene, origins: np.ndarray, directions: np.ndarray) -> t
 
 @kernel
 def _count_rays(reals, words, frames, parts, origins, directions, work, lengths):
-    """Fill what `_ray_steps` counts; lengths are inf where nothing is hit."""
+    """Count the steps of rays with `_ray_steps`; lengths are inf for misses."""
     stacks = stack_f32(STACKS_SIZE)
     for i in range(len(origins)):
         x, y, z = to_local(frames, parts, 0, origins[i, 0], origins[i, 1], origins[i, 2])
@@ -99,7 +99,7 @@ _walk = depth_first(_open_children, in_blocks(_first_in_leaf), in_order)
 
 @kernel
 def _ray_steps(reals, words, start, ox, oy, oz, dx, dy, dz, stacks, steps):
-    """The traversal of `kernels.ray.walk.first_hit` with a counter: first parameter; adds steps."""
+    """Traverse like `kernels.ray.walk.first_hit` with a counter; return the first parameter and the steps."""
     is_near, entry = True, 0.0
     if is_from_afar(ox, oy, oz):
         is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)

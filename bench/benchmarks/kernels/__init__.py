@@ -1,1 +1,1 @@
-"""Single kernels, beside a textbook's formulas."""
+"""Single kernels, compared with textbook formulas."""

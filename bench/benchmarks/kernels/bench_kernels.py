@@ -1,7 +1,7 @@
-"""Single kernels beside the textbook's, with pytest-benchmark: ``python -m pytest bench -k kernels``.
+"""Single kernels against textbook code, with pytest-benchmark: ``python -m pytest bench -k kernels``.
 
-A compiled loop makes many calls; the table has the time of one. What they read fits the nearest caches.
-numba compiles the loops together with the kernels: set ``PROXIMITY_ISA=jit``.
+A compiled loop makes many calls; the table has the time of one. Their inputs fit the nearest caches. numba
+compiles the loops together with the kernels: set ``PROXIMITY_ISA=jit``.
 """
 
 from dataclasses import dataclass
@@ -30,10 +30,10 @@ pytestmark = pytest.mark.skipif(
 )
 
 CALLS, WINDING_CALLS = 10_000, 1_000
-BASE_COUNT = 64  # blocks or nodes that take turns: 36 KB and 16 KB
+BASE_COUNT = 64  # blocks or nodes used in turn: 36 KB and 16 KB
 MESH = "sphere"
 EXACT, BOUND = 1e-12, 1e-5  # local units: float64, and float32 widened
-GRAZING = 0.005  # share of calls in which a bound may open what the textbook just misses
+GRAZING = 0.005  # share of calls in which a bound may hit a box that the textbook code just misses
 WINDING = ("proximity", "libigl")  # contenders with winding numbers by trees
 WINDING_ERROR = 0.05  # of a turn, as docs/science/accuracy.md says
 
@@ -137,7 +137,7 @@ def test_kernel(timed, operands, name, who):
 
 
 def test_segment_kernel(timed, operands):
-    """No rival has it; the tests compare it with brute force."""
+    """No other library has it; the tests compare it with brute force."""
     found = np.empty(CALLS)
     run = partial(loops.segment_block_loop, operands.reals, operands.blocks, operands.plans, found)
     run()

@@ -1,8 +1,8 @@
-"""Compiled loops around single kernels: a call from Python would take longer than the kernel itself.
+"""Compiled loops around single kernels: a call from Python would take longer than the kernel.
 
-Each fills one number a call, so that the compiler omits nothing and answers can be compared: row i of
-*queries* is asked at row i of *bases*. The ``plain_`` ones ask the textbook's formulas (`yardstick`),
-eight times where ours takes eight lanes.
+Each fills one number a call, so that the compiler cannot omit it and answers can be compared: row i of
+*queries* is answered at row i of *bases*. The ``plain_`` ones call the textbook formulas (`yardstick`), eight
+times for eight lanes.
 """
 
 import numba

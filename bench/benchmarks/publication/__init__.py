@@ -1,1 +1,1 @@
-"""The figures of the documentation, made from the JSON of published runs."""
+"""Figures of the documentation, made from the JSON of published runs."""

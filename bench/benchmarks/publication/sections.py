@@ -1,7 +1,7 @@
 """The page on speed and the README's small table, made from the JSON of published runs.
 
-The text between the two marks of either is made from the files in ``bench/published`` and from nothing
-else; a test checks that. ``publish.py`` takes new figures and writes it.
+The text between the two marks of either is made from the files in ``bench/published`` alone; a test checks
+that. ``publish.py`` measures new figures and writes it.
 """
 
 import json
@@ -44,10 +44,10 @@ SHOWN_THOUGH_MET = (
 WIDTH = 118
 NAMES = ("report", "ticks", "service", "vr", "growth")
 PAGES_OF = {"results.md": NAMES[:-1], "growth.md": NAMES[-1:]}
-"""The runs whose figures are on each page."""
+"""The runs of each page."""
 KERNELS = ("_v3", "")
-"""Ends of the names of runs that are made with several sets of instructions: the most common first."""
-ALONE = ("memory", "proximity ")  # beginnings of requirements that concern this package only
+"""Suffixes of the names of runs made with several sets of instructions: the most common first."""
+ALONE = ("memory", "proximity ")  # prefixes of requirements that concern this package only
 
 Document = dict[str, Any]
 
@@ -74,7 +74,7 @@ def replaced(page: str, text: str) -> str:
     Raises
     ------
     ValueError
-        If the marks are not there, once each and in order.
+        Unless the marks are present, once each and in order.
     """
     before, begin, rest = page.partition(BEGIN)
     _, end, after = rest.partition(END)
@@ -84,7 +84,7 @@ def replaced(page: str, text: str) -> str:
 
 
 def summary(documents: dict[str, Document]) -> str:
-    """Return the README's table, and the line that says how it was measured."""
+    """Return the README's table, and the line on its conditions."""
     reports, ticks = _runs("report", documents)[0], _runs("ticks", documents)[0]
     lines = summary_table(reports, ticks)
     machine = reports["machine"]
@@ -113,7 +113,7 @@ def section(documents: dict[str, Document], names: tuple[str, ...]) -> str:
 
 
 def _runs(name, documents):
-    """The runs of a command that was made with several sets of instructions, the most common first."""
+    """Return the runs of a command made with several sets of instructions, the most common first."""
     return [documents[name + end] for end in KERNELS if name + end in documents]
 
 
@@ -122,7 +122,7 @@ def _wrapped(paragraph):
 
 
 def _conditions(documents):
-    """The machine, and how many requirements are met."""
+    """Return the machine, and the number of met requirements."""
     machine = documents[0]["machine"]
     asked = [each for document in documents for each in _verdicts(document)]
     met = sum(each["is_met"] for each in asked)
@@ -134,13 +134,13 @@ def _conditions(documents):
 
 
 def _verdicts(document):
-    """All requirements that a document judges, wherever it keeps them."""
+    """Yield all requirements judged in a document, at any depth."""
     of_rows = (verdict for row in document["rows"] for verdict in row.get("verdicts", ()))
     return [*document.get("requirements", ()), *document.get("verdicts", ()), *of_rows]
 
 
 def _run(name, document, first):
-    """The command of a run, its date and its machine."""
+    """Return the command of a run, its date and its machine."""
     machine = document["machine"]
     is_there = machine["processor"] == first["processor"]
     where = instructions(machine) if is_there else f" on {full_name(machine)}"
@@ -166,7 +166,7 @@ def _others(documents):
 
 
 def _compared(document, documents):
-    """One run beside other libraries."""
+    """Return one comparison with other libraries."""
     versions = dict.fromkeys(
         f"{row['contender'].partition(' (')[0]} {row['version']}" for row in document["rows"]
     )
@@ -220,7 +220,7 @@ def _ticks(documents):
 
 
 def _met(document):
-    """Requirements that are listed although they are met; the table has those on times."""
+    """Return met requirements to list; the table has those on times."""
     found = [
         each
         for each in _verdicts(document)

@@ -4,7 +4,7 @@ import itertools
 from typing import Any
 
 from benchmarks.growth.fit import Fit
-from benchmarks.growth.samples import FEWEST_FOR_P99, TIME, WORK
+from benchmarks.growth.samples import MIN_FOR_P99, TIME, WORK
 from benchmarks.publication.wording import (
     amount,
     count_words,
@@ -80,11 +80,11 @@ AXES = {
 
 
 def others_table(document: Document) -> list[str]:
-    """Each requirement on a comparison: ours, the fastest of those it names, and whether it is met.
+    """Return each requirement on a comparison: ours, the fastest of the named ones, and whether it is met.
 
-    For rays the second fastest follows: embreex answers distances alone, or all that ours does, and is
-    compared with ours that answers the same. Where signs of the fastest are wrong, the fastest with right
-    signs follows.
+    For rays the second fastest follows: embreex answers distances alone, or all fields of ours, and is
+    compared with the same answers of ours. If signs of the fastest are wrong, the fastest with right signs
+    follows.
     """
     rows, met = document["rows"], {True: "yes", False: "no"}
     lines = []
@@ -108,7 +108,7 @@ def others_table(document: Document) -> list[str]:
 
 
 def summary_table(report: Document, ticks: Document) -> list[str]:
-    """Each kind of work at the plate, beside the fastest other with right signs; and a tick.
+    """Return each kind of work at the plate, with the fastest other with right signs; and a tick.
 
     Points without signs are on the page of all results only.
     """
@@ -147,7 +147,7 @@ def _shown(rows, ours, wanted):
 
 
 def _beside(rows, ours, other):
-    """Ours that the other's time was divided by."""
+    """Return the row of ours by which the other's time was divided."""
     same = ours | {"contender": other.get("beside", ours["contender"])}
     keys = ("section", "case", "contender")
     return next((row for row in rows if all(row[key] == same[key] for key in keys)), ours)
@@ -169,7 +169,7 @@ def _other(row):
 
 
 def build_sentences(document: Document) -> list[str]:
-    """What a whole scene and the program take."""
+    """Return sentences on the cost of a whole scene and of the program."""
     built = [row for row in document["rows"] if (row["section"], row["contender"]) == (BUILD, OURS)]
     lines = [
         f"A whole scene, sign and all, of {count_words(int(row['case'].split()[-2]))} faces is made in "
@@ -182,7 +182,7 @@ def build_sentences(document: Document) -> list[str]:
 
 
 def ticks_table(documents: list[Document]) -> list[str]:
-    """Thread times of ticks, a column for each machine, and which of them is faster."""
+    """Return thread times of ticks, a column for each machine, and which of them is faster."""
     speeds = [_row(document, "fingers/plate") for document in documents]
     named = []
     for document, row in zip(documents, speeds, strict=True):
@@ -227,12 +227,12 @@ def _percentiles(row, kind):
     figures = row and row.get(kind)
     if not figures:
         return ""
-    names = SHARES if row.get("tick_count", FEWEST_FOR_P99) >= FEWEST_FOR_P99 else SHARES[:1]
+    names = SHARES if row.get("tick_count", MIN_FOR_P99) >= MIN_FOR_P99 else SHARES[:1]
     return ", ".join(figure(figures[name]) for name in names if figures[name] is not None)
 
 
 def period_table(document: Document) -> list[str]:
-    """Shares of haptic periods that ticks take of wall time."""
+    """Return the wall time of ticks as shares of haptic periods."""
     lines = []
     for case, words in TICKS.items():
         row = _row(document, case)
@@ -245,7 +245,7 @@ def period_table(document: Document) -> list[str]:
 
 
 def served_table(document: Document) -> list[str]:
-    """What the service takes, and how late it is."""
+    """Return the times and lateness of the service."""
     rows = {(row["address"], row["what"]): row for row in document["rows"]}
     lines = []
     for key, words in SERVED.items():
@@ -257,7 +257,7 @@ def served_table(document: Document) -> list[str]:
 
 
 def growth_table(document: Document) -> list[str]:
-    """From where to where a cost grows, and how steeply in the end."""
+    """Return the range of a cost, and its slope at the upper end."""
     fits = [Fit(**fit) for fit in document["fits"]]
     slopes = {(fit.axis, fit.series, fit.quantity): fit.words for fit in fits}
     lines = []

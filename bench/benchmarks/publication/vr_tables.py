@@ -1,4 +1,4 @@
-"""Tables, the sentence and the picture of whole VR applications, from the JSON of ``vr.py``."""
+"""Tables, sentence and picture of whole VR applications, from the JSON of ``vr.py``."""
 
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ Document = dict[str, Any]
 
 
 def vr_table(document: Document) -> list[str]:
-    """A row for each application."""
+    """Return a row for each application."""
     return table(HEADINGS, [row.cells for row in _rows(document)])
 
 
@@ -24,13 +24,13 @@ def _rows(document):
 
 
 def libraries_table(document: Document) -> list[str]:
-    """A row for each library and part."""
+    """Return a row for each library and part."""
     others = [(each["library"], VrRow.of(each["row"])) for each in document["others"]]
     return table(HEADINGS, [[name, *row.cells[1:]] for name, row in others])
 
 
 def vr_sentence(document: Document) -> str:
-    """What answers the paper's sentence on the cost of a complete VR application."""
+    """Return the answer to the paper's sentence on the cost of a complete VR application."""
     rows = [row for row in _rows(document) if not row.case.is_moving]
     largest = max(row.face_count for row in rows)
     native, page = (

@@ -13,7 +13,7 @@ UNITS = (
 
 
 def figure(value: float | None) -> str:
-    """Three significant digits at most, without an exponent; thousands in groups."""
+    """Return three significant digits at most, without an exponent; thousands in groups."""
     if value is None or math.isnan(value):
         return "–"
     if value == 0.0:
@@ -25,18 +25,18 @@ def figure(value: float | None) -> str:
 
 
 def whole(value: float) -> str:
-    """A whole number, in groups of three: 87 204."""
+    """Return a whole number, in groups of three: 87 204."""
     return f"{value:,.0f}".replace(",", " ")
 
 
 def share(part: float, total: float) -> str:
-    """Percent, two significant digits, and no more than matters."""
+    """Return a percentage with at most two significant digits."""
     percent = 100.0 * part / total
     return "<0.1" if percent < 0.1 else figure(float(f"{percent:.2g}"))
 
 
 def count_words(value: float) -> str:
-    """A large number, rounded: 87 k, 1.3 M."""
+    """Return a large number, rounded: 87 k, 1.3 M."""
     for size, letter in ((1e6, "M"), (1e3, "k")):
         if value >= 0.9995 * size:
             return f"{value / size:.2g} {letter}" if value < 99.5 * size else f"{value / size:.0f} {letter}"
@@ -44,7 +44,7 @@ def count_words(value: float) -> str:
 
 
 def amount(value: float, unit: str) -> str:
-    """A value in the largest unit of its kind that leaves one or more: 111 ms, 1.76 GB."""
+    """Return a value in the largest unit of its kind that leaves one or more: 111 ms, 1.76 GB."""
     steps = next((steps for steps in UNITS if unit in steps), {unit: 1.0})
     least = value * steps[unit]
     name = next((name for name, size in reversed(steps.items()) if least >= size), next(iter(steps)))
@@ -52,7 +52,7 @@ def amount(value: float, unit: str) -> str:
 
 
 def power(value: float) -> str:
-    """A size on a logarithmic axis: 1, 10, 10⁷, 3·10⁶."""
+    """Return a size on a logarithmic axis: 1, 10, 10⁷, 3·10⁶."""
     exponent = math.floor(math.log10(value) + 0.02)
     if -2 <= exponent <= 3:
         return f"{value:,.2g}" if value < 100 else f"{float(f'{value:.2g}'):.0f}"
@@ -62,7 +62,7 @@ def power(value: float) -> str:
 
 
 def table(headings: Iterable[str], rows: Iterable[Iterable[str]], right: int = 1) -> list[str]:
-    """Lines of a Markdown table; columns from number *right* on are set to the right."""
+    """Return lines of a Markdown table; columns from number *right* on are right-aligned."""
     names = list(headings)
     rule = "".join("---|" if k < right else "---:|" for k in range(len(names)))
     return [_line(names), f"|{rule}", *(_line(row) for row in rows)]
@@ -73,13 +73,13 @@ def _line(cells):
 
 
 def short_name(machine: Document) -> str:
-    """Name of a processor, without trade marks and brackets."""
+    """Return the name of a processor, without trade marks and brackets."""
     bare = re.sub(r"\((R|TM)\)", "", machine["processor"]).partition(" (")[0]
     return " ".join(bare.replace(" Processor", "").split())
 
 
 def instructions(machine: Document) -> str:
-    """The instructions of the kernels of a run, to be put behind the name of its machine."""
+    """Return the instructions of the kernels of a run, to append to the name of its machine."""
     names = {"kernels v3": ", kernels for AVX2", "kernels v4": ", kernels for AVX-512"}
     return next((words for name, words in names.items() if name in machine["python"]), "")
 
@@ -101,7 +101,7 @@ def when(machine: Document) -> str:
 
 
 def verdict_lines(what: str, verdicts: list[Document]) -> list[str]:
-    """How many requirements are met, and by name those that are not."""
+    """Return the number of met requirements, and the names of the others."""
     missed = [each for each in verdicts if not each["is_met"]]
     if not verdicts:
         return []

@@ -1,1 +1,1 @@
-"""Points, rays and segments at a mesh: time and agreement of answers, beside other libraries."""
+"""Points, rays and segments at a mesh: times and agreement of answers, with other libraries."""

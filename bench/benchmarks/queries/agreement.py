@@ -1,4 +1,4 @@
-"""Agreement of the contenders' answers, compared before anything is timed; differences are counted and shown.
+"""Agreement of the contenders' answers, compared before timing; differences are counted and shown.
 
 The brute force of the tests judges on a sample. A contender in float64 that agrees with it entirely then
 judges the others on all queries. Tolerances allow for float32, in which most of the others compute.
@@ -26,17 +26,17 @@ BASES = (OURS, "libigl", "embreex")  # float64 before float32
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """How the answers of one contender compare with another's."""
+    """Agreement of one contender's answers with another's."""
 
     judge: str
     checked_count: int
     off_count: int  # lengths, or hit and miss, that differ by more than the tolerance
-    wrong_sign_count: int  # where the surface is farther than the tolerance
+    wrong_sign_count: int  # if the surface is farther than the tolerance
     largest_error: float  # of a length, in diagonals
 
 
 def compare(case: Case, answers: np.ndarray, expected: np.ndarray, judge: str, name: str = "") -> Agreement:
-    """Count how often *name* differs from *judge*, over as many queries as the shorter array has."""
+    """Count the differences of *name* from *judge*, over the length of the shorter array."""
     count = min(len(answers), len(expected))
     answers, expected = answers[:count], expected[:count]
     tolerance = TOLERANCE * case.diagonal
@@ -68,7 +68,7 @@ def check_all(
 ) -> dict[str, Agreement]:
     """Let every contender answer *question* of *case* once, in one call or five at a time, and compare.
 
-    *pair_count*: about how many queries times faces the oracle computes.
+    *pair_count*: approximate number of query-face pairs for the oracle.
     """
     hands = hands_of(case) if by_fives else [case]
     case = part_of(case, np.arange(sum(len(hand.points) for hand in hands))) if by_fives else case
@@ -86,20 +86,19 @@ def check_all(
 
 
 def ask(contender: Contender, case: Case, question: str) -> Task:
-    """Prepare *question* for one contender, on as many queries of *case* as it is asked."""
+    """Prepare *question* for one contender, for its queries of *case*."""
     limit = slice(None, contender.query_limit)
     rays = () if case.directions is None else (case.directions[limit],)
     return getattr(contender, question)(case.points[limit], *rays)
 
 
 def answers_of(contender: Contender, case: Case, question: str) -> np.ndarray:
-    """Ask one contender once; lengths, as `compare` takes them."""
+    """Return one contender's answers; lengths, for `compare`."""
     return _lengths(case, ask(contender, case, question).answer())
 
 
 def _lengths(case, answer):
-    """Answers as lengths: closest points by their distance, since any of equally near ones may be given, and
-    inside or outside as a sign."""
+    """Return answers as lengths: closest points by distance, as ties are arbitrary, and inside as a sign."""
     if answer.dtype == bool:
         return _signs(case, answer)
     return answer if answer.ndim == 1 else np.linalg.norm(case.points[: len(answer)] - answer, axis=1)

@@ -1,4 +1,4 @@
-"""Building the structure that is searched, with pytest-benchmark: ``python -m pytest bench -k build``."""
+"""Building of the search structure, with pytest-benchmark: ``python -m pytest bench -k build``."""
 
 import pytest
 

@@ -1,6 +1,6 @@
 """Points against a mesh, with pytest-benchmark: ``python -m pytest bench -k points``.
 
-``-k five``: calls of five, as a hand asks; ``-k contains``, ``-k "signed_distance and near"``, ….
+``-k five``: calls of five, as for a hand; ``-k contains``, ``-k "signed_distance and near"``, ….
 """
 
 import itertools

@@ -1,6 +1,6 @@
 """Segments against a mesh, with pytest-benchmark: ``python -m pytest bench -k segments``.
 
-No rival answers for segments; the brute force of the tests checks the answers.
+No other library has segments; the brute force of the tests checks the answers.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from benchmarks.queries.agreement import TOLERANCE, oracle
 
 BATCH_COUNT = 500
 PAIR_COUNT = 1_000_000  # queries times faces that the oracle computes
-LENGTH = 0.05  # of the diagonal: a finger's bone beside a part
+LENGTH = 0.05  # of the diagonal: a finger's bone
 
 
 @pytest.mark.parametrize("count", [cases.FINGERS, BATCH_COUNT], ids=["five", "batch"])
@@ -29,6 +29,6 @@ def test_segments(timed, contender, load_case, mesh_name, count):
 
 
 def segments_from(case):
-    """Ends of segments from the points of *case*, `LENGTH` long, in random directions."""
+    """Return ends of segments from the points of *case*, `LENGTH` long, in random directions."""
     directions = np.random.default_rng(13).normal(size=case.points.shape)
     return case.points + LENGTH * case.diagonal * directions / np.linalg.norm(directions, axis=1)[:, None]

@@ -16,7 +16,7 @@ from benchmarks.support.project import SHARED_PARTS, project_module
 
 BATCH_COUNT = 20_000
 FINGERS = 5  # of a hand: points in a small call
-HAND_COUNT = 20  # small calls that take turns
+HAND_COUNT = 20  # small calls, used in turn
 NEAR_SPREAD = 0.02  # standard deviation of the distance to the surface, of the diagonal
 SCATTER_SIZE = 1.5  # of the box
 PATH_STEP = 2e-4  # of the diagonal, in one tick: 0.2 m/s at 1 kHz around a part of one metre
@@ -56,7 +56,7 @@ def make_case(name: str, query_count: int = BATCH_COUNT) -> Case:
     MissingMeshError
         If the mesh is not on this machine; the message says what is missing.
     KeyError
-        If there is no such mesh or pattern.
+        If the mesh or the pattern is unknown.
     """
     mesh_name, _, pattern = name.partition("/")
     vertices, faces = load_mesh(mesh_name)
@@ -122,21 +122,21 @@ MESHES: dict[str, Callable[[], Mesh]] = {
 
 
 def add_file(path: Path) -> str:
-    """Have a mesh file among `MESHES`, and return its name there: that of the file up to the first dot."""
+    """Add a mesh file to `MESHES`, and return its name there: that of the file up to the first dot."""
     name = path.name.partition(".")[0]
     MESHES[name] = lambda: _read(path, f"{path} is not here")
     return name
 
 
 def _near(vertices, faces, count, rng):
-    """Points on the surface, moved along the normal."""
+    """Return points on the surface, moved along the normal."""
     points, normals = on_surface(vertices, faces, count, rng)
     height = rng.normal(0.0, NEAR_SPREAD * diagonal(vertices), count)
     return points + (height / np.linalg.norm(normals, axis=1))[:, None] * normals, None
 
 
 def on_surface(vertices, faces, count, rng):
-    """Points on faces drawn by area, and normals there, as long as twice the areas; (count, 3) each."""
+    """Return points on faces drawn by area, and normals of twice the areas there; (count, 3) each."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     double_areas = np.linalg.norm(normals, axis=1)
@@ -147,24 +147,24 @@ def on_surface(vertices, faces, count, rng):
 
 
 def _scattered(vertices, _, count, rng):
-    """Points anywhere in a box somewhat larger than the part's."""
+    """Return points anywhere in a box somewhat larger than the part's."""
     return _in_box(vertices, count, rng, SCATTER_SIZE), None
 
 
 def _center(vertices, _, count, rng):
-    """Points at the middle: the worst case for a ball, where all faces are equally far."""
+    """Return points at the middle: the worst case for a ball, equally far from all faces."""
     middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     return middle + rng.normal(0.0, 1e-6 * diagonal(vertices), (count, 3)), None
 
 
 def _path(vertices, faces, count, rng):
-    """A random walk near the surface: every point is close to the one before."""
+    """Return a random walk near the surface: every point is close to the previous one."""
     (start,), _ = _near(vertices, faces, 1, rng)
     heading = rng.normal(size=(count, 3)).cumsum(axis=0)
     heading /= np.linalg.norm(heading, axis=1)[:, None]
     steps = PATH_STEP * diagonal(vertices) * heading
     reach = np.ptp(vertices, axis=0)
-    # Folded back at the walls of the scatter box, so that the walk does not leave it.
+    # Reflected at the walls of the scatter box, so that the walk does not leave it.
     lower = vertices.min(axis=0) - 0.25 * reach
     period = 2.0 * SCATTER_SIZE * reach
     folded = np.mod(start + steps.cumsum(axis=0) - lower, period)
@@ -172,7 +172,7 @@ def _path(vertices, faces, count, rng):
 
 
 def _rays(vertices, _, count, rng):
-    """Rays from a sphere around the part toward points in its box."""
+    """Return rays from a sphere around the part toward points in its box."""
     middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     outward = rng.normal(size=(count, 3))
     outward /= np.linalg.norm(outward, axis=1)[:, None]

@@ -31,19 +31,19 @@ class Row:
     maximum: float
     call_count: int
     times_ours: float | None = None  # its time divided by ours, median over paired rounds
-    beside: str = OURS  # which of ours it was divided by
+    beside: str = OURS  # the row of ours by which it was divided
     agreement: Agreement | None = None
     bytes_per_face: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """Their time divided by ours must be at least so much, for the fastest of those named."""
+    """Minimum of a rival's time divided by ours, for the fastest of the named ones."""
 
     section: str
     text: str
     least: float
-    rivals: tuple[str, ...]  # names start with one of these
+    rivals: tuple[str, ...]  # prefixes of their names
 
 
 REQUIREMENTS = (
@@ -60,7 +60,7 @@ PROCESS_SECONDS = {"--version": 0.3, "--help": 0.3, "query": 2.0}
 def make_row(
     section: str, case: str, contender: str, version: str, unit: str, samples: Samples, **extra: Any
 ) -> Row:
-    """Return the row of *samples*, whose times are in *unit* already."""
+    """Return the row of *samples*, whose times are already in *unit*."""
     return Row(
         section,
         case,
@@ -77,7 +77,7 @@ def make_row(
 
 
 def judge(rows: list[Row]) -> list[Verdict]:
-    """Compare the rows with the requirements; none where this package was not measured."""
+    """Compare the rows with the requirements; none if this package was not measured."""
     verdicts = [
         verdict
         for requirement in REQUIREMENTS

@@ -42,9 +42,9 @@ def measure_mesh(console, mesh_name, case_names, contenders, options) -> list[Ro
 
 
 def measure_build(console, mesh_name, contenders, round_count) -> list[Row]:
-    """Time how each contender builds its structure, and leave every contender with one.
+    """Time the building of each contender's structure, and leave every contender with one.
 
-    Ratios are to our tree alone: like those of the others it has no bodies and no sign.
+    Ratios are to this package's tree alone: like the others it has no bodies and no sign.
     """
     vertices, faces = cases.load_mesh(mesh_name)
     main_ones = {each.name: each for each in contenders if not each.is_variant}
@@ -105,7 +105,7 @@ def measure_questions(console, case, section, question, by_fives, contenders, ro
 
 
 def measure_processes(console, round_count) -> list[Row]:
-    """Time our commands as whole processes, from start to end."""
+    """Time this package's commands as whole processes, from start to end."""
     with tempfile.TemporaryDirectory(prefix=TEMPORARY_PREFIX) as folder:
         samples = interleave(command_runs(folder), round_count)
     version = Proximity().version
@@ -117,7 +117,7 @@ def measure_processes(console, round_count) -> list[Row]:
 
 
 def _sections(case):
-    """Section, question, and whether it is asked by fives."""
+    """Return section, question, and whether it is in calls of five."""
     if case.directions is not None:
         return (RAYS, "cast", False), (FIVE_RAYS, "cast", True)
     return (
@@ -128,6 +128,6 @@ def _sections(case):
 
 
 def _in_turn(contender, case, question):
-    """A call that asks five queries, others each time."""
+    """Return a call of five queries, different ones each time."""
     next_run = itertools.cycle([ask(contender, hand, question).run for hand in cases.hands_of(case)])
     return lambda: next(next_run)()

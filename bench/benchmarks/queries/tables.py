@@ -37,7 +37,7 @@ def _agreement(row):
 
 
 def _figure(value):
-    """Three significant digits, without an exponent."""
+    """Return three significant digits, without an exponent."""
     if value is None:
         return ""
     digits = 0 if value >= 100 else 1 if value >= 10 else 2 if value >= 0.1 else 3

@@ -1,4 +1,4 @@
-"""Check of the bounds after a replay, by queries that know nothing of tracks and budgets."""
+"""Check of the bounds after a replay, by queries independent of tracks and budgets."""
 
 from dataclasses import dataclass
 
@@ -10,11 +10,11 @@ from proximity.recording import NANOSECONDS
 from proximity.scene.scene import Scene
 
 CHECKED_COUNT = 20_000  # finger-ticks, evenly chosen
-CHECK_ROUNDING = 1e-12  # of a distance: how far two methods of computing it may be apart
+CHECK_ROUNDING = 1e-12  # of a distance: maximum difference of two methods of computing it
 VELOCITY_SHARE = 0.05
-"""Of the distance travelled: as far may a finger be from the path at constant velocity."""
+"""Maximum distance of a finger from the path at constant velocity, as a share of its displacement."""
 ROUNDING_OF_PATH = 1e-9  # m, and of a radius: positions are differences of a recording's coordinates
-COORDINATE_ROUNDING = 8.0 * 2.0**-52  # of the largest coordinate: what a distance of 0 may be off
+COORDINATE_ROUNDING = 8.0 * 2.0**-52  # of the largest coordinate: error of a distance of 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,29 +23,29 @@ class BoundsKept:
 
     checked_count: int
     broken_count: int
-    worst: float  # m, by which the worst bound that was broken is off; 0 if none
+    worst: float  # m, excess of the worst broken bound; 0 if none
     first_broken: str  # tick and finger of the first; empty if none
 
 
 @dataclass(frozen=True, slots=True)
 class PredictionsKept:
-    """predicted_lower <= distance <= predicted_upper at the instant that was meant.
+    """predicted_lower <= distance <= predicted_upper at the predicted instant.
 
-    Not a promise about a recorded hand: it may accelerate more than was said.
+    Not guaranteed for a recorded hand: it may exceed the given acceleration.
     """
 
     checked_count: int
     kept_count: int
-    error_p50: float  # m, of predicted_distance; nan if nothing was predicted
+    error_p50: float  # m, of predicted_distance; nan without predictions
     error_p95: float  # m
 
 
 @dataclass(frozen=True, slots=True)
 class CertifiedTimes:
-    """time_to_contact_lower, where the finger kept its velocity: nothing was touched before.
+    """time_to_contact_lower, while the finger kept its velocity: no surface was touched before.
 
     A certified time is checked if the finger was seen until then, or until it touched, and was never farther
-    from the straight path at its velocity than `VELOCITY_SHARE` of the distance travelled.
+    from the straight path at its velocity than `VELOCITY_SHARE` of the displacement.
     """
 
     checked_count: int
@@ -54,7 +54,7 @@ class CertifiedTimes:
 
 
 def judge_bounds(scene: Scene, run: Replay, radius: float) -> BoundsKept:
-    """Hold the bounds of a sample of all finger-ticks against the exact distance."""
+    """Compare the bounds of a sample of all finger-ticks with the exact distance."""
     ticks, rows = _sample(_is_tracked(run))
     contacts = run.contacts[ticks, rows]
     points = run.recording.positions[ticks, rows]
@@ -62,8 +62,8 @@ def judge_bounds(scene: Scene, run: Replay, radius: float) -> BoundsKept:
     workspace = CHECK_ROUNDING * (np.abs(true) + radius) + COORDINATE_ROUNDING * _largest_coordinate(
         scene, points
     )
-    workspace[np.isinf(true)] = 0.0  # no part is shown: so far is nothing by rounding
-    # written so that nan is a broken promise
+    workspace[np.isinf(true)] = 0.0  # no part is shown: rounding of inf is 0
+    # written so that nan counts as broken
     is_kept = (contacts["lower"] <= true + workspace) & (true - workspace <= contacts["upper"])
     broken, found = contacts[~is_kept], true[~is_kept]
     off = np.fmax(broken["lower"] - found, found - broken["upper"])
@@ -79,7 +79,7 @@ def judge_bounds(scene: Scene, run: Replay, radius: float) -> BoundsKept:
 
 
 def judge_predictions(scene: Scene, run: Replay, radius: float) -> PredictionsKept:
-    """Hold predicted distances against those where the finger really was, between two ticks."""
+    """Compare predicted distances with the finger's true ones, between two ticks."""
     is_predicted = _is_tracked(run) & _has(run, ContactFlag.PREDICTED)
     ticks, rows = _sample(is_predicted & np.isfinite(run.contacts["predicted_distance"]))
     contacts = run.contacts[ticks, rows]
@@ -94,12 +94,12 @@ def judge_predictions(scene: Scene, run: Replay, radius: float) -> PredictionsKe
 
 
 def judge_certified_times(scene: Scene, run: Replay, radius: float) -> CertifiedTimes:
-    """Compare the certified times of a sample of finger-ticks with what the fingers touched.
+    """Compare the certified times of a sample of finger-ticks with the contacts of the fingers.
 
     Notes
     -----
     A touch before the certified time breaks it only if the path at constant velocity touches before it as
-    well, by an exact query: else what the velocity changed within its share led to the touch.
+    well, by an exact query: else the permitted change of velocity led to the touch.
     """
     lower = run.contacts["time_to_contact_lower"]
     is_certified = _is_tracked(run) & _has(run, ContactFlag.PREDICTED) & (lower > 0.0) & (lower < np.inf)
@@ -123,7 +123,7 @@ def judge_certified_times(scene: Scene, run: Replay, radius: float) -> Certified
 
 
 def _followed(run: Replay, ticks: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which certified times can be checked, and the tick of a touch before them; -1 if there is none."""
+    """Return which certified times can be checked, and the tick of a touch before them, or -1."""
     times_ns, positions, is_touching = run.recording.times_ns, run.recording.positions, touching(run)
     velocity, lower = (run.contacts[name][ticks, rows] for name in ("velocity", "time_to_contact_lower"))
     speed = np.linalg.norm(velocity, axis=1)
@@ -136,7 +136,7 @@ def _followed(run: Replay, ticks: np.ndarray, rows: np.ndarray) -> tuple[np.ndar
         elapsed = (times_ns[at] - times_ns[ticks[going]]) / NANOSECONDS
         straight = positions[ticks[going], row] + elapsed[:, None] * velocity[going]
         off = np.linalg.norm(positions[at, row] - straight, axis=1)
-        # Written so that a finger that was lost, whose position is nan, is left out.
+        # Written so that a lost finger, whose position is nan, is left out.
         is_steady = off <= VELOCITY_SHARE * speed[going] * elapsed + ROUNDING_OF_PATH
         is_over = elapsed >= lower[going]
         is_touch = is_touching[at, row] & ~is_over
@@ -147,7 +147,7 @@ def _followed(run: Replay, ticks: np.ndarray, rows: np.ndarray) -> tuple[np.ndar
 
 
 def touching(run: Replay) -> np.ndarray:
-    """Where a fingertip touches or is inside, as it was answered, (T, N)."""
+    """Return whether a fingertip touches or is inside, by the answers, (T, N)."""
     return _is_tracked(run) & ~_has(run, ContactFlag.SKIPPED) & (run.contacts["signed_distance"] <= 0.0)
 
 
@@ -160,16 +160,16 @@ def _has(run: Replay, flag: ContactFlag) -> np.ndarray:
 
 
 def _sample(is_meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tick and finger of at most `CHECKED_COUNT` answers, evenly chosen."""
+    """Return tick and finger of at most `CHECKED_COUNT` answers, evenly chosen."""
     ticks, rows = np.nonzero(is_meant)
     step = max(1, -(-len(ticks) // CHECKED_COUNT))
     if step > 1 and is_meant.shape[1] % step == 0:
-        step += 1  # else the same fingers would be taken at every tick
+        step += 1  # else the same fingers would be chosen at every tick
     return ticks[::step], rows[::step]
 
 
 def _positions_at(run: Replay, at_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Positions of fingers *rows* at *at_ns*, (K, 3), between two ticks; nan where either has none."""
+    """Return positions of fingers *rows* at *at_ns*, (K, 3), between two ticks; nan if either has none."""
     times_ns, positions = run.recording.times_ns, run.recording.positions
     after = np.searchsorted(times_ns, at_ns, side="left")
     is_past = after == len(times_ns)

@@ -10,11 +10,11 @@ import numpy as np
 from proximity.message import CONTACT
 from proximity.recording import NANOSECONDS, Recording
 
-REHEARSAL = 3  # ticks before the first that is timed: kernels are loaded, caches filled
+REHEARSAL = 3  # ticks before the first timed one: kernels are loaded, caches filled
 
 
 class Ticking(Protocol):
-    """Anything that answers ticks, as a tracker does."""
+    """Interface of ticks, as of a tracker."""
 
     def tick(self, positions: np.ndarray, t_pose_ns: int, now_ns: int) -> np.ndarray:
         """Return a contact for each finger, in an array that the next tick overwrites."""
@@ -27,11 +27,11 @@ class Replay:
     recording: Recording  # at the rate of the ticks
     contacts: np.ndarray  # (T, N) CONTACT
     wall_ns: np.ndarray  # (T,) int64, from call to answer
-    compute_ns: np.ndarray  # (T,) int64, of those the processor spent on this thread
+    compute_ns: np.ndarray  # (T,) int64, processor time of this thread in them
 
 
 def replay(make_tracker: Callable[[], Ticking], recording: Recording, *, latency: float = 0.001) -> Replay:
-    """Run a tracker over a recording as fast as it goes.
+    """Run a tracker over a recording as fast as possible.
 
     *make_tracker*: makes a tracker for the recording's fingers; called twice, the first is for rehearsal.
     *recording*: in the frame of the scene, at the rate of the ticks; see `Recording.resampled`.
@@ -41,7 +41,7 @@ def replay(make_tracker: Callable[[], Ticking], recording: Recording, *, latency
     wall_ns, compute_ns = np.zeros((2, shape[0]), dtype=np.int64)
     latency_ns = round(latency * NANOSECONDS)
     times_ns = recording.times_ns.tolist()
-    positions = recording.positions.copy()  # writeable, as kernels want arrays
+    positions = recording.positions.copy()  # writeable, as kernels require
 
     rehearsed = make_tracker()
     for tick in range(min(REHEARSAL, len(times_ns))):

@@ -1,1 +1,1 @@
-"""Other libraries that answer the same questions, each behind one interface, and this package beside them."""
+"""Contenders: other libraries with the same queries, each behind one interface, and this package."""

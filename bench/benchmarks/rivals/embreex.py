@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks.rivals.interface import Contender, Task, as_float32, inf_from
 from benchmarks.rivals.ours import Proximity, ProximityLengths
 
-EMBREE_MISS = 1e37  # lengths from here on are misses
+EMBREE_MISS = 1e37  # minimum length of a miss
 
 
 class Embreex(Contender):
@@ -32,7 +32,7 @@ class Embreex(Contender):
         def build():
             scene = self.scenes.EmbreeScene()
             self.meshes.TriangleMesh(scene, positions, triangles)
-            scene.run(probe, probe)  # the first question builds the tree
+            scene.run(probe, probe)  # the first query builds the tree
             return scene
 
         return build
@@ -48,7 +48,7 @@ class Embreex(Contender):
 
 
 class EmbreexAll(Embreex):
-    """embreex with all that our `cast` gives: distance, face, barycentric and normal."""
+    """embreex with all fields of our `cast`: distance, face, barycentric and normal."""
 
     name = "embreex (all outputs)"
     beside = Proximity.name

@@ -8,7 +8,7 @@ from benchmarks.rivals.interface import Contender, Task, as_float32, inf_from
 
 SMALL_BATCH = 16  # up to here single calls in a loop are faster than one array call, which starts threads
 FLOAT32_MAX = np.finfo(np.float32).max
-# What the wheel (1.2.0) calls them, which is built without vector instructions, and the source (1.2.1).
+# Names in the wheel (1.2.0), built without vector instructions, and in the source (1.2.1).
 NEWER_NAMES = {
     "scene_3D": "Scene3D",
     "interaction_3D": "Interaction3D",
@@ -21,7 +21,7 @@ NEWER_NAMES = {
 
 
 class Fcpw(Contender):
-    """FCPW on the processor; float32. Sign from the normals that it keeps for faces, edges and corners.
+    """FCPW on the processor; float32. Sign from its normals of faces, edges and corners.
 
     Reading the distances out of its list of records, one Python object a query, is not timed; the sign is,
     because only the record's own method computes it. Its lists of spheres and rays are not used: a query
@@ -72,7 +72,7 @@ class Fcpw(Contender):
         return Task(self._inside(points), lambda found: np.array(list(found), dtype=bool))
 
     def _inside(self, points):
-        """A call that says which points are inside: in a loop for small batches, in one call for others."""
+        """Return a call that tests points: in a loop for small batches, in one call for others."""
         scene, rows = self.engine, list(as_float32(points))
         if len(rows) <= SMALL_BATCH:
             return lambda: [scene.contains(row) for row in rows]
@@ -86,7 +86,7 @@ class Fcpw(Contender):
         return ask_many
 
     def _finder(self, points, record_normal):
-        """A call that returns a record for each point: in a loop for small batches, else in one call."""
+        """Return a call for a record of each point: in a loop for small batches, else in one call."""
         scene = self.engine
         if len(points) > SMALL_BATCH:
             queries = np.asfortranarray(points, dtype=np.float32)

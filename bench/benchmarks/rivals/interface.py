@@ -1,8 +1,7 @@
-"""The interface of a contender: a library, asked by the fastest calls that its package offers.
+"""Interface of a contender: a library, called by the fastest functions that its package offers.
 
-Arrays are converted to the library's own type and order before anything is timed, and answers are read out
-after: a `Task` has the call alone. All run on one thread (`support.threads`, and arguments where a library
-has them).
+Arrays are converted to the library's type and order before timing, and answers are read after it: a `Task`
+has the call alone. All run on one thread (`support.threads`, and arguments for libraries that have them).
 """
 
 import importlib.metadata
@@ -17,53 +16,53 @@ EVERYTHING = ("distance", "signed_distance", "closest", "contains", "cast")
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One prepared question. Only `run` is timed; `read` makes float64 or bool arrays of what it returned."""
+    """One prepared query. Only `run` is timed; `read` converts its result to float64 or bool arrays."""
 
     run: Callable[[], Any]
     read: Callable[[Any], np.ndarray]
 
     def answer(self) -> np.ndarray:
-        """Ask once, and return the answer."""
+        """Run once, and return the answer."""
         return self.read(self.run())
 
 
 class Contender:
-    """A library that answers questions about one mesh.
+    """A library with queries of one mesh.
 
-    `distance`, `signed_distance` and `cast` answer (N,) lengths (inf where a ray meets nothing), `closest`
-    answers (N, 3) points, `contains` (N,) bool. Only those named in `questions` are there.
+    `distance`, `signed_distance` and `cast` return (N,) lengths (inf for a miss), `closest` returns (N, 3)
+    points, `contains` (N,) bool. Only those named in `questions` exist.
     """
 
     name: str
     package: str  # as PyPI knows it
     questions: tuple[str, ...] = EVERYTHING
     query_limit: int | None = None  # the slow ones are timed on fewer queries
-    beside: str = "proximity"  # ours that answers no more than this one does: what its times are divided by
+    beside: str = "proximity"  # the row of ours with the same fields, by which its times are divided
 
     def __init__(self) -> None:
         self.engine: Any = None
 
     @property
     def version(self) -> str:
-        """Version of the package that answers."""
+        """Version of the package."""
         return importlib.metadata.version(self.package)
 
     @property
     def memory_bytes(self) -> int | None:
-        """Bytes that the structure holds; None where the library does not say."""
+        """Size of the structure; None if the library does not report it."""
         return None
 
     @property
     def is_variant(self) -> bool:
-        """Whether another contender builds the same structure, and this one asks it differently."""
+        """True if another contender builds the same structure, and this one queries it differently."""
         return type(self).__bases__[0] is not Contender and bool(self.questions)
 
     def builder(self, vertices: np.ndarray, faces: np.ndarray) -> Callable[[], Any]:
-        """Return a call that makes the searchable structure, from arrays that are already converted."""
+        """Return a call that builds the search structure, from converted arrays."""
         raise NotImplementedError
 
     def build(self, vertices: np.ndarray, faces: np.ndarray) -> None:
-        """Make the structure that is searched."""
+        """Build the search structure."""
         self.engine = self.builder(vertices, faces)()
 
     def distance(self, points: np.ndarray) -> Task:
@@ -75,7 +74,7 @@ class Contender:
         raise NotImplementedError
 
     def closest(self, points: np.ndarray) -> Task:
-        """Prepare the closest points of the surface, with all that comes along."""
+        """Prepare the closest points of the surface, with all further fields."""
         raise NotImplementedError
 
     def contains(self, points: np.ndarray) -> Task:
@@ -88,15 +87,15 @@ class Contender:
 
 
 def as_is(values):
-    """Return *values*: nothing has to be read out."""
+    """Return *values*, which need no conversion."""
     return values
 
 
 def as_float32(array):
-    """A C-ordered float32 copy, or the array itself."""
+    """Return a C-ordered float32 copy, or the array itself."""
     return np.ascontiguousarray(array, dtype=np.float32)
 
 
 def inf_from(lengths, miss):
-    """Lengths in which a miss is inf."""
+    """Return lengths with inf for misses."""
     return np.where(lengths < miss, lengths, np.inf)

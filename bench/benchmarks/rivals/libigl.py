@@ -59,7 +59,7 @@ class Libigl(Contender):
 
 
 class LibiglNormals(Libigl):
-    """libigl's signed_distance by pseudo-normals, which builds its tree anew in every call."""
+    """libigl's signed_distance by pseudo-normals, which rebuilds its tree in every call."""
 
     name = "libigl (normals)"
     questions = ("signed_distance",)

@@ -27,7 +27,7 @@ class Open3D(Contender):
         def build():
             scene = self.library.t.geometry.RaycastingScene(nthreads=1)
             scene.add_triangles(positions, triangles)
-            scene.compute_distance(probe, nthreads=1)  # the first question builds the tree
+            scene.compute_distance(probe, nthreads=1)  # the first query builds the tree
             return scene
 
         return build

@@ -1,4 +1,4 @@
-"""All contenders: this package, and other libraries that answer the same questions.
+"""All contenders: this package, and other libraries with the same queries.
 
 A library is imported when its contender is made; `available` says which are missing and why.
 """
@@ -30,7 +30,7 @@ CONTENDERS: tuple[type[Contender], ...] = (Proximity, ProximityLengths, Proximit
 
 
 def available(kinds: tuple[type[Contender], ...] = CONTENDERS) -> tuple[list[Contender], dict[str, str]]:
-    """Return those that can be imported, and by name the reason why the other rivals cannot."""
+    """Return the importable ones, and by name the reason why the other rivals are missing."""
     found, missing = [], {}
     for kind in kinds:
         try:

@@ -17,7 +17,7 @@ class Warp(Contender):
     def __init__(self) -> None:
         super().__init__()
         self.library = importlib.import_module("warp")
-        self.library.config.log_level = self.library.LOG_ERROR  # no greeting, no word about graphics cards
+        self.library.config.log_level = self.library.LOG_ERROR  # no greeting, no messages on graphics cards
         self.kernels = importlib.import_module("benchmarks.rivals.warp_kernels")
 
     def _array(self, rows, dtype=None):

@@ -6,7 +6,7 @@ import uuid
 
 
 def new_addresses(scheme: str) -> tuple[str, str]:
-    """Return where to read and where to publish, for the scheme "mailbox", "shm", "udp" or "zenoh"."""
+    """Return addresses to read and to publish, for the scheme "mailbox", "shm", "udp" or "zenoh"."""
     name = f"bench-{os.getpid()}-{uuid.uuid4().hex[:8]}"
     if scheme in ("mailbox", "shm"):
         address = f"{scheme}:{name}" if scheme == "mailbox" else f"{scheme}://{name}"

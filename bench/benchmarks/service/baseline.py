@@ -1,4 +1,4 @@
-"""Times of the machine by itself, for comparison."""
+"""Times of the machine alone, for comparison."""
 
 import time
 
@@ -9,12 +9,12 @@ from benchmarks.ticks.timing import figures_of
 from proximity.service import RealTime
 from proximity.service.realtime import undisturbed
 
-COUNTS = 2000  # additions, some 50 µs: about what a frame takes
+COUNTS = 2000  # additions, some 50 µs: about the time of a frame
 PERIOD_NS = round(1e9 * PERIOD_S)
 
 
 def bare_loop(seconds: float) -> list[ServiceRow]:
-    """Return how late a loop that only counts is woken at 1 kHz, and how long its 50 µs take."""
+    """Return the lateness of a counting loop at 1 kHz, and the duration of its 50 µs."""
     now_ns = time.monotonic_ns
     late, took = [], []
     with undisturbed(), RealTime():

@@ -1,9 +1,9 @@
 """From pose to frame, with pytest-benchmark: ``python -m pytest bench -k end_to_end``.
 
-A service runs in a process of its own. This process is glove and controller: it publishes five poses and
-reads until it has the frame that answers them. The time includes the transport of the poses, the wait for
-the next tick (half a period on average: poses are sent at any instant of it), the tick, and the transport of
-the frame and its checks.
+A service runs in a separate process. This process is glove and controller: it publishes five poses and reads
+until it has the frame that answers them. The time includes the transport of the poses, the wait for the next
+tick (half a period on average: poses are sent at any instant of it), the tick, and the transport of the frame
+and its checks.
 """
 
 import json
@@ -77,7 +77,7 @@ class Loop:
     def ask(self, positions):
         """Publish five positions, and return the reading that answers them.
 
-        Where none comes in time, as on a busy machine, they are sent again.
+        Without an answer in time, as on a busy machine, they are sent again.
         """
         ends = time.monotonic() + ANSWERED_WITHIN
         while time.monotonic() < ends:
@@ -106,7 +106,7 @@ def _words(reading):
 
 @contextmanager
 def a_loop(folder, scheme, rate):
-    """A service that answers poses, this process as its glove and its controller."""
+    """Yield a service that answers poses, with this process as its glove and its controller."""
     cores = threads.CORES
     read_at, frames_at = new_addresses(scheme)
     poses_at, send_at = new_addresses(scheme)
@@ -115,7 +115,7 @@ def a_loop(folder, scheme, rate):
     quoted = {name: json.dumps(text) for name, text in texts.items()}
     path.write_text(SCENE.format(rate=rate, radius=RADIUS, **quoted), encoding="utf-8")
     with (
-        threads.on_cores(cores),  # which the service's process inherits; it takes the last one
+        threads.on_cores(cores),  # inherited by the service's process, which takes the last one
         proximity.open_subscriber(read_at) as frames,
         proximity.start_service(path),
         threads.on_cores(sorted(cores)[:-1] or cores),
@@ -128,7 +128,7 @@ def check_answers(loop, scene, positions):
     """Compare the bounds in frames with the scene's distances at the same positions."""
     for tips in positions:
         loop.ask(tips)
-        time.sleep(0.05)  # what is far away may be a tick behind, with bounds only
+        time.sleep(0.05)  # distant parts may be a tick behind, with bounds only
         contacts = loop.ask(tips).contacts
         time.sleep(0.05)
         true = scene.signed_distance(tips) - RADIUS
@@ -137,7 +137,7 @@ def check_answers(loop, scene, positions):
 
 
 def unbroken(positions):
-    """The longest run of ticks in which all fingers are tracked: the service rejects jumps."""
+    """Return the longest run of ticks in which all fingers are tracked: the service rejects jumps."""
     is_whole = ~np.isnan(positions).any(axis=(1, 2))
     runs = np.split(positions, np.flatnonzero(np.diff(is_whole)) + 1)
     return max((run for run in runs if not np.isnan(run).any()), key=len)

@@ -1,9 +1,8 @@
 """Publishing a frame of five fingers, with pytest-benchmark: ``python -m pytest bench -k publish``.
 
-Before anything is timed, a subscriber in this process checks that frames arrive, and their contents. Beside
-the whole publishing are the transport's bytes alone and, where there is one, the system's own call with the
-same bytes. `service.py` times what a reader in another process sees, and from pose to frame
-`bench_end_to_end.py` does.
+Before timing, a subscriber in this process checks that frames arrive, and their contents. Next to the whole
+publishing are the transport's bytes alone and, if there is one, the system's call with the same bytes.
+`service.py` times what a reader in another process sees, and from pose to frame `bench_end_to_end.py` does.
 """
 
 import socket
@@ -47,7 +46,7 @@ def test_publish(timed, leave_out, scheme, what):
 
 
 def read_then(subscriber, argument):
-    """Return a call for before each publishing: it reads, as a reader that keeps up does."""
+    """Return a call for before each publishing: it reads, like a reader that keeps up."""
 
     def arguments():
         subscriber.read()
@@ -57,7 +56,7 @@ def read_then(subscriber, argument):
 
 
 def test_publish_by_socket(timed):
-    """Time a datagram of that size by the system's own call."""
+    """Time a datagram of that size by the system's call."""
     data = a_frame().data.tobytes()
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reader,

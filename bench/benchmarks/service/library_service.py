@@ -1,6 +1,6 @@
-"""A service whose distances another library finds: ``python -m benchmarks.service.library_service``.
+"""A service with another library's distances: ``python -m benchmarks.service.library_service``.
 
-Everything else is ours: poses, loop, frames. A library is asked only where a pose is new, and answers the
+The rest is this package's: poses, loop, frames. A library is called only for new poses, and returns the
 signed distance alone: no velocity, prediction or time to contact.
 """
 
@@ -42,19 +42,19 @@ class LibraryContacts:
         self.count, self._contender, self._radius = count, contender, radius
 
     def labels(self) -> Any:
-        """The one part."""
+        """Return the name of the only part."""
         return ("part",), np.zeros(1, bool)
 
     def new_samples(self) -> FingerPoses:
-        """Poses, all unknown."""
+        """Return poses, all unknown."""
         return FingerPoses(self.count)
 
     def rehearse(self) -> None:
-        """Ask once."""
+        """Query once."""
         self._distances(np.zeros((self.count, 3)))
 
     def fill(self, contacts: np.ndarray, samples: FingerPoses, now_ns: int) -> None:
-        """Measure where a pose is new."""
+        """Measure at new poses."""
         contacts["age_ns"] = now_ns - samples.pose_ns
         contacts["predicted_ns"] = now_ns
         if (contacts["pose_ns"] == samples.pose_ns).all():
@@ -71,14 +71,14 @@ class LibraryContacts:
             contacts["flags"][tracked] = KNOWN
 
     def close(self) -> None:
-        """Nothing is open."""
+        """No-op."""
 
     def _distances(self, points: np.ndarray) -> np.ndarray:
         return self._contender.signed_distance(np.ascontiguousarray(points)).answer()
 
 
 def main() -> int:
-    """Serve until standard input ends; says when it begins."""
+    """Serve until standard input ends; prints when it starts."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     for name in ("library", "file", "frames", "poses"):
         parser.add_argument(name)

@@ -1,4 +1,4 @@
-"""A service in its own process, fed with a recorded hand: every frame is counted, memory is watched."""
+"""A service in a separate process, with a recorded hand: every frame is counted, memory is watched."""
 
 import json
 import sys
@@ -18,8 +18,8 @@ from benchmarks.ticks.timing import Figures
 from proximity.recording import FrameReader
 
 RATE_HZ = 1000
-MOST_GROWTH = 2 << 20  # bytes, after the first minute: what the allocator may still move
-WARM_UP_SHARE = 0.1  # share of the time after which memory should not grow any more
+MAX_GROWTH = 2 << 20  # bytes, after the first minute: variation of the allocator
+WARM_UP_SHARE = 0.1  # share of the time after which memory should be constant
 SCENE = """
 [service]
 rate_hz = {rate}
@@ -35,7 +35,7 @@ repeat = true
 
 
 def measure_minute(options) -> tuple[list[ServiceRow], list[Verdict]]:
-    """Serve at 1 kHz with the log on; compare what was published, received, and written."""
+    """Serve at 1 kHz with the log on; compare the counts published, received, and written."""
     seconds = 2.0 if options.small else options.seconds
     with tempfile.TemporaryDirectory(prefix=TEMPORARY_PREFIX) as folder:
         (address, _), log = new_addresses("shm"), Path(folder) / "run.frames"
@@ -97,9 +97,9 @@ def measure_memory(options) -> tuple[list[ServiceRow], list[Verdict]]:
     sizes_after = np.array(sizes[int(WARM_UP_SHARE * len(sizes)) :])
     growth = int(sizes_after[-1] - sizes_after[0])
     verdict = Verdict(
-        f"memory over {seconds / 60:.3g} minutes of serving: grows by at most {MOST_GROWTH >> 20} MiB",
+        f"memory over {seconds / 60:.3g} minutes of serving: grows by at most {MAX_GROWTH >> 20} MiB",
         f"{sizes_after[0] / 2**20:.1f} MiB, then {growth / 2**20:+.2f} MiB in {report['ticks']} ticks",
-        growth <= MOST_GROWTH,
+        growth <= MAX_GROWTH,
     )
     return [], [verdict]
 

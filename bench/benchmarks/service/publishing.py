@@ -20,7 +20,7 @@ from proximity.errors import PublishError
 FINGERS = 5
 PERIOD_S = 0.001
 VALID_NS = 20_000_000
-MOST_PUBLISH_US, MOST_SEEN_US, MOST_SEEN_P99_US = 5.0, 50.0, 500.0
+MAX_PUBLISH_US, MAX_SEEN_US, MAX_SEEN_P99_US = 5.0, 50.0, 500.0
 SCHEMES = ("shm", "udp", "zenoh")
 JUDGED = "shm"
 READER = Path(__file__).with_name("reader.py")
@@ -37,7 +37,7 @@ class ServiceRow:
 
 
 def measure_publishing(options) -> tuple[list[ServiceRow], list[Verdict]]:
-    """Publish to a reader in another process: at 1 kHz at each kind of address, at one without pauses."""
+    """Publish to a reader in another process: at 1 kHz to each kind of address, to one without pauses."""
     count = 200 if options.small else 20_000
     rows: list[ServiceRow] = []
     for scheme in SCHEMES:
@@ -69,27 +69,27 @@ def _verdicts(rows):
     return [
         *(
             Verdict(
-                f"publish from Python, {JUDGED}, {when}: p50 at most {MOST_PUBLISH_US:g} µs",
+                f"publish from Python, {JUDGED}, {when}: p50 at most {MAX_PUBLISH_US:g} µs",
                 f"{figures.p50:.1f} µs",
-                figures.p50 <= MOST_PUBLISH_US,
+                figures.p50 <= MAX_PUBLISH_US,
             )
             for when, figures in (("one after another", hot), ("at 1 kHz, woken for each", publish))
         ),
         Verdict(
-            f"seen by a second process: p50 at most {MOST_SEEN_US:g} µs, p99 at most {MOST_SEEN_P99_US:g} µs",
+            f"seen by a second process: p50 at most {MAX_SEEN_US:g} µs, p99 at most {MAX_SEEN_P99_US:g} µs",
             f"{seen.p50:.1f} and {seen.p99:.1f} µs",
-            seen.p50 <= MOST_SEEN_US and seen.p99 <= MOST_SEEN_P99_US,
+            seen.p50 <= MAX_SEEN_US and seen.p99 <= MAX_SEEN_P99_US,
         ),
     ]
 
 
 def _published(read_at, publish_at, count, is_spinning, period_s=PERIOD_S):
-    """Times of publishing and of being seen, ns."""
+    """Return times of publishing and of being seen, ns."""
     message = proximity.Message(proximity.FRAME, FINGERS)
     message.records["normal"] = (0.0, 0.0, 1.0)
     sent = np.zeros(count, np.int64)
     with _reader(read_at, is_spinning) as reader, proximity.open_publisher(publish_at) as publisher:
-        for _ in range(300):  # until the reader is there, and all is warm
+        for _ in range(300):  # until the reader is connected, and caches are warm
             stamp(message)
             publisher.publish(message)
             time.sleep(PERIOD_S)
@@ -109,7 +109,7 @@ def _published(read_at, publish_at, count, is_spinning, period_s=PERIOD_S):
 
 
 def stamp(message: proximity.Message) -> None:
-    """Give a frame the present instant, so that it is valid for `VALID_NS`."""
+    """Stamp a frame with the present instant, so that it is valid for `VALID_NS`."""
     now = time.monotonic_ns()
     header = message.header
     header["pose_ns"] = header["start_ns"] = header["publish_ns"] = now

@@ -1,7 +1,7 @@
 """The reading process: reads frames until its standard input ends, and prints when it saw each.
 
-``reader.py ADDRESS spin|wait`` prints a line when it is ready, then number and age (ns since
-``publish_ns``) of each frame that it was first to see.
+``reader.py ADDRESS spin|wait`` prints a line when it is ready, then number and age (ns since ``publish_ns``)
+of each newly seen frame.
 """
 
 import sys

@@ -1,10 +1,9 @@
-"""What distances cost in a whole VR application: from the pose of a hand to the frame that answers it.
+"""Cost of distances in a whole VR application: from the pose of a hand to the frame that answers it.
 
 The paper ends with "At the present time a complete VR application has not been implemented to verify the
-precise performance cost of these intersection checks." Here it is, with nothing left out but the screen:
-*native*, a program that publishes poses and subscribes to frames in shared memory; and *page*, what a page
-of ``proximity serve --web`` does, over the bridge and its web socket. Both are timed from outside, on one
-clock.
+precise performance cost of these intersection checks." This is one, complete except for the screen: *native*,
+a program that publishes poses and subscribes to frames in shared memory; and *page*, the work of a page of
+``proximity serve --web``, over the bridge and its web socket. Both are timed from outside, on one clock.
 """
 
 import json
@@ -40,8 +39,8 @@ HEADINGS = (
     "application", "faces", "poses, Hz", "fingers", "to distance p50, ms", "p99", "p99.9", "of a frame",
     "tick with a new pose p50, µs", "p99", "of 1 ms", "without one p50, µs", "service", "bridge, cores",
 )  # fmt: skip
-WARM_S = 1.0  # poses before anything is counted: clocks are learnt meanwhile
-LONGEST_S = 60.0  # without a frame at the beginning
+WARM_S = 1.0  # poses before counting: clocks are estimated in that time
+LONGEST_S = 60.0  # without a frame at the start
 LOOK_S = 5e-5
 SERVED = "served.toml"
 NO_POSES = 'poses = "mailbox:none"'
@@ -63,30 +62,30 @@ class VrCase:
 
 @dataclass(frozen=True, slots=True)
 class VrRow:
-    """What was measured of it; times in s."""
+    """Measurements of it; times in s."""
 
     case: VrCase
     face_count: int
     pose_count: int
-    answered_count: int  # poses of which a frame came; a newer pose may have come before its tick
+    answered_count: int  # poses with a frame; a newer pose may have come before its tick
     motion_to_distance_p50: float
     motion_to_distance_p99: float
     motion_to_distance_p999: float
-    tick_p50: float  # with a new pose, from its begin to its publication
+    tick_p50: float  # with a new pose, from its start to its publication
     tick_p99: float
-    idle_tick_p50: float | None  # without a new pose; None: no such frame came
+    idle_tick_p50: float | None  # without a new pose; None: no such frame
     missed: int  # ticks of the service
     service_share: float | None  # of a core; None: psutil is not installed
-    bridge_share: float | None  # likewise, or there is none
+    bridge_share: float | None  # likewise, or without a bridge
 
     @classmethod
     def of(cls, document: dict[str, Any]) -> "VrRow":
-        """Return the row that a JSON document has."""
+        """Return the row in a JSON document."""
         return cls(**{**document, "case": VrCase(**document["case"])})
 
     @property
     def cells(self) -> list[str]:
-        """What stands below `HEADINGS`."""
+        """Return the cells below `HEADINGS`."""
         case = self.case
         delays = (self.motion_to_distance_p50, self.motion_to_distance_p99, self.motion_to_distance_p999)
         return [
@@ -105,7 +104,7 @@ class VrRow:
 
 
 Serving = Callable[[Path, Addresses, VrCase], AbstractContextManager[int]]
-"""Serves a scene file at these addresses for as long as it is open; gives the process that does."""
+"""Serves a scene file at these addresses while it is open; yields the process."""
 
 
 @contextmanager
@@ -131,7 +130,7 @@ def measure(
 ) -> VrRow:
     """Run an application and time it.
 
-    *recording*: of a hand, put where it touches the parts.
+    *recording*: of a hand, placed so that it touches the parts.
     """
     scene = Scene([part for name in files for part in load(name, units=units).parts])
     hand = _hand(scene, recording, case)
@@ -149,8 +148,8 @@ def measure(
 
 
 def _scene_file(folder: Path, files: list[str], units: str, finger_count: int) -> Path:
-    """Write a scene file of these parts, for so many fingers."""
-    # A scene file must say where poses come from; whoever serves this one says it anew.
+    """Write a scene file of these parts, for *count* fingers."""
+    # A scene file must name a source of poses, which the service overrides.
     lines = [
         "[input]",
         NO_POSES,
@@ -169,10 +168,10 @@ def _scene_file(folder: Path, files: list[str], units: str, finger_count: int) -
 
 @dataclass(slots=True)
 class _Application:
-    """One that runs: how poses go in, and how frames come out."""
+    """A running application: how to send poses and receive frames."""
 
     send: Callable[[Message], None]
-    receive: Callable[[float], list[np.ndarray]]  # frames, as bytes; waits so many s at most
+    receive: Callable[[float], list[np.ndarray]]  # frames, as bytes; waits for a time, s, at most
     part: str
     service_pid: int | None
     bridge_pid: int | None = None
@@ -204,7 +203,7 @@ def _native(scene_file: Path, part: str, case: VrCase, serving: Serving) -> Iter
 
 @contextmanager
 def _page(scene_file: Path, part: str, case: VrCase, serving: Serving) -> Iterator[_Application]:
-    """What a page beside a service does, without drawing."""
+    """Run the work of a page next to a service, without drawing."""
     addresses = own_addresses()
     with needed("the page needs", "web"):
         connect = import_module("websockets.sync.client").connect
@@ -222,7 +221,7 @@ def _page(scene_file: Path, part: str, case: VrCase, serving: Serving) -> Iterat
 
         def receive(timeout: float) -> list[np.ndarray]:
             ends = time.monotonic() + timeout
-            while True:  # moves that were sent come back, and sentences
+            while True:  # returned moves, and sentences
                 try:
                     data = socket.recv(max(ends - time.monotonic(), 0.0))
                 except TimeoutError:
@@ -239,15 +238,15 @@ def _page(scene_file: Path, part: str, case: VrCase, serving: Serving) -> Iterat
 
 
 def _nothing(_: str) -> None:
-    """What is said meanwhile is of no interest here."""
+    """Ignore messages."""
 
 
 def _hand(scene: Scene, recording: Recording, case: VrCase) -> np.ndarray:
-    """Fingertips at the rate of poses, (T, N, 3), m; nan where a finger is missing."""
+    """Return fingertips at the rate of poses, (T, N, 3), m; nan for a missing finger."""
     recording = recording.resampled(1.0 / case.pose_rate_hz)
     placed = recording.placed(fitted_pose(scene, recording, RADIUS)).positions
     count = placed.shape[1]
-    # A second hand is the first one, a little later.
+    # A second hand is the first one, slightly later.
     tips = [np.roll(placed[:, k % count], 9 * (k // count), axis=0) for k in range(case.finger_count)]
     return np.stack(tips, axis=1)
 
@@ -258,12 +257,12 @@ class _Timed:
 
     sent: list[int] = field(default_factory=list)
     frames: list[tuple[int, int, int]] = field(default_factory=list)  # pose_ns, arrival, length of the tick
-    missed: int = 0  # ticks, as the newest frame has it
+    missed: int = 0  # ticks, from the newest frame
     shares: tuple[float | None, float | None] = (None, None)  # of a core, of service and bridge
 
 
 def _drive(running: _Application, hand: np.ndarray, case: VrCase) -> _Timed:
-    """Send poses at their rate, and take frames meanwhile; what comes first is not counted."""
+    """Send poses at their rate, and receive frames; the first ones are not counted."""
     _until_answered(running, hand, case)
     row = _drive_for(WARM_S, running, hand, case, warm := _Timed(), 0)
     before, timed = _cpu(running), _Timed()
@@ -280,7 +279,7 @@ def _drive(running: _Application, hand: np.ndarray, case: VrCase) -> _Timed:
 def _drive_for(
     seconds: float, running: _Application, hand: np.ndarray, case: VrCase, timed: _Timed, row: int
 ) -> int:
-    """Do so for a time; the row of the hand that comes next."""
+    """Send and receive for a time; return the next row of the hand."""
     due = time.monotonic()
     ends = due + seconds
     while (now := time.monotonic()) < ends:
@@ -305,7 +304,7 @@ def _until_answered(running: _Application, hand: np.ndarray, case: VrCase) -> No
 
 
 def _send(running: _Application, tips: np.ndarray, case: VrCase) -> int:
-    """Send a pose, and a move where a part moves; the pose's instant."""
+    """Send a pose, and a move if a part moves; return the pose's instant."""
     message = Message(POSES, len(tips))
     message.records["finger"] = np.arange(len(tips))
     message.records["position"] = tips
@@ -341,7 +340,7 @@ def _row(case: VrCase, timed: _Timed, face_count: int) -> VrRow:
 
 
 def _cpu(running: _Application) -> tuple[float | None, float | None]:
-    """Time that service and bridge have had of a core, s; None where it is not known."""
+    """Return the processor time of service and bridge, s; None if unknown."""
     return _cpu_of(running.service_pid), _cpu_of(running.bridge_pid)
 
 

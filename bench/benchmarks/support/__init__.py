@@ -1,1 +1,1 @@
-"""What several benchmarks share: the machine, threads, clocks, verdicts, and the folders of the project."""
+"""Shared parts of benchmarks: the machine, threads, clocks, verdicts, and the folders of the project."""

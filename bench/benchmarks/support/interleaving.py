@@ -1,4 +1,4 @@
-"""Interleaved timing, A B C A B C: while the machine is busy, all contenders are slowed alike."""
+"""Interleaved timing, A B C A B C: a busy machine slows all contenders alike."""
 
 import gc
 import statistics
@@ -11,7 +11,7 @@ import numpy as np
 
 from proximity.system.memory import collector_paused
 
-ROUND_NS = 20_000_000  # a short call is repeated for about so long in every round
+ROUND_NS = 20_000_000  # duration of the repetitions of a short call in every round
 MAX_CALL_COUNT = 200
 SLOW_NS = 250_000_000  # a longer call takes part in every fifth round only
 SLOW_ROUND = 5
@@ -19,7 +19,7 @@ SLOW_ROUND = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """Times of one contender, in nanoseconds; nan in rounds that it did not take part in."""
+    """Times of one contender, in nanoseconds; nan in rounds without it."""
 
     rounds: np.ndarray  # (R,) median of the calls of each round
     calls: np.ndarray  # (C,) every single call
@@ -30,7 +30,7 @@ class Samples:
         return float(np.nanmedian(self.rounds))
 
     def divided_by(self, divisor: float) -> "Samples":
-        """The same in another unit, or for one query of a batch."""
+        """Return the same in another unit, or for one query of a batch."""
         return Samples(self.rounds / divisor, self.calls / divisor)
 
     def relative_to(self, other: "Samples") -> float:
@@ -39,7 +39,7 @@ class Samples:
 
 
 def interleave(runs: dict[str, Callable[[], Any]], round_count: int) -> dict[str, Samples]:
-    """Time all *runs* in turn, *round_count* times over; a first turn warms up and is not counted."""
+    """Time all *runs* in turn, *round_count* times; a first turn warms up and is not counted."""
     call_counts, is_slow = {}, {}
     for name, run in runs.items():
         run()

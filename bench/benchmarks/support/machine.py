@@ -1,4 +1,4 @@
-"""The machine on which figures were taken: processor, versions, commit, date and load."""
+"""The measuring machine: processor, versions, commit, date and load."""
 
 import datetime
 import importlib.metadata
@@ -10,7 +10,7 @@ from proximity.system.machine import commit, processor_name
 
 
 def describe_machine(threads: str) -> dict[str, str]:
-    """Return where, when and with what figures are taken; *threads* is a sentence of `support.threads`."""
+    """Return place, time and conditions of figures; *threads* is a sentence of `support.threads`."""
     versions = [f"numpy {importlib.metadata.version('numpy')}", f"kernels {MODE}"]
     loads = os.getloadavg() if hasattr(os, "getloadavg") else ()
     return {

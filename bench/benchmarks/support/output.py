@@ -1,4 +1,4 @@
-"""What the commands have in common: the console, the machine's lines, verdicts, JSON, unknown names."""
+"""Shared parts of the commands: the console, the machine's lines, verdicts, JSON, unknown names."""
 
 import argparse
 import dataclasses
@@ -13,16 +13,16 @@ from rich.table import Table
 
 from benchmarks.support.verdicts import Verdict
 
-WIDTH = 160  # columns where the output is no terminal
+WIDTH = 160  # columns if the output is not a terminal
 
 
 def open_console() -> Console:
-    """Return the console to print to, wide where the output goes to a file."""
+    """Return the console to print to, wide for output to a file."""
     return Console(width=None if sys.stdout.isatty() else WIDTH)
 
 
 def print_machine(console: Console, machine: dict[str, str]) -> None:
-    """Print a line for each thing that is known of the machine."""
+    """Print a line for each known property of the machine."""
     for key, value in machine.items():
         console.print(f"{key:>10}: {value}", highlight=False)
 
@@ -36,7 +36,7 @@ def table_of(title: str, headings: Iterable[str], left: int = 1) -> Table:
 
 
 def print_verdicts(console: Console, verdicts: list[Verdict]) -> None:
-    """Print each requirement with what was measured."""
+    """Print each requirement with its measurement."""
     table = table_of("Requirements", ("requirement", "measured", "met"), left=3)
     for verdict in verdicts:
         table.add_row(verdict.requirement, verdict.measured, "[green]yes" if verdict.is_met else "[red]no")
@@ -44,7 +44,7 @@ def print_verdicts(console: Console, verdicts: list[Verdict]) -> None:
 
 
 def write_json(path: Path, machine: dict[str, str], **records: Any) -> None:
-    """Write a document: the machine, and *records*, of which lists of dataclasses become lists of objects."""
+    """Write a document: the machine, and *records*, with dataclasses in lists converted to objects."""
     document = {"machine": machine, **{key: _plain(value) for key, value in records.items()}}
     path.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""Where the project's files are, and how a script or another process finds its modules."""
+"""Locations of the project's files and modules for scripts and other processes."""
 
 import importlib
 import os
@@ -10,14 +10,14 @@ PROJECT = Path(__file__).resolve().parents[3]
 BENCH = PROJECT / "bench"
 MESHES = PROJECT / "meshes"
 SHARED_DATA = PROJECT.parent / "shared" / "data"
-"""Real parts and recordings beside the project; absent on most machines."""
+"""Real parts and recordings next to the project; absent on most machines."""
 SHARED_PARTS = SHARED_DATA / "cad"
 SHARED_HANDS = SHARED_DATA / "hands"
 TEMPORARY_PREFIX = "proximity_bench_"
 
 
 def project_module(folder: str, name: str) -> ModuleType:
-    """Return the module *name* in *folder* of the project, which is not part of the package.
+    """Return the module *name* in *folder* of the project, outside the package.
 
     Modules of the tests import one another: their helpers are found as well.
     """

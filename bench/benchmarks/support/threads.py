@@ -1,4 +1,4 @@
-"""Limit a process to one thread and one core. Imports nothing that would start threads of its own."""
+"""Limit a process to one thread and one core. Imports no module that starts threads."""
 
 import os
 from collections.abc import Iterable, Iterator
@@ -13,15 +13,15 @@ THREAD_VARIABLES = (
     "NUMBA_NUM_THREADS",
 )
 UNLIMITED = "as the process has them"
-"""Describes the threads of a process that was not limited."""
+"""Describes the threads of a process without limits."""
 CORES = frozenset(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else frozenset()
-"""Cores that this process may use; empty where the system does not say."""
+"""Cores that this process may use; empty if the system does not report them."""
 
 
 def limit_to_one_thread() -> str:
     """Limit this process to one thread and one core; call it before NumPy and the rivals are imported.
 
-    Returns a sentence that says how it was done.
+    Returns a sentence on the method.
     """
     for variable in THREAD_VARIABLES:
         os.environ[variable] = "1"
@@ -36,7 +36,7 @@ def limit_to_one_thread() -> str:
 
 @contextmanager
 def on_cores(cores: Iterable[int]) -> Iterator[None]:
-    """Use other cores inside the context, where the system can; processes started there inherit them."""
+    """Use other cores inside the context, if the system supports it; processes started there inherit them."""
     if not cores or not hasattr(os, "sched_setaffinity"):
         yield
         return

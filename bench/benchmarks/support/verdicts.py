@@ -1,11 +1,11 @@
-"""Requirements, what was measured for them, and whether they are met."""
+"""Requirements, their measurements, and whether they are met."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A requirement, what was measured for it, and whether that is enough."""
+    """A requirement, its measurement, and whether it is met."""
 
     requirement: str
     measured: str
@@ -13,12 +13,12 @@ class Verdict:
 
 
 def at_most(what: str, limit: float, measured: float, unit: str = "µs") -> Verdict:
-    """Require that a figure is no larger than *limit*."""
+    """Require that a figure is at most *limit*."""
     return Verdict(f"{what} at most {limit:g} {unit}", f"{measured:.4g} {unit}", bool(measured <= limit))
 
 
 def at_least(what: str, limit: float, measured: float, spread: str = "") -> Verdict:
-    """Require that something is *limit* times as fast as something else."""
+    """Require that one time is at least *limit* times another."""
     return Verdict(
         f"{what}: at least {limit:g} times as fast", f"{measured:.2f}{spread}", bool(measured >= limit)
     )

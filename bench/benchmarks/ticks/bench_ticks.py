@@ -1,7 +1,7 @@
 """Single ticks, motion by motion, with pytest-benchmark: ``python -m pytest bench -k ticks``.
 
 The scenes and motions of `ticks.py`, whose figures count: it keeps the thread time of every tick. Rivals have
-no ticks: they are asked five signed distances at the same positions, and nothing else.
+no ticks: they answer five signed distances at the same positions only.
 """
 
 import itertools
@@ -22,7 +22,7 @@ from proximity import ContactFlag, Scene, Tracker
 
 TICKS = 2_000
 RIVALS = ("FCPW", "Open3D", "Warp", "libigl", "trimesh")
-SLOW = "trimesh"  # beside one hand only
+SLOW = "trimesh"  # with one hand only
 HANDS = ("generated", *motions.HAND_NAMES)
 SURFACES = {
     "plate": lambda sizes: scenes.plate(sizes.plate),
@@ -89,7 +89,7 @@ def sizes(is_small):
 
 @pytest.fixture
 def hand_motion(made, sizes, leave_out):
-    """A call that gives the motion of a hand's whole ticks over a surface."""
+    """Return a call for the motion of a hand's whole ticks over a surface."""
 
     def give(surface, hand_name, rise=0.0):
         if ("tick", surface) not in made:
@@ -153,7 +153,7 @@ def test_tick_of_a_crowd(timed, sizes, name):
 
 
 def check_ticks(motion, count=10):
-    """Compare the bounds of some ticks, and what is flagged as exact, with exact distances."""
+    """Compare the bounds of some ticks, and their exact values, with exact distances."""
     tracker = motion.tracker()
     for k in range(count):
         motion.before(k)
@@ -166,7 +166,7 @@ def check_ticks(motion, count=10):
 
 
 def _ticks(motion):
-    """The call of a service that is timed, and its arguments; parts move between two calls."""
+    """Return the timed call of a service, and its arguments; parts move between two calls."""
     tracker, number = motion.tracker(), itertools.count()
     instants = np.zeros(len(tracker.contacts), np.int64)
 

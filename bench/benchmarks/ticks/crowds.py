@@ -17,11 +17,11 @@ from benchmarks.ticks.timing import (
 )
 from proximity import Tracker
 
-SHOWN_SHARE = 10  # times fewer ticks for cases that are not judged
+SHOWN_SHARE = 10  # ratio of fewer ticks for cases without requirements
 SKIN_RADIUS = 0.001  # m
 ANYWHERE = 1000  # positions in the cavity
-MOST_WIDTH = 0.05  # of a bracket, of the distance
-CHECKED_TICKS = 40  # whose bounds are compared with exact distances
+MAX_WIDTH = 0.05  # of a bracket, of the distance
+CHECKED_TICKS = 40  # compared with exact distances
 SKIN_SETTINGS = {
     "default": {},
     "tolerance 5 %": {"tolerance": 0.05},
@@ -30,12 +30,12 @@ SKIN_SETTINGS = {
     "working range 10 mm": {"working_range": 0.01, "horizon": 0.01},
 }
 JUDGED_SKIN = "tolerance 5 %, working range 20 mm"
-"""For contacts on a skin: 20 mm are more than ten ticks away at 1 m/s, and farther away there are bounds.
-A horizon of 10 ms goes with both working ranges."""
+"""Settings for contacts on a skin: 20 mm are more than ten ticks away at 1 m/s, and farther away there are
+bounds. A horizon of 10 ms goes with both working ranges."""
 
 
 def measure_moving(options) -> list[TickRow]:
-    """Ten fingers among 200 parts, of which 20 are moved before each tick: with the move, and without."""
+    """Measure ten fingers among 200 parts, 20 of them moved before each tick: with the move, and without."""
     sizes = options.sizes
     scene = scenes.many_parts(sizes)
     motion = motions.moving_parts(scene, sizes.moving_count, options.ticks)
@@ -77,7 +77,7 @@ def _run_moving(scene, motion, positions):
 
 
 def _sum(one, other):
-    """Sums of the times of two calls that follow each other."""
+    """Return sums of the times of two consecutive calls."""
     return TickLog(
         [a + b for a, b in zip(one.thread_ns, other.thread_ns, strict=True)],
         [a + b for a, b in zip(one.wall_ns, other.wall_ns, strict=True)],
@@ -85,7 +85,7 @@ def _sum(one, other):
 
 
 def measure_skin(options) -> list[TickRow]:
-    """Two thousand points of a hand's skin as fingers, over even triangles and over needles."""
+    """Measure two thousand points of a hand's skin as fingers, over even triangles and over needles."""
     sizes, rows = options.sizes, []
     for name in ("freeform", "plate"):
         mesh = (
@@ -116,7 +116,7 @@ def _measure_skin(case, scene, positions, settings, words, options):
 
 
 def _run_skin(scene, positions, settings, ticks):
-    """The motion, repeated for *ticks* ticks, with a new tracker."""
+    """Run the motion, repeated for *ticks* ticks, with a new tracker."""
     tracker = Tracker(scene, fingers=positions.shape[1], radius=SKIN_RADIUS, **settings)
     log = TickLog()
     with without_collector():
@@ -127,7 +127,7 @@ def _run_skin(scene, positions, settings, ticks):
 
 
 def measure_cavity(options) -> list[TickRow]:
-    """Five fingers about the centre of a hollow ball, where nearly all faces are equally far."""
+    """Measure five fingers about the centre of a hollow ball, nearly equally far from all faces."""
     scene = scenes.scene_of(scenes.cavity(options.sizes))
     # name: distances from the centre, m; speed, m/s
     cases = {
@@ -141,7 +141,7 @@ def measure_cavity(options) -> list[TickRow]:
 
 
 def _measure_cavity_anywhere(scene, options):
-    """Many positions near the centre, five at a time: the first tick of a track, and the following four."""
+    """Measure many positions near the centre, five at a time: the first five ticks of a track."""
     rng = np.random.default_rng(4)
     count = min(ANYWHERE, options.ticks) // 5 * 5
     outward = rng.normal(size=(count, 3))
@@ -156,7 +156,7 @@ def _measure_cavity_anywhere(scene, options):
                 positions[first : first + 5], k * scenes.PERIOD_NS, (k + 1) * scenes.PERIOD_NS
             )
             widths[k, first : first + 5] = (contacts["upper"] - contacts["lower"]) / contacts["lower"]
-    shares = [float((width >= MOST_WIDTH).mean()) for width in widths]
+    shares = [float((width >= MAX_WIDTH).mean()) for width in widths]
     verdict = Verdict(
         "cavity, anywhere within 10 mm of the centre: bracket below 5 % of the distance",
         f"wider at {shares[0]:.1%} of {count} places at the first tick, {shares[-1]:.1%} at the fifth; "
@@ -187,7 +187,7 @@ def _measure_cavity(scene, name, radii, speed, options):
         Verdict(
             f"{case}: bracket below 5 % of the distance",
             f"{widths.max():.2%} at most",
-            bool(widths.max() < MOST_WIDTH),
+            bool(widths.max() < MAX_WIDTH),
         ),
     ]
     remarks = [remark_on(log), f"widest bracket by distance from the centre: {widest}"]
@@ -196,7 +196,7 @@ def _measure_cavity(scene, name, radii, speed, options):
 
 
 def _run_cavity(scene, positions):
-    """The ticks, and the bounds that each gave, (T, N) m."""
+    """Return the ticks, and the bounds of each, (T, N) m."""
     tracker = Tracker(scene, fingers=positions.shape[1], radius=scenes.RADIUS)
     log, kept, contacts = TickLog(), [], tracker.contacts
 

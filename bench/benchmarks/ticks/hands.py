@@ -1,4 +1,4 @@
-"""Ticks of recorded hands: five fingers at one part, and a track kept against one that is reset."""
+"""Ticks of recorded hands: five fingers at one part, and a kept track against one that is reset."""
 
 from collections.abc import Iterator
 
@@ -31,8 +31,8 @@ def blocks(
 ) -> Iterator[tuple[int, str, int, np.ndarray]]:
     """Yield blocks of the motions of all hands in turn, until there are ticks enough.
 
-    Gives the number of the hand, its name, the number of its first tick, and (T, 5, 3) positions; the time of
-    a repeated hand goes on. Only ticks with all fingers count; *only_whole*: no others are given.
+    Yields the number of the hand, its name, the number of its first tick, and (T, 5, 3) positions; the time
+    of a repeated hand continues. Only ticks with all fingers count; *only_whole*: no others are given.
     """
     found = [(hand.name, motions.ticks_of(hand, scene)) for hand in motions.hands()]
     left, turn = options.ticks, 0
@@ -52,7 +52,7 @@ def blocks(
 
 
 def measure_fingers(options) -> list[TickRow]:
-    """Five fingers of recorded hands at one part; Open3D's distances at the same positions in between."""
+    """Measure five fingers of recorded hands at one part, and Open3D's distances at the same positions."""
     return [
         *_measure_fingers("fingers/plate", scenes.plate(options.sizes.plate), options),
         *_measure_fingers("fingers/freeform", scenes.freeform(options.sizes.freeform), options),
@@ -97,7 +97,7 @@ def _measure_fingers(case, mesh, options):
 
 
 def _run_fingers(scene, options, other):
-    """All blocks once: the ticks, the other's times at the same positions, and the ratio of each block."""
+    """Run all blocks once: return the ticks, the other's times there, and the ratio of each block."""
     log, others, ratios, trackers = TickLog(), TickLog(), [], {}
     with without_collector():
         for number, _, first, positions in blocks(scene, options):
@@ -115,7 +115,7 @@ def _run_fingers(scene, options, other):
 
 
 def measure_warm(options) -> list[TickRow]:
-    """A tracker that keeps its tracks, one that is reset before each tick, and `Scene.closest`, in turn."""
+    """Measure a tracker with its tracks, one reset before each tick, and `Scene.closest`, in turn."""
     sizes, rows = options.sizes, []
     for name, mesh in (("plate", scenes.plate(sizes.plate)), ("freeform", scenes.freeform(sizes.freeform))):
         scene = scenes.scene_of(mesh)
@@ -125,8 +125,8 @@ def measure_warm(options) -> list[TickRow]:
 
 
 def _measure_warm(case, scene, options, rise=0.0):
-    """Inside the working range both are given velocities, so that both predict: a tracker that was reset has
-    none. Outside neither predicts."""
+    """Inside the working range both get velocities, so that both predict: a reset tracker has none. Outside
+    neither predicts."""
     names = ("warm", "cold", "closest")
     logs = {name: TickLog() for name in names}
     trackers = {name: {} for name in names[:2]}

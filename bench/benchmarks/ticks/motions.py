@@ -52,7 +52,7 @@ class PartMotion:
 
 
 def moving_parts(scene: Scene, count: int, ticks: int) -> PartMotion:
-    """Every tenth part or so, over *ticks*."""
+    """Return poses of about every tenth part, over *ticks*."""
     parts = scene.parts[:: len(scene.parts) // count][:count]
     rng = np.random.default_rng(12)
     t = np.arange(ticks) / RATE
@@ -75,7 +75,7 @@ def moving_parts(scene: Scene, count: int, ticks: int) -> PartMotion:
 
 
 def hands() -> Iterator[Hand]:
-    """Yield the generated hand, then the recorded ones that are present; see `missing_hands`."""
+    """Yield the generated hand, then the available recorded ones; see `missing_hands`."""
     yield Hand("generated", read_recording(GENERATED_HAND))
     for name in HAND_NAMES:
         path = SHARED_HANDS / f"{name}.csv"
@@ -84,7 +84,7 @@ def hands() -> Iterator[Hand]:
 
 
 def missing_hands() -> list[str]:
-    """Names of the recordings that are not on this machine."""
+    """Return the names of the recordings that are not on this machine."""
     return [f"{name}.csv" for name in HAND_NAMES if not (SHARED_HANDS / f"{name}.csv").is_file()]
 
 
@@ -102,13 +102,13 @@ def _single_hands(name: str, recording: Recording) -> Iterator[Hand]:
 
 
 def ticks_of(hand: Hand, scene: Scene) -> np.ndarray:
-    """The positions of a hand's fingers, placed where it touches the scene, (T, 5, 3)."""
+    """Return the positions of a hand's fingers, placed so that it touches the scene, (T, 5, 3)."""
     pose = fitted_pose(scene, hand.recording, RADIUS)
     return hand.recording.placed(pose).resampled(1.0 / RATE).positions.copy()
 
 
 def skin(count: int) -> np.ndarray:
-    """Points on the skin of a hand, palm down, fingers along x: capsules and a flat palm, (count, 3) m."""
+    """Return points on a hand's skin, palm down, fingers along x: capsules and a palm, (count, 3) m."""
     rng = np.random.default_rng(8)
     lengths = np.array([0.055, 0.072, 0.080, 0.074, 0.060])
     aside = np.array([-0.055, -0.026, -0.002, 0.022, 0.044])
@@ -126,7 +126,7 @@ def skin(count: int) -> np.ndarray:
 
 
 def skin_motion(scene: Scene, count: int) -> np.ndarray:
-    """A skin that circles over a scene at 0.2 m/s, touches it and leaves it; one circle, (T, count, 3)."""
+    """Return a skin that circles over a scene at 0.2 m/s, with a touch; one circle, (T, count, 3)."""
     points = skin(count)
     turn = 2.5 / RATE * np.arange(round(2.0 * np.pi / 2.5 * RATE))  # 0.2 m/s at 80 mm from the axis
     lower, upper = scene.bounds
@@ -141,7 +141,7 @@ def skin_motion(scene: Scene, count: int) -> np.ndarray:
         turned = points @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
         offset = [0.08 * np.cos(angle), 0.08 * np.sin(angle), 0.005 * np.sin(angle)]
         positions[k] = middle + turned + offset + 0.0002 * np.sin(9.0 * angle + phases)
-    # Down until it is pressed in by a millimetre where it is lowest.
+    # Down until its lowest point is pressed in by a millimetre.
     for _ in range(60):
         sampled = positions[:: len(turn) // 16].reshape(-1, 3)
         lowest = float(scene.signed_distance(sampled).min()) + 0.001
@@ -152,7 +152,7 @@ def skin_motion(scene: Scene, count: int) -> np.ndarray:
 
 
 def cavity_motion(radii: np.ndarray, ticks: int, speed: float) -> np.ndarray:
-    """Fingers that circle about the origin at those radii (m) and that speed (m/s), (T, N, 3)."""
+    """Return fingers that circle about the origin at given radii (m) and speed (m/s), (T, N, 3)."""
     rng = np.random.default_rng(3)
     t = np.arange(ticks)[:, None] / RATE
     found = []

@@ -9,24 +9,24 @@ from benchmarks.ticks.timing import TickRow
 from proximity import Scene, Solid, Tracker
 
 LATENCY_NS = 9_000_000
-MOST_ERROR = 2.6e-3  # m
+MAX_ERROR = 2.6e-3  # m
 MOVING = 0.1  # m/s
 LONGEST_STEP_NS = 30_000_000
 WALL_DISTANCE = 1.0  # m
 
 
 def measure_prediction(options) -> list[TickRow]:
-    """Measure how far fingers are from where a tick predicts them, 9 ms after their pose.
+    """Measure the distance of fingers from their predicted positions, 9 ms after their pose.
 
-    Three walls far away, one across each axis: the predicted distance to each, less the present one, is how
-    far the finger is predicted to go along that axis. So the tick's own answer is judged. Poses come as the
-    sensor gave them; as in the test of the kernels, a pose counts where the finger moves faster than 0.1 m/s
-    and no step of more than 30 ms follows.
+    Three distant walls, one across each axis: the change of the predicted distance to each is the predicted
+    displacement of the finger along that axis. So the tick's answer is judged. Poses are those of the sensor;
+    as in the test of the kernels, a pose counts if the finger moves faster than 0.1 m/s and no step of more
+    than 30 ms follows.
     """
     held, errors = [], []
     for hand in motions.hands():
         if hand.name == "generated" and not motions.missing_hands():
-            continue  # its positions are a formula's
+            continue  # its positions come from a formula
         for of_held_pose, of_prediction in _errors_of(hand.recording):
             held.append(of_held_pose)
             errors.append(of_prediction)
@@ -35,9 +35,9 @@ def measure_prediction(options) -> list[TickRow]:
         for values, share in ((held, 95), (errors, 95), (errors, 50))
     )
     verdict = Verdict(
-        f"prediction: p95 of the error 9 ms ahead at most {1e3 * MOST_ERROR:g} mm",
+        f"prediction: p95 of the error 9 ms ahead at most {1e3 * MAX_ERROR:g} mm",
         f"{1e3 * error_p95:.2f} mm; holding the pose {1e3 * held_p95:.2f} mm",
-        error_p95 <= MOST_ERROR,
+        error_p95 <= MAX_ERROR,
     )
     count = sum(map(len, errors))
     remark = f"{count} poses of fingers faster than {MOVING} m/s; half of the errors below {1e3 * p50:.2f} mm"
@@ -45,7 +45,7 @@ def measure_prediction(options) -> list[TickRow]:
 
 
 def _errors_of(recording):
-    """Yield for each finger how far its position 9 ms later is from the pose, and from the prediction."""
+    """Yield for each finger the distances of its position 9 ms later from pose and prediction."""
     box = project_module("tests/support", "shapes").box
     positions, times_ns = recording.positions, recording.times_ns
     lower = np.nanmin(positions, axis=(0, 1))

@@ -15,13 +15,13 @@ PERIOD_NS = 1_000_000  # of a tick
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """How large the scenes are."""
+    """Sizes of the scenes."""
 
     plate: tuple[int, int]  # holes, sides of a hole
     freeform: tuple[int, int]  # quads around the ring and around the tube
     part_count: int
     moving_count: int
-    kind: tuple[int, int]  # of a part among many: quads of a ring; the spheres have about as many faces
+    kind: tuple[int, int]  # of a part among many: quads of a ring; the spheres have similar numbers
     kind_subdivisions: int
     skin_count: int
     skin_ground: tuple[int, int]
@@ -32,16 +32,16 @@ class Sizes:
 
 FULL = Sizes((225, 96), (320, 140), 200, 20, (50, 50), 4, 2000, (1000, 500), 8, (2604, 96), (784, 96))
 SMALL = Sizes((4, 16), (24, 12), 20, 2, (8, 6), 1, 60, (40, 20), 3, (16, 16), (9, 16))
-"""For the smoke test: everything runs, no figure means anything."""
+"""Sizes for the smoke test, whose figures are meaningless."""
 
 
 def plate(counts: tuple[int, int]) -> Mesh:
-    """A plate with so many holes of so many sides, 10 mm each: needles on flat ground, as CAD makes them."""
+    """Return a plate with *counts*: holes of 10 mm, and sides of each: needles, typical of CAD."""
     return project_module("meshes", "make").plate(*counts)
 
 
 def freeform(counts: tuple[int, int], size: float = 0.15) -> Mesh:
-    """A ring with bumps and hollows, *size* long: even triangles, curved everywhere."""
+    """Return a ring with bumps and hollows, *size* long: even triangles, curved everywhere."""
     ring = project_module("meshes", "make").torus(1.0, 0.4, *counts)
     vertices, faces = ring
     turn = np.arctan2(vertices[:, 1], vertices[:, 0])
@@ -54,24 +54,24 @@ def freeform(counts: tuple[int, int], size: float = 0.15) -> Mesh:
 
 
 def cavity(sizes: Sizes, radius: float = 0.1) -> Mesh:
-    """A ball with a spherical hollow of that radius, whose corners are all equally far from the centre."""
+    """Return a ball with a spherical hollow whose corners are all equally far from the centre."""
     shapes = project_module("tests/support", "shapes")
     hollow = shapes.inside_out(shapes.sphere(radius, sizes.cavity_subdivisions))
     return shapes.join(shapes.sphere(1.2 * radius, 3), hollow)
 
 
 def face_count(scene: Scene) -> int:
-    """Faces of all parts of a scene."""
+    """Return the number of faces of all parts of a scene."""
     return sum(part.solid.mesh.face_count for part in scene.parts)
 
 
 def scene_of(mesh: Mesh, name: str = "part") -> Scene:
-    """One part; the mesh is a body as it is."""
+    """Return a scene of one part; the mesh is a body without changes."""
     return Scene([Solid(*mesh, name=name)])
 
 
 def many_parts(sizes: Sizes) -> Scene:
-    """Parts of three kinds, 50 mm long, with random orientations, on a lattice of 80 mm in two layers."""
+    """Return parts of three kinds, 50 mm long, randomly turned, on a lattice of 80 mm in two layers."""
     make = project_module("meshes", "make")
     turned = project_module("tests/support", "shapes").rotation
     solids = [

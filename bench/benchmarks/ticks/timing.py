@@ -31,10 +31,10 @@ __all__ = [
     "without_collector",
 ]
 
-REPEATS = 3  # runs, of which the shortest time of each tick counts
+REPEATS = 3  # runs; the shortest time of each tick counts
 PERCENTILES = (50.0, 90.0, 99.0, 99.9, 100.0)
 CLOCK_CALLS = 20_000
-TRIAL_COUNT = 100_000  # steps of the bare loop, to find out how many make a tick
+TRIAL_COUNT = 100_000  # steps of the bare loop, to find the number in a tick
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +64,8 @@ class TickRow:
     tick_count: int
     thread: Figures | None = None  # µs
     wall: Figures | None = None  # µs
-    best: Figures | None = None  # µs, thread time, of each tick the shortest of several runs
-    bare: Figures | None = None  # µs, thread time of a loop that only counts, as long as the middle tick
+    best: Figures | None = None  # µs, thread time, the shortest of several runs for each tick
+    bare: Figures | None = None  # µs, thread time of a counting loop, with the duration of the median tick
     verdicts: tuple[Verdict, ...] = ()
     remarks: tuple[str, ...] = ()  # sentences below the table
 
@@ -76,7 +76,7 @@ def has_all_fingers(log: TickLog) -> np.ndarray:
 
 
 def remark_on(log: TickLog) -> str:
-    """Return steps a tick, and what was known of the fingers, in words."""
+    """Return steps a tick, and flags of the fingers, as text."""
     work = np.stack(log.work).sum(axis=1)
     p50, p99, most = np.percentile(work, (50, 99, 100))
     kinds = (ContactFlag.IN_RANGE, ContactFlag.INSIDE, ContactFlag.SKIPPED, ContactFlag.BOUNDED)
@@ -100,24 +100,24 @@ def time_calls(calls: list[Callable[[], object]], log: TickLog) -> None:
 
 
 def clock_cost() -> tuple[Figures, Figures]:
-    """Return what an empty call seems to take, µs: thread and wall."""
+    """Return the apparent duration of an empty call, µs: thread and wall."""
     log = TickLog()
     time_calls([lambda: None] * CLOCK_CALLS, log)
     return figures_of(np.array(log.thread_ns)), figures_of(np.array(log.wall_ns))
 
 
 def best_of(logs: list[TickLog]) -> np.ndarray:
-    """Shortest thread time of each tick over equal runs: what its work takes when undisturbed."""
+    """Return the shortest thread time of each tick over equal runs: its cost without interruptions."""
     return np.min([log.thread_ns for log in logs], axis=0)
 
 
 def _count(steps):
-    """Count, without a step of Python's."""
+    """Count in compiled code."""
     deque(repeat(None, steps), maxlen=0)
 
 
 def bare_loop(median_ns: float, count: int) -> np.ndarray:
-    """Thread times, ns, of *count* loops that only count and take about *median_ns* each.
+    """Return thread times, ns, of *count* counting loops of about *median_ns* each.
 
     They touch no memory: their tail is the machine's.
     """
@@ -134,7 +134,7 @@ def bare_loop(median_ns: float, count: int) -> np.ndarray:
 
 
 def row_of(case, scene, finger_count, log, *, best=None, verdicts=(), remarks=(), chosen=None) -> TickRow:
-    """A line of the table; *best* as `best_of` gives it (with it comes a bare loop); *chosen*: only those."""
+    """Return a line of the table; *best* from `best_of` (with it comes a bare loop); *chosen*: only those."""
     thread, wall = np.array(log.thread_ns), np.array(log.wall_ns)
     if chosen is not None:
         thread, wall = thread[chosen], wall[chosen]

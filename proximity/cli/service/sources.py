@@ -176,8 +176,8 @@ library = group_of(
 client = group_of(
     "client",
     "Write a client of a service for your own program: it reads frames and sends poses, moves and changes. "
-    "It verifies frames and reports their age (OK, LATE, STALE), as Python's subscriber does, and supports the "
-    "keys of udp://. The engine itself, for your own process: proximity library.",
+    "It verifies frames and reports their age (OK, LATE, STALE), as Python's subscriber does, and supports "
+    "the keys of udp://. The engine itself, for your own process: proximity library.",
     *(_client_of(name, *about) for name, about in CLIENTS.items()),
     *(header, key),
     bare=("header",),

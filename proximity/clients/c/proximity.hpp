@@ -29,7 +29,7 @@ using Clearance = proximity_clearance_answer;
 
 inline constexpr double unlimited = std::numeric_limits<double>::infinity();
 
-/// An error, with a sentence that says what was expected; `code` is one of PROXIMITY_...
+/// An error, with a sentence that gives the expectation; `code` is one of PROXIMITY_...
 class Error : public std::runtime_error {
 public:
     Error(std::int32_t number, const std::string &sentence) : std::runtime_error(sentence), code(number) {}
@@ -48,7 +48,7 @@ inline proximity_error &status()
 
 namespace detail {
 
-/// Throw an error, or keep it as the status where there are no exceptions.
+/// Throw an error, or store it as the status without exceptions.
 inline void fail(std::int32_t code, const char *sentence)
 {
 #if defined(__cpp_exceptions)
@@ -59,7 +59,7 @@ inline void fail(std::int32_t code, const char *sentence)
 #endif
 }
 
-/// Call a function of the library; whether it succeeded.
+/// Call a function of the library; return whether it succeeded.
 template <typename Function, typename... Arguments>
 bool call(Function function, Arguments... arguments)
 {
@@ -76,7 +76,7 @@ inline const double *numbers(std::span<const Vector> rows)
     return rows.empty() ? nullptr : rows.front().data();
 }
 
-/// Whether spans have as many rows; an error where they have not.
+/// Return whether spans have equal numbers of rows; otherwise an error is set.
 inline bool same(std::size_t one, std::size_t other)
 {
     if (one != other) {
@@ -85,7 +85,7 @@ inline bool same(std::size_t one, std::size_t other)
     return one == other;
 }
 
-/// Whether the library is the one that this header belongs to; an error where it is not.
+/// Return whether the library matches this header; otherwise an error is set.
 inline bool has_interface()
 {
     if (proximity_interface() != PROXIMITY_INTERFACE) {
@@ -120,7 +120,7 @@ public:
             detail::call(proximity_open, path.c_str(), address());
         }
     }
-    /// The bytes stay the caller's, at a multiple of 8, until the scene and its trackers are gone.
+    /// The caller owns the bytes, at a multiple of 8, until the scene and its trackers are destroyed.
     explicit Scene(std::span<const std::byte> bytes)
     {
         if (detail::has_interface()) {
@@ -140,7 +140,7 @@ public:
     void set_log(proximity_log *log = nullptr, void *user = nullptr) { proximity_set_log(scene_, log, user); }
     std::int32_t part_count() const { return proximity_part_count(scene_); }
     std::int32_t find(const std::string &name) const { return proximity_find_part(scene_, name.c_str()); }
-    /// The number of the part of that name; an Error where there is none.
+    /// The number of a part by name; an Error if there is none.
     std::int32_t part(const std::string &name) const
     {
         const std::int32_t found = find(name);
@@ -207,7 +207,7 @@ public:
                      velocity != nullptr ? velocity->data() : nullptr,
                      angular_velocity != nullptr ? angular_velocity->data() : nullptr);
     }
-    /// Several parts at once, all of them or, where one cannot be moved, none. Without velocities they are at rest.
+    /// Move several parts together: all of them or, if one cannot be moved, none. Without velocities they are at rest.
     void move(std::span<const std::int32_t> parts, std::span<const Matrix> poses,
               std::span<const Vector> velocities = {}, std::span<const Vector> angular_velocities = {})
     {
@@ -229,7 +229,7 @@ public:
                      velocity != nullptr ? velocity->data() : nullptr,
                      angular_velocity != nullptr ? angular_velocity->data() : nullptr);
     }
-    /// Apply posted poses for an instant, in programs that have no tracker.
+    /// Apply posted poses for an instant, in programs without a tracker.
     void take(std::int64_t instant_ns)
     {
         detail::call(proximity_take, scene_, instant_ns);
@@ -317,7 +317,7 @@ private:
     proximity_scene *scene_ = nullptr;
 };
 
-/// A tracker of fingertips. It keeps what it needs of its scene, which may be gone before it.
+/// A tracker of fingertips. It keeps the required data of its scene, which may be destroyed first.
 class Tracker {
 public:
     explicit Tracker(const Scene &scene, std::size_t fingers = 5,
@@ -329,7 +329,7 @@ public:
         tracker_.reset(made);
     }
 
-    /// The contacts of all fingers, which the next tick writes over; none where it fails. Without velocities these are
+    /// The contacts of all fingers, overwritten by the next tick; none if it fails. Without velocities these are
     /// estimated.
     std::span<const proximity_contact> tick(std::span<const Vector> positions, std::span<const std::int64_t> pose_ns,
                                             std::int64_t now_ns, const proximity_paths *paths = nullptr,

@@ -1,14 +1,14 @@
 // proximity_client.hpp: frames from a proximity service, and poses and moves to it, over UDP, in C++20.
 //
-// Made by `proximity client cpp`; what is changed here is lost. It needs proximity_message.h, which is made with
+// Made by `proximity client cpp`; changes here are lost. It needs proximity_message.h, which is made with
 // it, and the standard library; on Windows link ws2_32. IPv4 only. One thread uses a receiver, one a sender.
 //
 //   proximity::receiver frames({.port = 9100});            // udp://127.0.0.1:9100 in the scene file's `publish`
 //   proximity::sender poses({.port = 9101});               // udp://127.0.0.1:9101 as its `input.poses`
-//   proximity::reading now = frames.read();                // never waits; says what is known now
+//   proximity::reading now = frames.read();                // never waits; the present state
 //
-// What can go wrong when an end is opened is a proximity::error with a sentence. Nothing else throws but sending
-// on a network that does not work.
+// Opening an end may throw a proximity::error with a sentence. Otherwise only sending throws, on a network that
+// does not work.
 #ifndef PROXIMITY_CLIENT_HPP
 #define PROXIMITY_CLIENT_HPP
 
@@ -53,24 +53,24 @@
 
 namespace proximity {
 
-/// Why an end cannot be opened, or a message not be sent: a sentence.
+/// Reason why an end cannot be opened, or a message not be sent: a sentence.
 class error : public std::runtime_error {
 public:
     using std::runtime_error::runtime_error;
 };
 
-/// Why a message was not used.
+/// Reason why a message was not used.
 enum class flaw : std::size_t { none, short_, magic, version, size, checksum, old, future, content, count };
 
 inline constexpr std::array<const char *, static_cast<std::size_t>(flaw::count)> flaw_names = {
     "used", "short", "magic", "version", "size", "checksum", "old", "future", "content"};
 
-/// Numbers of messages that a receiver has seen.
+/// Numbers of messages seen by a receiver.
 struct counts {
     std::uint64_t received = 0;   // used
-    std::uint64_t lost = 0;       // numbers that were left out since the first
+    std::uint64_t lost = 0;       // numbers missing since the first
     std::uint64_t sessions = 0;   // runs of the publisher
-    std::uint64_t refused = 0;    // from somebody else than the one to listen to
+    std::uint64_t refused = 0;    // from another sender
     std::uint64_t unverified = 0; // not verified by the key
     std::array<std::uint64_t, static_cast<std::size_t>(flaw::count)> flawed{}; // by reason
 
@@ -89,23 +89,23 @@ struct counts {
     }
 };
 
-/// How fast what is known becomes less.
+/// Parameters of the ageing of frames.
 struct limits {
     std::int64_t stale_after_ns = PROXIMITY_STALE_AFTER_NS; // after a frame's end of validity
     double max_speed = 3.0;                              // m/s, of a finger
     double max_acceleration = 120.0;                     // m/s2
 };
 
-/// What is known now. Header and contacts are overwritten by the next reading.
+/// State at a reading. Header and contacts are overwritten by the next reading.
 struct reading {
-    proximity_state state = PROXIMITY_STATE_STALE; // what the frame says, or worse
+    proximity_state state = PROXIMITY_STATE_STALE; // that of the frame, or worse
     bool is_new = false;                     // no reading before had this frame
     std::int64_t now_ns = 0;                 // on the publisher's clock
     std::int64_t age_ns = -1;                // since the oldest pose; -1: no frame yet
-    const proximity_frame_header *header = nullptr; // as it was published; null: no frame yet
-    std::span<const proximity_contact> contacts;    // aged: LATE has widening bounds, STALE nothing
+    const proximity_frame_header *header = nullptr; // as published; null: no frame yet
+    std::span<const proximity_contact> contacts;    // aged: LATE has widening bounds, STALE no values
 
-    /// Whether distances may be used as they are.
+    /// Whether distances may be used unchanged.
     bool is_valid() const { return state == PROXIMITY_STATE_OK || state == PROXIMITY_STATE_DEGRADED; }
 };
 
@@ -118,13 +118,13 @@ inline std::int64_t clock_ns()
 #ifdef __linux__
 inline constexpr bool clock_is_that_of_services = true;
 #else
-inline constexpr bool clock_is_that_of_services = false; // elsewhere it is learnt from what arrives
+inline constexpr bool clock_is_that_of_services = false; // elsewhere it is estimated from arrivals
 #endif
 
-/// Judges frames and lets the newest age; without a network, so that other transports can use it.
+/// Validates frames and ages the newest; without a network, so that other transports can use it.
 class frame_reader {
 public:
-    /// `shares_clock`: the publisher is on this machine; `is_keyed`: what is offered was verified by a key.
+    /// `shares_clock`: the publisher is on this machine; `is_keyed`: messages were verified by a key.
     frame_reader(bool shares_clock, bool is_keyed, limits ageing)
         : ageing_(ageing)
     {
@@ -132,7 +132,7 @@ public:
         receiver_.is_keyed = is_keyed ? 1 : 0;
     }
 
-    /// Take a frame, or a description, that arrived at an instant of this machine's clock; what is wrong with it.
+    /// Read a frame, or a description, that arrived at an instant of this machine's clock; return its defect.
     flaw offer(std::span<const std::byte> message, std::int64_t now_ns)
     {
         const flaw reason = is_description(message) ? describe(message) : judge(message, now_ns);
@@ -141,7 +141,7 @@ public:
         return reason;
     }
 
-    /// What is known at an instant of this machine's clock.
+    /// State at an instant of this machine's clock.
     reading at(std::int64_t now_ns)
     {
         reading now;
@@ -221,7 +221,7 @@ private:
         return magic == PROXIMITY_DESCRIPTION_MAGIC;
     }
 
-    /// Take one message of a description, whose names count when all of them have come.
+    /// Read one message of a description, whose names count when it is complete.
     flaw describe(std::span<const std::byte> message)
     {
         proximity_description_header header;
@@ -282,7 +282,7 @@ private:
 
 using key_bytes = std::array<std::uint8_t, PROXIMITY_KEY_BYTES>;
 
-/// Read the key that `proximity client key` wrote.
+/// Read a key written by `proximity client key`.
 inline key_bytes read_key(const std::string &path)
 {
     const auto refuse = [&](const std::string &what) { return error("the key " + path + " " + what); };
@@ -361,7 +361,7 @@ inline const sockaddr *as_address(const sockaddr_in &end)
     return static_cast<const sockaddr *>(static_cast<const void *>(&end));
 }
 
-/// A socket that never waits, bound to an end that nobody else is bound to.
+/// A socket that never waits, bound exclusively to an end.
 class udp_socket {
 public:
     explicit udp_socket(const sockaddr_in &here, const std::string &shown)
@@ -393,16 +393,16 @@ inline std::string shown(const std::string &host, std::uint16_t port) { return h
 
 } // namespace detail
 
-/// Where frames arrive: udp://host:port?from=from&key=key.
+/// Address of incoming frames: udp://host:port?from=from&key=key.
 struct receiver_options {
-    std::string host = "127.0.0.1"; // of this machine, where to listen
+    std::string host = "127.0.0.1"; // of this machine, to listen on
     std::uint16_t port = 0;
-    std::string from = {}; // whom to listen to; needed where `host` is not on loopback
-    std::string key = {};  // the file that `proximity client key` wrote; empty: none
+    std::string from = {}; // accepted sender; needed unless `host` is on loopback
+    std::string key = {};  // a file written by `proximity client key`; empty: none
     limits ageing = {};
 };
 
-/// Receives frames and distrusts them: the newest is what counts, and how far it holds now.
+/// Receives and validates frames: only the newest counts, with its present validity.
 class receiver {
 public:
     explicit receiver(const receiver_options &options)
@@ -411,7 +411,7 @@ public:
     {
     }
 
-    /// Take what has arrived and say what is known now; never waits.
+    /// Read arrived messages and return the present state; never waits.
     reading read()
     {
         for (int taken = 0, unused = 0; taken < PROXIMITY_MOST_AT_ONCE && unused < PROXIMITY_MOST_FLAWED; taken++) {
@@ -420,7 +420,7 @@ public:
             const auto size = recvfrom(socket_.get(), reinterpret_cast<char *>(buffer_.data()), buffer_.size(), 0,
                                        reinterpret_cast<sockaddr *>(&sender), &length);
             if (size < 0 && detail::is_nobody(detail::last_error()))
-                continue; // Windows says here that something sent before found nobody
+                continue; // Windows reports here that an earlier datagram had no receiver
             if (size < 0)
                 break;
             unused += take(static_cast<std::size_t>(size), sender) ? 0 : 1;
@@ -428,7 +428,7 @@ public:
         return frames_.at(clock_ns());
     }
 
-    /// Like read(), but wait for a new frame, no longer than that.
+    /// Like read(), but wait for a new frame, with a time limit.
     reading wait(std::chrono::nanoseconds timeout)
     {
         const auto ends = std::chrono::steady_clock::now() + timeout;
@@ -482,7 +482,7 @@ private:
 
     bool take(std::size_t size, const sockaddr_in &sender)
     {
-        // On loopback a sender that is bound to nothing else has the address 127.0.0.1.
+        // On loopback an unbound sender has the address 127.0.0.1.
         const bool is_expected = sender.sin_addr.s_addr == from_.sin_addr.s_addr
                                  || (detail::is_loopback(from_) && ntohl(sender.sin_addr.s_addr) == INADDR_LOOPBACK);
         if (!is_expected) {
@@ -503,11 +503,11 @@ private:
     std::optional<key_bytes> key_;
 };
 
-/// Where poses and moves go: udp://host:port?bind=bind&key=key.
+/// Destination of poses and moves: udp://host:port?bind=bind&key=key.
 struct sender_options {
     std::string host = "127.0.0.1";
     std::uint16_t port = 0;
-    std::string bind = {}; // from which address of this machine; needed where `host` is not on loopback
+    std::string bind = {}; // address of this machine to send from; needed unless `host` is on loopback
     std::string key = {};
 };
 
@@ -590,7 +590,7 @@ public:
     /// All vertices of one part, 64 a record, in order.
     void send(std::span<const proximity_deformation> part) { send_records(PROXIMITY_DEFORMATIONS_MAGIC, part); }
 
-    /// Messages for which the system had no room.
+    /// Messages for which the system had no buffer space.
     std::uint64_t lost() const { return lost_; }
 
 private:
@@ -623,7 +623,7 @@ private:
             throw error("a message of " + std::to_string(size) + " bytes does not fit into a datagram (expected at most "
                         + std::to_string(most) + " bytes)");
         if (calendar_offset_ns() - std::exchange(awake_ns_, calendar_offset_ns()) > 1000000000)
-            begin_session(); // the machine slept, and its monotonic clock stood still
+            begin_session(); // the machine was suspended, and its monotonic clock stopped
         buffer_.resize(size + PROXIMITY_TAG_BYTES);
         proximity_input_header header{};
         header.send_ns = clock_ns();
@@ -642,7 +642,7 @@ private:
         const auto is_sent = [&] {
             return ::send(socket_.get(), reinterpret_cast<const char *>(buffer_.data()), size, 0) >= 0;
         };
-        // The system may tell here that an earlier datagram found nobody, and has not sent this one.
+        // The system may report here that an earlier datagram had no receiver; this one was not sent.
         if (is_sent() || (detail::is_nobody(detail::last_error()) && is_sent()))
             return;
         if (detail::is_full(detail::last_error()))

@@ -1,4 +1,4 @@
-// example.mjs: a fingertip that comes down on the sample bracket, and what the service says of it. For Node 20 or newer.
+// example.mjs: a fingertip that descends on the sample bracket, and the service's answers. For Node 20 or newer.
 //
 //   node example.mjs FRAMES_PORT POSES_PORT SECONDS [KEY]
 //
@@ -14,7 +14,7 @@ function show(now) {
   if (now.header === null) return console.log("no frame yet");
   let line = now.state;
   for (const contact of now.contacts) {
-    if ((contact.flags & ContactFlag.TRACKED) === 0) continue; // nothing is known: take the hand's force away
+    if ((contact.flags & ContactFlag.TRACKED) === 0) continue; // unknown: remove the hand's force
     // While the frame is valid the distance holds; LATE, only that it is at least the lower bound.
     const how = now.isValid ? "at" : "at least";
     const age = (Number(contact.age_ns) / 1e6).toFixed(1);
@@ -37,7 +37,7 @@ async function main([framesPort, posesPort, seconds, key]) {
     // From 60 mm down at 5 mm a second, until the fingertip of 7 mm is 1 mm inside the foot.
     const tip = [0.05, 0.02, Math.max(0.06 - (0.005 * picture) / 90, 0.01)];
     poses.send("poses", [poseOf(0, tip, clockNs())]);
-    await sleep(began + (1e3 * picture) / 90 - performance.now()); // you draw; datagrams are taken meanwhile
+    await sleep(began + (1e3 * picture) / 90 - performance.now()); // draw here; datagrams arrive in this time
     const now = frames.read(); // never waits
     if (picture % 9 === 0) show(now);
   }

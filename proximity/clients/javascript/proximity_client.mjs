@@ -19,7 +19,7 @@ const CRC_TABLE = new Uint32Array(256).map((_, byte) => {
   return crc;
 });
 
-/** The CRC-32 of bytes, as zlib has it. */
+/** The CRC-32 of zlib. */
 export function crc32(bytes) {
   let crc = 0xffffffff;
   for (let i = 0; i < bytes.length; i++) crc = (crc >>> 8) ^ CRC_TABLE[(crc ^ bytes[i]) & 0xff];
@@ -50,7 +50,7 @@ export function readRecord(view, offset, record) {
   return values;
 }
 
-/** Refuse what a field cannot hold, which a DataView refuses without its name, or writes as NaN. */
+/** Refuse values outside a field's range, which a DataView refuses without its name, or writes as NaN. */
 function checkTypes(name, field, numbers) {
   const isWide = field.type.startsWith("Big");
   for (const value of numbers) {
@@ -80,7 +80,7 @@ function writeRecord(view, offset, record, values) {
   }
 }
 
-/** Begin a record as not given: numbers with a fraction are NaN, rotations the identity. */
+/** Return an unset record: numbers with a fraction are NaN, rotations the identity. */
 function beginRecord(view, offset, record, zeros) {
   for (const [name, field] of Object.entries(record.fields)) {
     if (field.type !== "Float64" || zeros.includes(name)) continue;
@@ -90,7 +90,7 @@ function beginRecord(view, offset, record, zeros) {
   }
 }
 
-/** What is wrong with bytes that claim to be a message of that kind; "": nothing. Nothing of them is trusted. */
+/** Return the defect of bytes that claim to be a message of a kind, or "". The bytes are untrusted. */
 export function flawOf(bytes, kind = "frame") {
   const { magic, header, record } = KINDS[kind];
   const [head, row] = [RECORDS[header], RECORDS[record]];
@@ -107,13 +107,13 @@ export function flawOf(bytes, kind = "frame") {
   return at("count") === count ? "" : "size";
 }
 
-/** Whether bytes claim to be a description: names of parts and fingers, which come beside frames. */
+/** Whether bytes claim to be a description: names of parts and fingers. */
 function isDescription(bytes) {
   const view = viewOf(bytes);
   return view.byteLength >= RECORDS.prefix.size && view.getUint32(0, true) === KINDS.description.magic;
 }
 
-/** Read a message without a flaw: its header and records. */
+/** Read a message without a defect: its header and records. */
 export function decode(bytes, kind = "frame") {
   const [head, row] = [RECORDS[KINDS[kind].header], RECORDS[KINDS[kind].record]];
   const view = viewOf(bytes);
@@ -123,7 +123,7 @@ export function decode(bytes, kind = "frame") {
 }
 
 /** Write a message of a kind such as "poses"; *header* has at least send_ns, session and sequence. A field that a
- * record does not name is not given: NaN, of rotations the identity. */
+ * record does not name is unset: NaN, of rotations the identity. */
 export function encode(kind, header, records) {
   if (KINDS[kind] === undefined) throw new TypeError(`there is no kind "${kind}" (expected ${Object.keys(KINDS).join(", ")})`);
   if (records.length > MAX_RECORDS) throw new RangeError(`${records.length} records, expected 0 to ${MAX_RECORDS}`);
@@ -159,7 +159,7 @@ export const additionOf = (name, file, translation) => ({
 });
 
 const length = (v) => Math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-const least = (a, b) => (Number.isNaN(a) ? b : Number.isNaN(b) ? a : Math.min(a, b)); // pass over nan
+const least = (a, b) => (Number.isNaN(a) ? b : Number.isNaN(b) ? a : Math.min(a, b)); // ignore nan
 const most = (a, b) => (Number.isNaN(a) ? b : Number.isNaN(b) ? a : Math.max(a, b));
 const larger = (a, b) => (a > b ? a : b);
 
@@ -170,7 +170,7 @@ export function widen(c, nowNs, maxSpeed = 3, maxAcceleration = 120) {
   const partSpeed = most(length(c.part_velocity), 0);
   const limit = maxSpeed + partSpeed;
   let going = isGeometry ? length(c.velocity.map((x, k) => x - c.part_velocity[k])) : Math.abs(c.approach_speed);
-  // How far off that velocity may be, and how much faster other parts are, is in the predictions.
+  // The uncertainty of that velocity, and the excess of other parts' velocities, are in the predictions.
   const lead = 1e-9 * Number(c.predicted_ns - c.pose_ns);
   let spread = c.predicted_upper - c.predicted_lower - (isGeometry ? 0 : c.upper - c.lower);
   spread *= 0.5 / lead;
@@ -196,7 +196,7 @@ export function widen(c, nowNs, maxSpeed = 3, maxAcceleration = 120) {
   return c;
 }
 
-/** Leave nothing of a contact but whose it is, where it comes from and when that was. */
+/** Reset a contact, except its finger, source and instant. */
 export function forget(c) {
   for (const [name, field] of Object.entries(RECORDS.contact.fields)) {
     if (field.type === "Float64") c[name] = field.count === 1 ? NaN : new Array(field.count).fill(NaN);
@@ -208,7 +208,7 @@ export function forget(c) {
   return Object.assign(c, nothing, { surface: Surface.UNKNOWN, mode: Mode.HOLD });
 }
 
-/** The clock of a publisher elsewhere, by the message that was fastest on its way; docs/reference/messages.md says how. */
+/** The clock of a publisher on another machine, by the fastest message; see docs/reference/messages.md. */
 class ForeignClock {
   isCertain = false;
   #session = null;
@@ -250,13 +250,13 @@ class ForeignClock {
     this.#seen = this.#first = now;
   }
 
-  /** What their clock shows, rather late than early. */
+  /** A lower estimate of the publisher's clock. */
   theirs = (now) => (this.#sent === null ? now : now - this.#offset + LIMITS.TRANSIT_NS);
 }
 
 const grown = (offset, seen, now) => offset + (now > seen ? now - seen : 0n) / LIMITS.NS_PER_DRIFT;
 
-/** Judges frames and lets the newest age; without a network. Instants are of this machine's clock, ns, BigInt. */
+/** Validates frames and ages the newest; without a network. Instants are of this machine's clock, ns, BigInt. */
 export class FrameReader {
   counts = { received: 0, lost: 0n, sessions: 0, refused: 0, unverified: 0, flawed: {} };
   refused = 0n; // changes, additions, deformations and moves that the service has refused
@@ -273,7 +273,7 @@ export class FrameReader {
   #nowNs = null; // of the last reading, their clock; null where that is not known
   #valid = new Map(); // finger: its newest valid contact, while parts keep their numbers
   #names = null; // of a description: numbers of its service, and the names of parts
-  #labels = { of: "", names: new Map() }; // of a description of which not all has come
+  #labels = { of: "", names: new Map() }; // of an incomplete description
 
   constructor({ sharesClock = false, isKeyed = false, staleAfter = 0.08, maxSpeed = 3, maxAcceleration = 120 } = {}) {
     for (const [name, value] of Object.entries({ staleAfter, maxSpeed, maxAcceleration })) {
@@ -284,14 +284,14 @@ export class FrameReader {
     this.#limits = { staleAfterNs: BigInt(Math.round(1e9 * staleAfter)), maxSpeed, maxAcceleration };
   }
 
-  /** Take the bytes of a frame, or a description, that arrived; what is wrong with them, "" for nothing. */
+  /** Read the bytes of a frame, or a description, that arrived; return their defect, or "". */
   offer(bytes, nowNs) {
     const flaw = isDescription(bytes) ? this.#describe(bytes) : this.#judge(bytes, nowNs);
     if (flaw) this.counts.flawed[flaw] = (this.counts.flawed[flaw] ?? 0) + 1;
     return flaw;
   }
 
-  /** What is known now: state, isValid, isNew, nowNs (their clock), ageNs (-1n: no frame), header, contacts. */
+  /** The present state: state, isValid, isNew, nowNs (publisher's clock), ageNs (-1n: no frame), header, contacts. */
   at(nowNs) {
     const isBelieved = this.#isShared || this.#clock.isCertain;
     const now = this.#isShared ? nowNs : this.#clock.theirs(nowNs);
@@ -327,7 +327,7 @@ export class FrameReader {
     return session === this.#names.session && epoch === this.#names.epoch ? (this.#names.parts[part] ?? "") : "";
   }
 
-  /** Take one message of a description, whose names count when all of them have come. */
+  /** Read one message of a description, whose names count when it is complete. */
   #describe(bytes) {
     const flaw = flawOf(bytes, "description");
     if (flaw) return flaw;
@@ -421,7 +421,7 @@ function isSound(c, earliest, latest) {
   return (
     c.lower <= c.signed_distance && c.signed_distance <= c.upper && c.predicted_lower <= c.predicted_upper &&
     !Number.isNaN(c.predicted_distance) && c.time_to_contact_lower <= c.time_to_contact && isPlaced &&
-    !(normalSq < (1 - LIMITS.UNIT_ERROR) ** 2 || normalSq > (1 + LIMITS.UNIT_ERROR) ** 2) && // nan: there is no normal
+    !(normalSq < (1 - LIMITS.UNIT_ERROR) ** 2 || normalSq > (1 + LIMITS.UNIT_ERROR) ** 2) && // nan: no normal
     c.pose_ns >= earliest && c.pose_ns <= latest
   );
 }

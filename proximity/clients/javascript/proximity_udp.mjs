@@ -10,7 +10,7 @@ import { timingSafeEqual } from "node:crypto";
 import { FrameReader, encode } from "./proximity_client.mjs";
 
 const TAG_BYTES = 16;
-const MOST_BYTES = 65507; // that a datagram of IPv4 carries
+const MAX_BYTES = 65507; // of a datagram over IPv4
 const isLoopback = (host) => /^127\.\d+\.\d+\.\d+$/.test(host);
 const isAddress = (host) => /^\d{1,3}(\.\d{1,3}){3}$/.test(host);
 
@@ -18,14 +18,14 @@ const isAddress = (host) => /^\d{1,3}(\.\d{1,3}){3}$/.test(host);
 export const clockNs = () => process.hrtime.bigint();
 const calendarNs = () => BigInt(Date.now()) * 1_000_000n;
 
-/** Receives frames and distrusts them: `await Subscriber.open({ port: 9100 })`, then `read()`, which never waits. */
+/** Receives and validates frames: `await Subscriber.open({ port: 9100 })`, then `read()`, which never waits. */
 export class Subscriber {
   #socket;
   #frames;
   #key;
   #hosts;
 
-  /** Listen at host:port to *from*, which is needed where host is not on loopback; *key*: file of the key. */
+  /** Listen at host:port to *from*, which is needed unless host is on loopback; *key*: file of the key. */
   static async open({ host = "127.0.0.1", port, from, key, ...ageing }) {
     for (const end of [host, from ?? host]) checkEnd(end, port);
     if (from === undefined && !isLoopback(host)) {
@@ -52,7 +52,7 @@ export class Subscriber {
     this.#frames.offer(datagram.subarray(0, end), clockNs());
   }
 
-  /** What is known now; never waits. Datagrams are taken while the program waits for something else. */
+  /** The present state; never waits. Datagrams arrive while the program awaits other events. */
   read() {
     return this.#frames.at(clockNs());
   }
@@ -79,7 +79,7 @@ export class Publisher {
   #sequences = new Map();
   #awake;
 
-  /** Send to host:port; *bind*: from which address, needed where host is not on loopback; *key*: file of the key. */
+  /** Send to host:port; *bind*: local address, needed unless host is on loopback; *key*: file of the key. */
   static async open({ host = "127.0.0.1", port, bind, key }) {
     for (const end of [host, bind ?? host]) checkEnd(end, port);
     if (bind === undefined && !isLoopback(host)) {
@@ -89,7 +89,7 @@ export class Publisher {
     made.#key = key === undefined ? null : readKey(key);
     made.#begin();
     made.#socket = await bound(0, bind ?? "127.0.0.1");
-    made.#socket.on("error", () => {}); // that nobody listens is no error
+    made.#socket.on("error", () => {}); // a missing listener is not an error
     await new Promise((done) => made.#socket.connect(port, host, done));
     return made;
   }
@@ -104,11 +104,11 @@ export class Publisher {
   /** Send a message of a kind such as "poses", "moves", "changes" or "additions", with its records. */
   send(kind, records) {
     const awake = calendarNs() - clockNs();
-    if (awake - this.#awake > 1_000_000_000n) this.#begin(); // the machine slept, its monotonic clock stood still
+    if (awake - this.#awake > 1_000_000_000n) this.#begin(); // the machine was suspended, its monotonic clock stopped
     this.#awake = awake;
     const sequence = this.#sequences.get(kind) ?? 0n;
     const message = encode(kind, { send_ns: clockNs(), session: this.#session, sequence }, records);
-    const most = MOST_BYTES - (this.#key === null ? 0 : TAG_BYTES);
+    const most = MAX_BYTES - (this.#key === null ? 0 : TAG_BYTES);
     if (message.length > most) {
       throw new RangeError(`a message of ${message.length} bytes does not fit into a datagram (expected at most ${most} bytes)`);
     }
@@ -116,7 +116,7 @@ export class Publisher {
     this.#socket.send(this.#key === null ? message : Buffer.concat([message, tagOf(this.#key, message)]));
   }
 
-  /** Close it when what was sent is on its way. */
+  /** Close it after all messages are sent. */
   close() {
     return new Promise((done) => setImmediate(() => this.#socket.close(done)));
   }
@@ -138,7 +138,7 @@ function bound(port, host) {
   });
 }
 
-/** Read the key that `proximity client key` wrote. */
+/** Read a key written by `proximity client key`. */
 export function readKey(path) {
   let file;
   try {
@@ -160,7 +160,7 @@ export function readKey(path) {
   }
 }
 
-// BLAKE2s (RFC 7693) with a key of 32 bytes and a digest of 16: what Node's crypto does not have with a key.
+// BLAKE2s (RFC 7693) with a key of 32 bytes and a digest of 16: missing in Node's crypto.
 const START = Uint32Array.of(
   0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a, 0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19,
 );

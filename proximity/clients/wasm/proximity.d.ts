@@ -1,4 +1,4 @@
-// Types of proximity.mjs, which says what each function does.
+// Types of proximity.mjs, which describes each function.
 import { ContactFlag, type ContactFields } from "./layout.mjs";
 
 export { ContactFlag, type ContactFields };
@@ -91,7 +91,7 @@ export interface Motion {
   bends?: ArrayLike<number>;
 }
 
-/** What the last tick found for a finger; it changes with the next one, and `copy` keeps it. */
+/** Answer of the last tick for a finger; it changes with the next one, and `copy` returns a permanent one. */
 export interface Contact extends ContactFields {
   copy(): ContactFields;
   toJSON(): ContactFields;

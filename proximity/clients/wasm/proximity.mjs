@@ -23,7 +23,7 @@ const ERROR_SIZE = 512;
 const SETTINGS = ["radius", "latency", "workingRange", "tolerance", "horizon", "maxSpeed", "maxAcceleration"];
 const SETTINGS_SIZE = 64;
 const PATHS_SIZE = 16; // of proximity_paths: an address, a count, two addresses
-// A function that has one relaxed instruction: whether it is valid says whether the browser has them.
+// A function with one relaxed instruction, which is valid if the browser supports them.
 const RELAXED = new Uint8Array([
   0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 15, 1, 13, 0, 65, 1, 253, 15, 65, 2, 253, 15,
   253, 128, 2, 11,
@@ -48,11 +48,11 @@ export class ProximityError extends Error {
   }
 }
 
-/** Whether the browser has relaxed vector instructions, and takes proximity.relaxed.wasm. */
+/** Whether the browser has relaxed vector instructions, and uses proximity.relaxed.wasm. */
 export const hasRelaxed = () => typeof WebAssembly !== "undefined" && WebAssembly.validate(RELAXED);
 
-/** Start an engine. *source*: the bytes or the compiled module of one of the two .wasm files; without it, the one
- * that fits the browser, which lies beside this file. */
+/** Start an engine. *source*: the bytes or the compiled module of one of the two .wasm files; by default the one that
+ * fits the browser, next to this file. */
 export async function load(source) {
   if (typeof WebAssembly === "undefined") {
     throw new ProximityError(7, "this browser has no WebAssembly, which distances are computed with");
@@ -78,7 +78,7 @@ async function engineBytes(url) {
   });
 }
 
-/** The bytes at an address; a server's page for what it does not have is refused. */
+/** The bytes at an address; a server's error page is refused. */
 async function fetched(url, expected, advice = "") {
   const where = String(url?.url ?? url), refuse = (reason) => {
     throw new ProximityError(3, `${where}: ${reason}${advice}`);
@@ -91,12 +91,12 @@ async function fetched(url, expected, advice = "") {
 
 const isHtml = (bytes) => /^\s*<(!doctype|html|head|body)/i.test(text.decode(bytes.subarray(0, 100)));
 
-/** The memory of one engine, and calls of its functions. Scenes of one engine share it; another thread needs an
- * engine of its own. */
+/** The memory of one engine, and calls of its functions. Scenes of one engine share it; another thread needs another
+ * engine. */
 export class Engine {
   #calls; // functions by their names without "proximity_"
   #memory;
-  #scratch = [0, 0, 0]; // addresses of blocks that are written to and read from at every call
+  #scratch = [0, 0, 0]; // addresses of blocks used by every call
   #sizes = [0, 0, 0];
   #bytes;
   #reals;
@@ -187,7 +187,7 @@ export class Engine {
     this.#calls.free(address);
   }
 
-  /** The address of a block of at least so many bytes, kept from call to call. */
+  /** The address of a block of at least a given size, kept from call to call. */
   block(number, size) {
     if (this.#sizes[number] < size) {
       if (this.#scratch[number] !== 0) this.free(this.#scratch[number]);
@@ -300,7 +300,7 @@ export class Scene {
     return this.#address;
   }
 
-  /** The instructions that it is asked with: "relaxed" or "plain". */
+  /** The instructions in use: "relaxed" or "plain". */
   get instructions() {
     return this.#engine.textAt(this.#engine.call("instructions", this.#open));
   }
@@ -337,8 +337,8 @@ export class Scene {
     return this.#engine.reals.slice(place / 8, place / 8 + 16);
   }
 
-  /** Put parts elsewhere: *moves* is a list of {part, matrix, velocity, angularVelocity}; velocities in m/s and
-   * rad/s, at rest where they are not given. If one part cannot be moved, none is. */
+  /** Move parts: *moves* is a list of {part, matrix, velocity, angularVelocity}; velocities in m/s and rad/s, at rest
+   * if omitted. If one part cannot be moved, none is. */
   move(moves) {
     const engine = this.#engine, count = moves.length;
     const parts = engine.block(0, 4 * count + 8);
@@ -354,18 +354,18 @@ export class Scene {
     engine.checked("move", this.#open, parts, count, at, at + 128 * count, at + 152 * count);
   }
 
-  /** Hide a part from all that is asked, or show it again. */
+  /** Hide a part from all queries, or show it again. */
   hide(part, isHidden = true) {
     this.#engine.checked("hide", this.#open, this.partNumber(part), isHidden ? 1 : 0);
   }
 
-  /** Say how a part answers a touch: rigid, or with *stiffness* (N/m) as a spring with a damper (N s/m). Distances
+  /** Set a part's response to contact: rigid, or with *stiffness* (N/m) as a spring with a damper (N s/m). Distances
    * do not change. */
   setSurface(part, { stiffness = 0, damping = 0 } = {}) {
     this.#engine.checked("set_surface", this.#open, this.partNumber(part), stiffness, damping);
   }
 
-  // --- questions -----------------------------------------------------------------------------------------
+  // --- queries -------------------------------------------------------------------------------------------
 
   /** Signed distances of points, m, negative inside. *out*: a Float64Array for them. */
   signedDistance(points, out) {
@@ -390,7 +390,7 @@ export class Scene {
     return out;
   }
 
-  /** Whether points are inside some part: a Uint8Array of 0 and 1. */
+  /** Whether points are inside a part: a Uint8Array of 0 and 1. */
   contains(points) {
     const engine = this.#engine, count = rowCount(points, "points");
     const rows = engine.written(0, points), answers = engine.block(1, count);
@@ -398,9 +398,9 @@ export class Scene {
     return engine.bytes.slice(answers, answers + count);
   }
 
-  /** The surface points nearest to points: arrays signedDistance, point, gradient, barycentric, part, face,
-   * feature, isSigned. Beyond *maxDistance*, m, there is none. *out*: an earlier answer for as many points, which is
-   * written over. */
+  /** The surface points nearest to points: arrays signedDistance, point, gradient, barycentric, part, face, feature,
+   * isSigned. Beyond *maxDistance*, m, there is none. *out*: an earlier answer for the same number of points, which
+   * is overwritten. */
   closest(points, { maxDistance = Infinity, out } = {}) {
     const engine = this.#engine, count = rowCount(points, "points");
     const rows = engine.written(0, points), answers = engine.block(1, CLOSEST.size * count);
@@ -461,8 +461,8 @@ export class Scene {
   }
 
   /** The shortest connection of two parts, hidden or not, if it is shorter than *maxDistance*, m: lower, distance,
-   * pointOnFirst, pointOnSecond, faceOnFirst, faceOnSecond, relation. *tolerance*: the distance may be longer by this
-   * share; *budget*: steps of the search, 0 for as many as it takes. */
+   * pointOnFirst, pointOnSecond, faceOnFirst, faceOnSecond, relation. *tolerance*: the distance may be longer by
+   * this share; *budget*: steps of the search, 0 for no limit. */
   clearance(first, second, { maxDistance = Infinity, tolerance = 0, budget = 0 } = {}) {
     const parts = [this.partNumber(first), this.partNumber(second)], answer = this.#engine.block(1, CLEARANCE.size);
     this.#engine.checked("clearance", this.#open, ...parts, maxDistance, tolerance, budget, answer);
@@ -470,15 +470,14 @@ export class Scene {
     return Object.fromEntries(Object.entries(found).map(([name, row]) => [name, row.length > 1 ? row : row[0]]));
   }
 
-  /** A tracker of so many fingertips. *settings*: radius, latency, workingRange, tolerance, horizon, maxSpeed,
-   * maxAcceleration, budget, as in Python's Tracker. It cannot be ticked after the scene was
-   * closed. */
+  /** A tracker of *fingers* fingertips. *settings*: radius, latency, workingRange, tolerance, horizon, maxSpeed,
+   * maxAcceleration, budget, as in Python's Tracker. It cannot be ticked after the scene was closed. */
   tracker(fingers, settings = {}) {
     return new Tracker(this.#engine, () => this.#open, fingers, settings);
   }
 }
 
-const NOTHING = [0, 0]; // addresses of what is not given
+const NOTHING = [0, 0]; // addresses of omitted arguments
 
 function instant(given) {
   if (typeof given === "bigint") return given;
@@ -501,8 +500,8 @@ const ENDED = {
   },
 };
 
-/** What the last tick found for one finger: fields with the names of the message, such as signed_distance, which are
- * read where the engine keeps them, and change with the next tick. `copy` keeps them. */
+/** Answer of the last tick for one finger: fields with the names of the message, such as signed_distance, which are
+ * read from the engine's memory, and change with the next tick. `copy` returns permanent ones. */
 export class Contact {
   static names = [];
   #engine;
@@ -529,12 +528,12 @@ export class Contact {
     }
   }
 
-  /** Let contacts throw when they are read: their tracker is closed. */
+  /** Make contacts throw when read: their tracker is closed. */
   static end(contacts) {
     for (const contact of contacts) contact.#engine = ENDED;
   }
 
-  /** A plain object with the values of now. */
+  /** A plain object with the present values. */
   copy() {
     return Object.fromEntries(Contact.names.map((name) => [name, this[name]]));
   }
@@ -544,10 +543,10 @@ export class Contact {
   }
 }
 
-/** Answers for every fingertip at every tick: bounds of distances, predictions, time and place of contact. */
+/** Answers for every fingertip at every tick: bounds of distances, predictions, time and position of contact. */
 export class Tracker {
   #engine;
-  #scene; // its address, or an error where it is closed
+  #scene; // its address, or an error if it is closed
   #address;
   #records; // address of the contacts
   #contacts;
@@ -572,8 +571,8 @@ export class Tracker {
   }
 
   /** Answer for all fingers: *positions* has three numbers a finger, not finite where it is not tracked; *poseNs*,
-   * one instant for all fingers or one for each, and *nowNs* are BigInt, ns, on one clock. A list of `Contact`, the same
-   * at each tick. *given*, each as far as it is known: velocities, three numbers a finger, m/s; corners, the path of each
+   * one instant for all fingers or one for each, and *nowNs* are BigInt, ns, on one clock. A list of `Contact`, the
+   * same at each tick. *given*, all optional: velocities, three numbers a finger, m/s; corners, the path of each
    * fingertip as it bends, equally many corners of three numbers a finger, m, not finite for a finger that has none;
    * pathBends, the bend at each corner, evenly from 0 to 1 without them; bends, that of each finger at its pose. */
   tick(positions, poseNs, nowNs, given) {
@@ -585,13 +584,13 @@ export class Tracker {
     }
     const rows = engine.written(0, positions), instants = engine.block(1, 8 * fingers);
     const [velocities, paths] = given ? this.#motion(given) : NOTHING;
-    const { view } = engine; // behind all that makes the memory grow
+    const { view } = engine; // after all calls that grow the memory
     for (let k = 0; k < fingers; k++) view.setBigInt64(instants + 8 * k, instant(isOne ? poseNs : poseNs[k]), true);
     engine.checked("tick", this.#address, rows, instants, instant(nowNs), velocities, paths, this.#records);
     return this.#contacts;
   }
 
-  /** Write what else is known of fingers; the addresses of velocities and of the record of paths, 0 for none. */
+  /** Write optional data of fingers; return the addresses of velocities and of the record of paths, 0 for none. */
   #motion({ velocities, corners, pathBends, bends }) {
     const count = corners ? corners.length / (3 * this.fingers) : 0;
     if (corners && !(Number.isInteger(count) && count >= 2)) {
@@ -622,7 +621,7 @@ export class Tracker {
     this.#engine.checked("set_radius", this.#address, finger, radius);
   }
 
-  /** Forget all fingers: the next tick is treated as the first. */
+  /** Reset all fingers: the next tick is treated as the first. */
   reset() {
     if (this.#address !== 0) this.#engine.call("reset_tracker", this.#address);
   }

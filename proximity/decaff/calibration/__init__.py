@@ -1,1 +1,1 @@
-"""Calibration that a person can do: what is asked, the instruments, the readings, and what they say."""
+"""Guided calibration of a glove: tasks, instruments, readings and results."""

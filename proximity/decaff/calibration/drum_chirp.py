@@ -1,8 +1,8 @@
-"""Identification of a drum by a chirp: a torque of rising frequency, and the angles that answer it.
+"""Identification of a drum by a chirp: a torque of rising frequency, and the angles in response.
 
-Free, the answer holds the drum's inertia, friction and latency; pressed on the replica of a finger that is
-held, the stiffness of the cable. One record gives one estimate of each; what is uncertain shows when the
-chirp is repeated.
+Free, the response contains the drum's inertia, friction and latency; pressed on the replica of a fixed
+finger, the stiffness of the cable. One record gives one estimate of each; repeated chirps show the
+uncertainty.
 """
 
 import math
@@ -20,38 +20,38 @@ from proximity.errors import DecaffError
 
 HELD_BEND = 0.5
 FREE_SWING = 0.3  # rad, either way, of the free drum at its first frequency; assumed
-COASTING = 5.0  # times a push, that the drum coasts
-OVER_FRICTION = 5.0  # times the friction is the free chirp: then the drum hardly ever sticks
-HELD_FORCE = 3.0  # N at the fingertip that the held chirp swings about
-HELD_SHARE = 1.0 / 6.0  # of that, by which it swings
-MOST_SHARE = 0.6  # of the motor's torque
+COASTING = 5.0  # coasting time of the drum, in pushes
+OVER_FRICTION = 5.0  # ratio of the free chirp to the friction: then the drum hardly ever sticks
+HELD_FORCE = 3.0  # N at the fingertip, mean of the held chirp
+HELD_SHARE = 1.0 / 6.0  # of that, amplitude
+MAX_SHARE = 0.6  # of the motor's torque
 SECONDS, RISE = 1.0, 0.1  # s, of a chirp, and of the force before it
 LONGEST_STEP = 2.5e-5  # s, of the simulated swing
-WEAKEST_ANSWER = 4.0  # encoder steps from end to end that a swing must reach
-MOST_MISFIT = 0.15  # of the swing, that the model may leave unexplained
-MOST_TORQUE_OFF = 0.3  # share of the chirp by which the motor's own torque may differ from the command
-LATEST_CURRENT = 0.01  # s that the current may be read behind the command
-LEAST_CYCLES = 6.0  # samples to a cycle of the fastest swing
-DIFFERENCES = (0.02, 0.005)  # shares; over less, friction that holds and lets go hides where the misfit falls
-SEARCHED = np.geomspace(0.25, 4.0, 33)  # times the modelled inertia or stiffness, where the search begins
+WEAKEST_ANSWER = 4.0  # encoder steps from end to end, minimum of a swing
+MAX_MISFIT = 0.15  # of the swing, maximum that the model may leave unexplained
+MAX_TORQUE_OFF = 0.3  # share of the chirp by which the motor's torque may differ from the command
+LATEST_CURRENT = 0.01  # s, maximum delay of the current behind the command
+MIN_CYCLES = 6.0  # samples to a cycle of the fastest swing
+DIFFERENCES = (0.02, 0.005)  # shares; smaller differences are hidden by friction that sticks and slips
+SEARCHED = np.geomspace(0.25, 4.0, 33)  # times the modelled inertia or stiffness, starts of the search
 
 
 @dataclass(frozen=True, slots=True)
 class Chirp:
-    """A torque that swings about another, with rising frequency."""
+    """A torque that oscillates about a mean, with rising frequency."""
 
     mean: float  # N m at the drum; negative presses on the finger
     amplitude: float  # N m
     first: float  # Hz
     last: float  # Hz
-    push: float = 0.0  # s, of each push behind the chirp, to and fro, that the drum then coasts from
+    push: float = 0.0  # s, of each push after the chirp, in both directions, from which the drum then coasts
 
     def torques(self, rate: float) -> np.ndarray:
-        """Return its samples, N m, (N,)."""
-        last = min(self.last, rate / LEAST_CYCLES)
+        """Return the samples, N m, (N,)."""
+        last = min(self.last, rate / MIN_CYCLES)
         times = np.arange(round(SECONDS * rate)) / rate
         phase = 2.0 * math.pi * (self.first * times + (last - self.first) / (2.0 * SECONDS) * times**2)
-        # Begins with all its torque: so the speed swings about nothing, and a free drum stays where it is.
+        # Begins at full torque: so the mean speed is 0, and a free drum stays in place.
         chirp = self.mean + self.amplitude * np.cos(phase)
         rise = self.mean * np.linspace(0.0, 1.0, round(RISE * rate)) if self.mean else np.zeros(0)
         push = np.zeros(round((1.0 + COASTING) * self.push * rate))
@@ -60,18 +60,18 @@ class Chirp:
 
 
 def free_chirp(drum: Drum) -> Chirp:
-    """Return the chirp for a drum that nothing touches: some times its friction, 0.6 rad from end to end."""
-    friction, most = drum.friction * drum.lever, MOST_SHARE * drum.force_limit * drum.lever
+    """Return the chirp for a free drum: a multiple of its friction, 0.6 rad from end to end."""
+    friction, most = drum.friction * drum.lever, MAX_SHARE * drum.force_limit * drum.lever
     amplitude = min(max(OVER_FRICTION * friction, 0.01 * most), most)
     first = math.sqrt(amplitude / (FREE_SWING * inertia(drum))) / (2.0 * math.pi)
-    # In a swing alone friction looks like latency: both make it late. Coasting shows the friction.
+    # In a swing alone friction and latency look alike, as delays. Coasting shows the friction.
     push = math.sqrt(2.0 * FREE_SWING * inertia(drum) * max(friction, 0.1 * amplitude)) / amplitude
     return Chirp(0.0, amplitude, first, 8.0 * first, push)
 
 
 def held_chirp(glove: Glove, drum: Drum) -> Chirp:
-    """Return the chirp for a drum that presses on a held finger's replica, about where they ring."""
-    most = MOST_SHARE * drum.force_limit * drum.lever
+    """Return the chirp for a drum that presses on a fixed finger's replica, about their resonance."""
+    most = MAX_SHARE * drum.force_limit * drum.lever
     wanted = HELD_FORCE * float(glove.replica_torque(HELD_BEND, 1.0))
     mean = min(wanted, most / (1.0 + HELD_SHARE))
     ringing = math.sqrt(drum_stiffness(glove, glove.cable.stiffness) / inertia(drum)) / (2.0 * math.pi)
@@ -79,12 +79,12 @@ def held_chirp(glove: Glove, drum: Drum) -> Chirp:
 
 
 def inertia(drum: Drum) -> float:
-    """Return the inertia of a drum about its axis, kg m², its rotor behind the gear."""
+    """Return the inertia of a drum about its axis, kg m², with its rotor behind the gear."""
     return drum.mass * drum.lever**2
 
 
 def drum_stiffness(glove: Glove, cable: float) -> float:
-    """Return the stiffness that a cable of so many N/m is to the drum, N m/rad, the finger held."""
+    """Return the stiffness at the drum of a cable in N/m, the finger fixed, N m/rad."""
     return cable * glove.cable.replica_pulley**2
 
 
@@ -118,7 +118,7 @@ def identify_free(record: DrumRecord, drum: Drum) -> dict[str, float]:
 
 
 def identify_held(record: DrumRecord, drum: Drum, glove: Glove, viscous: float) -> dict[str, float]:
-    """Return stiffness, N m/rad, and damping, N m s, of what a drum presses on, and the rest that swings."""
+    """Return stiffness, N m/rad, and damping, N m s, of the contact of a drum, and the unexplained swing."""
     _check_motor(record)
     stiff = drum_stiffness(glove, glove.cable.stiffness)
     mass, friction = inertia(drum), max(drum.friction * drum.lever, 1e-6)
@@ -134,7 +134,7 @@ def identify_held(record: DrumRecord, drum: Drum, glove: Glove, viscous: float) 
 
 
 def encoder_step(angles: np.ndarray) -> tuple[float, float]:
-    """Return the step between an encoder's angles, rad, and its half-width; nan where none can be seen."""
+    """Return the step between an encoder's angles, rad, and its half-width; nan if no step is visible."""
     levels = np.unique(angles)
     gaps = np.diff(levels)
     gaps = gaps[gaps > 1e-6 * (levels[-1] - levels[0])]
@@ -159,9 +159,9 @@ def _fitted(
     starts: list[np.ndarray],
     span: int = 0,
 ) -> list[float]:
-    """Least squares from the best of *starts*, of angles about their mean, or of turns within *span* samples.
+    """Fit angles about their mean, or turns within *span* samples, from the best of *starts*.
 
-    A free drum wanders with each disturbance of its torque, which a turn within a moment hardly sees.
+    A free drum drifts with each disturbance of its torque, which hardly affects a turn within a short span.
     """
 
     def seen(angles: np.ndarray) -> np.ndarray:
@@ -176,7 +176,7 @@ def _fitted(
 
     def misfit(numbers: np.ndarray) -> np.ndarray:
         made = plant(numbers * scale)
-        # What the search asks of things that cannot be is answered by the nearest that can.
+        # Impossible parameters of the search are clipped to the nearest possible ones.
         made["inertia"] = np.maximum(made["inertia"], 0.05 * sizes["inertia"])
         made["friction"] = np.maximum(made["friction"], 0.0)
         computed = answer(made, record, numbers[-1] * scale[-1])
@@ -188,16 +188,16 @@ def _fitted(
         best = found.x
     swung = float(np.sqrt(np.mean(angles**2)))
     left = float(np.sqrt(np.mean(found.fun**2)))
-    if not left <= math.hypot(MOST_MISFIT * swung, 0.5 * step if step == step else 0.0):
+    if not left <= math.hypot(MAX_MISFIT * swung, 0.5 * step if step == step else 0.0):
         raise DecaffError(
-            f"the chirp's answer is no such drum's: {100 * left / swung:.0f} % of it cannot be explained, "
-            f"expected {100 * MOST_MISFIT:.0f} % at most: is something in the way, or not held?"
+            f"the response does not fit a drum: {100 * left / swung:.0f} % of it cannot be explained, "
+            f"expected {100 * MAX_MISFIT:.0f} % at most: is the drum blocked, or the finger not fixed?"
         )
     return [float(value) for value in found.x * scale]
 
 
 def _check_motor(record: DrumRecord) -> None:
-    """Refuse a record in which the motor, by its current, did something else than what was commanded."""
+    """Raise for a record in which the motor's torque, by its current, differs from the command."""
     swung, count = float(np.std(record.commanded)), len(record.times)
     late = min(math.ceil(LATEST_CURRENT / _period(record)), count - 1)
     # The current is read some samples late.
@@ -205,10 +205,10 @@ def _check_motor(record: DrumRecord) -> None:
         float(np.median(np.abs(record.torques[lag:] - record.commanded[: count - lag])))
         for lag in range(late + 1)
     )
-    if not off <= MOST_TORQUE_OFF * swung:
+    if not off <= MAX_TORQUE_OFF * swung:
         raise DecaffError(
             f"the motor's torque is {off:.3g} N m off its command, expected "
-            f"{MOST_TORQUE_OFF * swung:.3g} N m at most: look at its torque constant and limits"
+            f"{MAX_TORQUE_OFF * swung:.3g} N m at most: check its torque constant and limits"
         )
 
 

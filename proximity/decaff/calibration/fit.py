@@ -1,7 +1,7 @@
 """Fit of a calibration's numbers to measurements (docs/guide/motors.md).
 
-Each function refuses what cannot have been measured right. From readings to the file that ``proximity drum
---glove`` and a scene file's [glove] take::
+Each function raises for inconsistent measurements. From readings to the file that ``proximity drum --glove``
+and a scene file's [glove] read::
 
     from datetime import UTC, datetime
 
@@ -33,23 +33,23 @@ from proximity.decaff.glove.calibrated_glove import TOUCH_TOLERANCE
 from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 
-LEAST_TOUCHES = 3
+MIN_TOUCHES = 3
 """Angles at which the drum is driven to touch, slowly and with little force."""
 STEP_SHARE = 0.1
-"""Of a step: an answer that has come so far has begun."""
+"""Share of a step at which its response begins."""
 
 
 def touch_offset(glove: Glove, counts: ArrayLike, drum_angles: ArrayLike) -> float:
-    """Return where the drum's encoder says it touches, less where its geometry does, rad.
+    """Return the drum angle at the touch by the encoder, less that by the geometry, rad.
 
-    For a drum on a coaxial arm its angle alpha is that of the geometry and this.
+    The angle alpha of a drum on a coaxial arm is that of the geometry plus this.
     """
     replica = glove.potentiometer.angle(_measured("counts", counts))
     reported = _measured("drum_angles", drum_angles)
-    if len(replica) != len(reported) or len(reported) < LEAST_TOUCHES:
+    if len(replica) != len(reported) or len(reported) < MIN_TOUCHES:
         raise DecaffError(
             f"{len(replica)} counts and {len(reported)} drum angles at touches, "
-            f"expected {LEAST_TOUCHES} or more of each"
+            f"expected {MIN_TOUCHES} or more of each"
         )
     offsets = reported - glove.drum.drum_angle(replica)
     scale = glove.tip_per_radian(glove.bend(replica))
@@ -64,7 +64,7 @@ def touch_offset(glove: Glove, counts: ArrayLike, drum_angles: ArrayLike) -> flo
 
 
 def cable_compliance(glove: Glove, counts: ArrayLike, tensions: ArrayLike = (0.0, 2.0)) -> float:
-    """Return how far the cable stretches a newton, m/N, the finger held still."""
+    """Return the stretch of the cable, m/N, with the finger fixed."""
     read, pulled = _measured("counts", counts), _measured("tensions", tensions)
     if not len(read) == len(pulled) == 2:
         raise DecaffError(f"{len(read)} counts and {len(pulled)} tensions, expected two of each")
@@ -80,7 +80,7 @@ def cable_compliance(glove: Glove, counts: ArrayLike, tensions: ArrayLike = (0.0
 
 
 def backlash(glove: Glove, closing_counts: float, opening_counts: float) -> float:
-    """Return the cable's backlash, m, of the same bend reached from both directions."""
+    """Return the cable's backlash, m, from the same bend reached from both directions."""
     finite("closing_counts", closing_counts, "counts of the potentiometer")
     finite("opening_counts", opening_counts, "counts of the potentiometer")
     travel = (opening_counts - closing_counts) / glove.potentiometer.gain * glove.cable.replica_pulley
@@ -93,7 +93,7 @@ def backlash(glove: Glove, closing_counts: float, opening_counts: float) -> floa
 
 
 def step_latency(times: ArrayLike, values: ArrayLike, step_time: float) -> float:
-    """Return how long after a step its answer began, s: when it had come a tenth of its path."""
+    """Return the delay from a step to the start of its response, s: a tenth of its height."""
     finite("step_time", step_time, "seconds")
     instants, answer = _measured("times", times), _measured("values", values)
     is_usable = len(instants) == len(answer) >= 2
@@ -117,5 +117,5 @@ def step_latency(times: ArrayLike, values: ArrayLike, step_time: float) -> float
 
 
 def _measured(name: str, values: ArrayLike) -> np.ndarray:
-    """Measurements as a row of numbers."""
+    """Return measurements as a row of numbers."""
     return np.ravel(as_float64(values, name, expected="a row of numbers"))

@@ -1,9 +1,9 @@
-"""Interface of what a calibration measures with: potentiometer of the hand, encoder and motor of the drum.
+"""Instruments of a calibration: potentiometer of the hand, encoder and motor of the drum.
 
-A laboratory's own instruments, the simulated glove and a person who types numbers stand behind it alike; and
-a real motor, which is on during a swing only. Messages of its bus do not come at even intervals: a record has
-the samples with an answer of their own, each at its own time, and between two of them the mean of what was
-commanded.
+A laboratory's instruments, the simulated glove and a person who types numbers implement the same interface;
+so does a real motor, which is on during a swing only. Messages of its bus do not come at even intervals: a
+record has the samples with a new answer, each at its own time, and between two of them the mean of the
+commands.
 """
 
 import threading
@@ -22,39 +22,39 @@ from proximity.errors import DecaffError, MotorError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrumRecord:
-    """Samples of a drum that was swung; N of them, positive away from the finger."""
+    """Samples of a swung drum; N of them, positive away from the finger."""
 
-    times: np.ndarray  # (N,) s, increasing; each torque was commanded then, and each angle read
+    times: np.ndarray  # (N,) s, increasing; of each commanded torque and each angle read
     commanded: np.ndarray  # (N,) N m at the drum
     angles: np.ndarray  # (N,) rad of the drum
     torques: np.ndarray  # (N,) N m at the drum, by the motor's current
 
 
 class DrumPort(Protocol):
-    """Drum with an encoder, perhaps with a motor that takes torques at a fixed rate."""
+    """Drum with an encoder, optionally with a motor that accepts torques at a fixed rate."""
 
     rate: float  # Hz, of torques; 0: it cannot be swung
 
     def angle(self) -> float:
-        """Return the angle that the encoder reads, rad."""
+        """Return the angle read by the encoder, rad."""
 
     def swing(self, torques: np.ndarray) -> DrumRecord:
-        """Command torques, N m at the drum, one a sample, then none; return what was read meanwhile."""
+        """Command torques, N m at the drum, one a sample, then none; return the readings during that time."""
 
 
 class HandPort(Protocol):
     """Potentiometer of the glove on a hand."""
 
     def counts(self) -> np.ndarray:
-        """Return readings of a moment, (K,) float64; one where only one is known."""
+        """Return readings of a short interval, (K,) float64; one value if only one is known."""
 
     def latency(self) -> tuple[float, float]:
-        """Return the latency that a step test finds, s, and how finely it was sampled, s."""
+        """Return the latency found by a step test, s, and its sampling interval, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Instruments:
-    """What a calibration measures with."""
+    """Instruments of a calibration."""
 
     name: str  # readings of other instruments are never mixed with these
     hand: HandPort
@@ -62,9 +62,9 @@ class Instruments:
     is_simulated: bool = False  # for practice
 
 
-RATE = 500.0  # Hz of torques: what a bus and this program keep up with
-LONGEST_GAP = 0.02  # s between two answers: longer, and nobody knows what the drum did meanwhile
-LOOK_S = 0.01  # between two looks for an answer while a person works
+RATE = 500.0  # Hz of torques, within the limits of the bus and this program
+LONGEST_GAP = 0.02  # s between two answers, maximum: the drum's motion in a longer gap is unknown
+LOOK_S = 0.01  # between two checks for an answer while a person works
 RATIO_OFF = 0.01  # share by which gear ratios may differ
 
 
@@ -95,14 +95,14 @@ class MotorPort:
         self._thread.join()
 
     def home(self) -> None:
-        """Have the motor find its stop, which moves it, and switch it off again."""
+        """Home the motor, which moves it, and switch it off again."""
         self._check()
         with self._lock, self._off_at_once():
             self._motor.home()
             self._motor.rest()
 
     def angle(self) -> float:
-        """Return what the encoder reads, rad of the drum."""
+        """Return the encoder's reading, rad of the drum."""
         self._check()
         with self._lock:
             self._motor.refresh()
@@ -119,7 +119,7 @@ class MotorPort:
 
     @contextmanager
     def _off_at_once(self) -> Iterator[None]:
-        """Take the power off where anything ends what is done here, Ctrl-C too."""
+        """Switch the motor off at any early exit from the block, Ctrl-C too."""
         try:
             yield
         except BaseException:
@@ -131,7 +131,7 @@ class MotorPort:
             raise self._failure
 
     def _watch(self) -> None:
-        """Read the motor while nobody else does."""
+        """Read the motor during pauses of other readers."""
         while self._failure is None and not self._over.wait(LOOK_S):
             with self._lock:
                 try:
@@ -140,7 +140,7 @@ class MotorPort:
                     self._failure = failure
 
     def _swung(self, torques: np.ndarray) -> list[tuple[float, float, float, float, int]]:
-        """Times, commands, angles, torques by the current, and how many answers there were."""
+        """Return times, commands, angles, torques by the current, and the number of answers."""
         rows, started, due = [], time.monotonic(), time.monotonic()
         while (now := time.monotonic() - started) < len(torques) / RATE:
             self._check()
@@ -153,14 +153,14 @@ class MotorPort:
 
 
 def _record(rows: list[tuple[float, float, float, float, int]]) -> DrumRecord:
-    """Keep samples with a new answer, and the mean of the commands from each to the next."""
+    """Return samples with a new answer, and the mean of the commands from each to the next."""
     times, commanded, angles, torques, answers = (np.array(column) for column in zip(*rows, strict=True))
     fresh = np.flatnonzero(np.diff(answers, prepend=answers[0] - 1) > 0)
     gap = float(np.diff(np.append(times[fresh], times[-1])).max())
     if gap > LONGEST_GAP:
         raise DecaffError(
             f"the motor did not answer for {1e3 * gap:.0f} ms of a swing, expected an answer each "
-            f"{1e3 / RATE:g} ms: let nothing else run on the computer, or raise the bus's rate"
+            f"{1e3 / RATE:g} ms: stop other programs, or raise the bus's rate"
         )
     spans = np.diff(times, append=times[-1] + 1.0 / RATE)
     means = np.add.reduceat(commanded * spans, fresh) / np.add.reduceat(spans, fresh)

@@ -1,7 +1,7 @@
-"""Readings of a calibration: kept in a file after each one, and which of them agree.
+"""Readings of a calibration: stored in a file after each one, and checked for agreement.
 
-The file lies beside the calibration that is made of them. What is asked next follows from the readings
-alone, so a calibration that was interrupted goes on where it was.
+The file is next to the calibration made from them. The next task follows from the readings alone, so an
+interrupted calibration continues where it was.
 """
 
 import json
@@ -20,16 +20,16 @@ from proximity.system.regular_file import open_regular
 from proximity.system.whole_file import whole_file
 
 FORMAT, FILE_VERSION = "proximity glove readings", 1
-LARGEST_FILE = 50_000_000  # bytes; a calibration's have some 2 million
-MOST_TRIES = 4  # times the repeats of a task: then its readings are said to disagree
+LARGEST_FILE = 50_000_000  # bytes; those of a calibration have some 2 million
+MAX_TRIES = 4  # times the repeats of a task, after which its readings disagree
 
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What is to be measured next."""
+    """The next measurement."""
 
     task: Task
-    number: int  # of the readings so far
+    number: int  # number of present readings
     agreeing: int  # readings of this task that agree
     is_again: bool  # because readings of this task disagree
 
@@ -40,7 +40,7 @@ class Asked:
 
 
 class Readings:
-    """Readings of one glove with the same instruments, in the order in which they came."""
+    """Readings of one glove with the same instruments, in order of time."""
 
     def __init__(self, path: str | os.PathLike[str], source: str) -> None:
         self.path, self.source = Path(path), source
@@ -55,7 +55,7 @@ class Readings:
         self.write()
 
     def write(self, results: dict[str, Any] | None = None) -> None:
-        """Write the file, at once and wholly."""
+        """Write the file atomically."""
         document = {
             "format": FORMAT, "version": FILE_VERSION, "source": self.source, "began": self.began.isoformat(),
             "results": results or {}, "readings": self.all,
@@ -68,20 +68,20 @@ class Readings:
         return [reading for reading in self.all if reading["task"] == task.key]
 
     def agreeing(self, task: Task, bench: Bench) -> list[dict[str, Any]]:
-        """Return the readings of a task that agree: the most that differ by no more than they may."""
+        """Return the largest set of readings of a task within its tolerance."""
         readings = self.of(task)
         rows = _largest_cluster([reading[task.judged] for reading in readings], task.tolerance(bench))
         return [readings[row] for row in rows]
 
     def next(self, tasks: Sequence[Task], bench: Bench) -> Asked | None:
-        """Return what is to be measured next; None: all is there.
+        """Return the next measurement; None: all are done.
 
         Poses come in rounds, as a finger closes from the flat hand to the fist; other tasks one by one.
         """
         counts = {task.key: len(self.agreeing(task, bench)) for task in tasks}
         left = [task for task in tasks if counts[task.key] < task.repeats]
         for task in left:
-            if len(self.of(task)) >= MOST_TRIES * task.repeats:
+            if len(self.of(task)) >= MAX_TRIES * task.repeats:
                 raise DecaffError(
                     f"{task.key}: of {len(self.of(task))} readings no {task.repeats} agree: {task.advice}; "
                     f"then measure it again with --again {task.key.split()[0]!r}"
@@ -94,7 +94,7 @@ class Readings:
         return Asked(task, len(self.all), counts[task.key], is_again)
 
     def drop(self, start: str) -> int:
-        """Forget the readings of the tasks whose names begin so; return how many there were."""
+        """Remove the readings of tasks whose names begin with *start*; return their number."""
         kept = [reading for reading in self.all if not reading["task"].startswith(start)]
         dropped = len(self.all) - len(kept)
         self.all = kept
@@ -103,7 +103,7 @@ class Readings:
         return dropped
 
     def drop_newest(self) -> bool:
-        """Forget the newest reading; whether there was one."""
+        """Remove the newest reading; return whether there was one."""
         had = bool(self.all)
         if had:
             self.all.pop()
@@ -132,7 +132,7 @@ class Readings:
 
 
 def _largest_cluster(values: Sequence[float], tolerance: float) -> list[int]:
-    """Rows of the most values that lie within *tolerance* of one another; of several such, the newest."""
+    """Return the rows of the largest, newest set of values within *tolerance* of each other."""
     order = np.argsort(values, kind="stable")
     ordered = np.asarray(values, np.float64)[order]
     best: list[int] = []

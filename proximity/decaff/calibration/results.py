@@ -1,8 +1,8 @@
-"""Results of a calibration: each number with its uncertainty beside the model's, and the file for the glove.
+"""Results of a calibration: each number with its uncertainty and the model's value, and the glove's file.
 
-An uncertainty is half of the interval that holds the true number 95 times of 100, as far as repeats show it
-(Student's t), widened by what one count or one sample hides from all repeats alike. What all repeats share,
-such as a spring scale that reads too much, no repetition shows.
+An uncertainty is half of the 95 % confidence interval, estimated from repeats (Student's t), widened by
+the resolution of one count or one sample, which is common to all repeats. Systematic errors, such as a spring
+scale that reads too much, do not show in repeats.
 """
 
 import math
@@ -33,7 +33,7 @@ from proximity.decaff.calibration.tasks import (
 from proximity.decaff.glove.calibrated_glove import CalibratedGlove
 from proximity.decaff.glove.calibration import Calibration
 
-COVERED = 0.975  # quantile of Student's t for 95 of 100, on both sides
+COVERED = 0.975  # quantile of Student's t for 95 %, on both sides
 HALF_COUNT = 0.5
 
 Reading = dict[str, Any]
@@ -45,45 +45,45 @@ class Estimate:
 
     key: str
     label: str
-    unit: str  # in which it is shown
-    shown: float  # times the number: what is shown
+    unit: str  # of the reported value
+    shown: float  # factor of the reported value
     value: float
-    half_width: float  # of the interval that holds the true number 95 times of 100; inf: one reading only
-    model: float  # as designed; nan: the design does not say
+    half_width: float  # of the 95 % confidence interval; inf: one reading only
+    model: float  # as designed; nan: not given by the design
     readings: int
 
     @property
     def is_as_modelled(self) -> bool:
-        """Whether the model's number lies within the uncertainty; also where there is none."""
+        """True if the model's number is within the uncertainty, or unknown."""
         return not abs(self.value - self.model) > self.half_width
 
 
 class Session:
-    """A calibration under way: what is calibrated, with what, and the readings so far."""
+    """A calibration in progress: its glove, instruments and present readings."""
 
     def __init__(self, bench: Bench, readings: Readings, skipped: Sequence[str] = ()) -> None:
         self.bench, self.readings = bench, readings
         self.tasks = tuple(task for task in tasks_for(bench) if task.key not in skipped)
 
     def next(self) -> Asked | None:
-        """Return what is to be measured next; None: all is there."""
+        """Return the next measurement; None: all are done."""
         return self.readings.next(self.tasks, self.bench)
 
     def skip(self, task: Task) -> None:
-        """Leave a task out, until the session is opened again."""
+        """Skip a task until the session is opened again."""
         self.tasks = tuple(each for each in self.tasks if each is not task)
 
     def repeat(self) -> bool:
-        """Forget the newest reading; whether there was one."""
+        """Remove the newest reading; return whether there was one."""
         return self.readings.drop_newest()
 
     def missing(self) -> list[str]:
-        """Return the keys of tasks that a calibration needs and that are not done."""
+        """Return the keys of unfinished tasks that a calibration needs."""
         needed = [task for task in tasks_for(self.bench) if task not in (FREE, HELD)]
         return [task.key for task in needed if len(self.of(task)) < task.repeats]
 
     def take(self, asked: Asked, ready: Ready) -> None:
-        """Measure, and keep the reading."""
+        """Measure, and store the reading."""
         free = self.readings.agreeing(FREE, self.bench)
         viscous = float(np.mean([reading["viscous"] for reading in free])) if free else 0.0
         bench = Bench(self.bench.instruments, self.bench.glove, viscous)
@@ -95,7 +95,7 @@ class Session:
         return self.readings.agreeing(task, self.bench)
 
     def estimates(self) -> list[Estimate]:
-        """Return what the readings so far say."""
+        """Return the estimates from the present readings."""
         found = []
         for key, label, unit, shown, task, number, model, hidden in _quantities(self.bench):
             readings = self.of(task)
@@ -146,13 +146,13 @@ def _half_width(values: np.ndarray) -> float:
 
 _Quantity = tuple[
     str, str, str, float, Task, Callable[[Reading], float], float, Callable[[Reading], float]
-]  # key, label, unit, factor, task, number of a reading, model, what repeats hide
+]  # key, label, unit, factor, task, number of a reading, model, resolution
 
 
 def _quantities(bench: Bench) -> list[_Quantity]:
     glove, drum = bench.glove, bench.drum
     a_count = glove.cable.replica_pulley / glove.potentiometer.gain  # m of cable
-    # Of a held drum to a cable in N/m, and of the drum's axis to the fingertip.
+    # From a fixed drum to a cable in N/m, and from the drum's axis to the fingertip.
     per_cable, lever = drum_stiffness(glove, 1.0), drum.lever
     designed = glove.potentiometer.counts(glove.replica_angle(POSES))
 
@@ -201,7 +201,7 @@ def as_document(estimates: Sequence[Estimate]) -> dict[str, Any]:
 
 
 def contradiction(session: Session) -> str:
-    """Return a sentence where the pulled cable and the chirp contradict each other; else nothing."""
+    """Return a sentence if the pulled cable and the chirp contradict each other; else ""."""
     found = {estimate.key: estimate for estimate in session.estimates()}
     if not {"cable_compliance", "cable_stiffness"} <= set(found):
         return ""
@@ -211,5 +211,5 @@ def contradiction(session: Session) -> str:
         return ""
     return (
         f"the pulled cable has {1e-3 / pulled.value:.1f} N/mm and the chirp {1e-3 * swung.value:.1f} N/mm, "
-        "farther apart than their uncertainties: look at the clamp and at the spring scale"
+        "which differ by more than their uncertainties: check the clamp and the spring scale"
     )

@@ -1,7 +1,7 @@
-"""Simulated glove to calibrate: parameters that are known, a hand that is not quite steady, and noise.
+"""Simulated glove to calibrate: known parameters, an unsteady hand, and noise.
 
-Each reading draws its own random numbers, from the seed and how many readings came before: a calibration that
-was interrupted ends with the same numbers as one that was not.
+Each reading draws its random numbers from the seed and the number of earlier readings: an interrupted
+calibration ends with the same numbers as an uninterrupted one.
 """
 
 import math
@@ -19,20 +19,20 @@ from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 
 RATE = 3000.0  # Hz, of the drum
-SAMPLES, NOISE = 50, 2.0  # of a moment's reading, and their counts of noise
-HAND, BLOCK = 0.004, 2e-5  # bend by which a person misses a pose, and a block
-SLIP_SHARE, SLIP = 0.05, 0.06  # of the poses a hand slips, by so much bend
-SCALE_ERROR = 0.02  # share of a pull by which a spring scale is misread
-TOUCH_ERROR = 3e-4  # rad by which a person turns the drum too far, or not far enough
-STEP_RATE, STEP_RISE = 1000.0, 1e-3  # Hz of a step test, and s that its answer takes
+SAMPLES, NOISE = 50, 2.0  # of one reading, and its noise in counts
+HAND, BLOCK = 0.004, 2e-5  # error in bend of a person at a pose, and at a block
+SLIP_SHARE, SLIP = 0.05, 0.06  # share of the poses in which a hand slips, and the bend of a slip
+SCALE_ERROR = 0.02  # relative error of a spring scale
+TOUCH_ERROR = 3e-4  # rad, error of a person who turns the drum
+STEP_RATE, STEP_RISE = 1000.0, 1e-3  # Hz of a step test, and s of its rise
 TORQUE_NOISE = 0.02  # share of a chirp
 LINK_INERTIA = 7.6e-6  # kg m², of the replica's link, 5 g at the roller
 HELD_DAMPING = 0.1  # share of the critical one
-FINE_STEP = 2.5e-6  # s, a tenth of that with which the answer is identified
+FINE_STEP = 2.5e-6  # s, a tenth of that used for identification
 
 
 class SimulatedGlove:
-    """Hand, glove and drum with parameters near those of the design; both ports at once."""
+    """Hand, glove and drum with parameters near those of the design; implements both ports."""
 
     rate = RATE
 
@@ -54,7 +54,7 @@ class SimulatedGlove:
             encoder_counts=int(random.choice([2000, 2048, 4000, 4096])),
         )
         self._glove = replace(design, cable=cable, motor=motor)
-        self._drum = replace(design.tip_drum(HELD_BEND), motor=motor)  # its mass is counted by the design
+        self._drum = replace(design.tip_drum(HELD_BEND), motor=motor)  # its mass is included in the design
         self._mounted = random.uniform(-0.1, 0.1)
         self._latency = random.uniform(2e-3, 12e-3)
         self._drum_latency = design.motor.latency + random.uniform(0.3e-3, 1.5e-3)
@@ -63,12 +63,12 @@ class SimulatedGlove:
 
     @property
     def instruments(self) -> Instruments:
-        """This glove as what a calibration measures with."""
+        """Return this glove as the instruments of a calibration."""
         return Instruments(f"a simulated glove, seed {self._seed}", self, self, is_simulated=True)
 
     @property
     def truth(self) -> dict[str, float]:
-        """True numbers, by the keys of the results."""
+        """Return the true numbers, by the keys of the results."""
         counts = self._glove.potentiometer.counts(self._glove.replica_angle(POSES))
         return {
             **{f"pose {i + 1}": float(value) for i, value in enumerate(counts)},
@@ -84,7 +84,7 @@ class SimulatedGlove:
         }
 
     def prepare(self, asked: Asked, part: int) -> None:
-        """Do what a part of a task says, as a person would."""
+        """Perform a part of a task, as a person would."""
         self._asked, self._part = asked.task.key, part
         self._random = np.random.default_rng([self._seed, asked.number + 1, part])
         is_at_block = self._asked in (BACKLASH.key, PULL.key)
@@ -96,7 +96,7 @@ class SimulatedGlove:
         self._bend = (asked.bend or 0.0) + miss
 
     def counts(self) -> np.ndarray:
-        """Return what the potentiometer reads for a moment."""
+        """Return the potentiometer's readings of a short interval."""
         is_closing = not (self._asked == BACKLASH.key and self._part == 1)
         tension = 0.0
         if self._asked == PULL.key and self._part == 1:
@@ -106,7 +106,7 @@ class SimulatedGlove:
         return self._glove.potentiometer.read(replica + noise).astype(np.float64)
 
     def latency(self) -> tuple[float, float]:
-        """Return the latency of a step that comes somewhere between two samples."""
+        """Return the latency of a step at a random time between two samples."""
         times = np.arange(60) / STEP_RATE
         step_time = 0.02 + self._random.uniform() / STEP_RATE
         answer_ = np.clip((times - step_time - self._latency) / STEP_RISE, 0.0, 1.0)
@@ -114,12 +114,12 @@ class SimulatedGlove:
         return step_latency(times, answer_, step_time), 1.0 / STEP_RATE
 
     def angle(self) -> float:
-        """Return what the drum's encoder reads where the drum touches the replica."""
+        """Return the encoder's reading where the drum touches the replica."""
         replica = self._glove.replica_angle(self._bend)
         return self._read(float(self._glove.drum.drum_angle(replica)) + self._mounted + self._turned())
 
     def swing(self, torques: np.ndarray) -> DrumRecord:
-        """Swing the drum, which stands free or at the replica as the task says."""
+        """Swing the drum, free or at the replica according to the task."""
         mass, friction = inertia(self._drum), self._drum.friction * self._drum.lever
         stiffness = damping = 0.0
         if self._asked == HELD.key:
@@ -137,7 +137,7 @@ class SimulatedGlove:
         return DrumRecord(times, torques, read, disturbed)
 
     def _swung(self, plant: np.ndarray, times: np.ndarray, torques: np.ndarray) -> np.ndarray:
-        """Angles of the drum under torques, (N,), rad, from rest at 0."""
+        """Return the angles of the drum under torques, (N,), rad, from rest at 0."""
         return answer(plant, DrumRecord(times, torques, times, torques), self._drum_latency, FINE_STEP)
 
     def _turned(self) -> float:

@@ -1,7 +1,7 @@
-"""Tasks of a calibration, in their order: what a person does, what is measured, and how well repeats agree.
+"""Tasks of a calibration, in order: instructions, measurements, and tolerances of repeats.
 
-A task is repeated until enough of its readings agree. Nothing here waits or prints: whoever guides a person
-passes `Ready`, which returns once the person has done what a part of the task says.
+A task is repeated until enough of its readings agree. Nothing here waits or prints: the user interface passes
+`Ready`, which returns once the person has done a part of the task.
 """
 
 import math
@@ -35,8 +35,8 @@ POSES = tuple(i / (TABLE_SIZE - 1) for i in range(TABLE_SIZE))
 POSE_NAMES = ("flat hand", "one sixth", "one third", "half bent", "two thirds", "five sixths", "fist")
 TOUCHED = (1 / 6, 1 / 2, 5 / 6)
 TENSION = 2.0  # N, of the pulled cable
-STEADY_SHARE = 0.004  # of the design's range of counts, that a reading may wander while the hand is still
-POSE_SHARE = 0.03  # of the same, by which repeats of a pose may differ: 4 mm of the fingertip
+STEADY_SHARE = 0.004  # of the design's range of counts, maximum variation while the hand is still
+POSE_SHARE = 0.03  # of the same, maximum difference of repeats of a pose: 4 mm of the fingertip
 PULL_TOLERANCE = 15e-6  # m/N
 BACKLASH_TOLERANCE = 60e-6  # m of cable
 LATENCY_TOLERANCE = 3e-3  # s
@@ -44,57 +44,55 @@ INERTIA_TOLERANCE, STIFFNESS_TOLERANCE = 0.15, 0.2  # shares of the model's
 
 Values = dict[str, Any]
 Ready = Callable[[int], None]
-"""Is called with the number of a part of the task, and returns when the person is ready."""
+"""Called with the number of a part of the task; returns when the person is ready."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """What is calibrated, as designed, and what it is measured with."""
+    """The designed glove to calibrate, and its instruments."""
 
     instruments: Instruments
     glove: Glove
-    viscous: float = 0.0  # N m s, of the free drum, once that is known
+    viscous: float = 0.0  # N m s, of the free drum, once known
 
     @property
     def drum(self) -> Drum:
-        """Of the glove, at the bend at which it is held."""
+        """Drum of the glove, at the bend of the clamp."""
         return self.glove.tip_drum(HELD_BEND)
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What is asked of a person, and what is measured then."""
+    """Instructions for a person, and a measurement."""
 
     key: str
-    parts: tuple[str, ...]  # what the person does before each reading; a sentence each
+    parts: tuple[str, ...]  # the person's actions before each reading; a sentence each
     bends: tuple[
         float | None, ...
-    ]  # of the finger, in turn over the repeats; None: no finger is in the glove
+    ]  # of the finger, in turn over the repeats; None: without a finger in the glove
     measure: Callable[[Bench, float, Ready], Values]
     judged: str  # the value whose repeats must agree
-    tolerance: Callable[[Bench], float]  # by which they may differ from one another
-    advice: str  # where they do not agree
+    tolerance: Callable[[Bench], float]  # maximum difference of repeats
+    advice: str  # if they disagree
     repeats: int = 3
-    is_automatic: bool = False  # repeats follow without the person
+    is_automatic: bool = False  # repeats need no action of the person
 
 
 def tasks_for(bench: Bench) -> tuple[Task, ...]:
-    """Return the tasks that these instruments can do, in their order."""
+    """Return the tasks that these instruments support, in order."""
     chirps = (FREE, HELD) if bench.instruments.drum.rate else ()
     return (*POSE_TASKS, BACKLASH, PULL, TOUCH, LATENCY, *chirps)
 
 
-# --- what is measured ---
+# --- measurements ---
 
 
 def _steady_counts(bench: Bench) -> float:
-    """Mean of a moment's readings; refused where the hand moved."""
+    """Return the mean of a reading; raise if the hand moved."""
     read = bench.instruments.hand.counts()
     wandered = float(read.max() - read.min())
     if not wandered <= STEADY_SHARE * _count_range(bench):
-        raise DecaffError(
-            f"the potentiometer wandered by {wandered:.0f} counts meanwhile: hold the hand still"
-        )
+        raise DecaffError(f"the potentiometer wandered by {wandered:.0f} counts: hold the hand still")
     return float(read.mean())
 
 
@@ -140,7 +138,7 @@ def _free(bench: Bench, bend: float, ready: Ready) -> Values:
     record = _swung(bench, free_chirp(bench.drum))
     found = identify_free(record, bench.drum)
     step, step_error = encoder_step(record.angles)
-    if math.isfinite(step):  # an encoder finer than what is sent of it shows none
+    if math.isfinite(step):  # the encoder is finer than its transmitted resolution
         found |= {"step": step, "step_error": step_error}
     return {**found, "record": _as_lists(record)}
 
@@ -169,7 +167,7 @@ def _count_range(bench: Bench) -> float:
     return float(np.ptp(bench.glove.counts([0.0, 1.0])))
 
 
-# --- the tasks ---
+# --- tasks ---
 
 POSE_TASKS = tuple(
     Task(
@@ -203,7 +201,7 @@ PULL = Task(
     _pull,
     "compliance",
     lambda bench: PULL_TOLERANCE,
-    "hold the finger to the block meanwhile, and pull along the cable",
+    "hold the finger to the block, and pull along the cable",
 )
 TOUCH = Task(
     "touches",
@@ -225,7 +223,7 @@ LATENCY = Task(
     _latency,
     "latency",
     lambda bench: LATENCY_TOLERANCE,
-    "let nothing else run on the computer meanwhile",
+    "stop other programs on the computer",
     is_automatic=True,
 )
 FREE = Task(
@@ -235,7 +233,7 @@ FREE = Task(
     _free,
     "inertia",
     lambda bench: INERTIA_TOLERANCE * inertia(bench.drum),
-    "check that nothing rubs on the drum, and that its gear has no play",
+    "check that the drum turns freely, and that its gear has no play",
     repeats=5,
     is_automatic=True,
 )

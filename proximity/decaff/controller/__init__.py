@@ -1,1 +1,1 @@
-"""The controller of one drum: states, limits, and how far a frame is trusted."""
+"""Controller of one drum: states, limits, and trust in frames."""

@@ -1,6 +1,6 @@
-"""The sources of a drum's controller in C99: those of the package, and a file of settings and finger paths.
+"""Sources of a drum's controller in C99: those of the package, and a file of settings and finger paths.
 
-A glove that is calibrated anew, or another drum, changes ``decaff_glove.c`` alone.
+A new calibration of a glove, or another drum, changes ``decaff_glove.c`` alone.
 """
 
 import os
@@ -21,7 +21,7 @@ NUMBERS_A_LINE = 4
 def controller_sources(
     gloves: Sequence[Glove | CalibratedGlove], settings: ControllerSettings | None = None
 ) -> dict[str, str]:
-    """Return the files of a controller, by their names; *gloves* is one for all fingers, or one each."""
+    """Return the files of a controller, by name; *gloves* is one for all fingers, or one each."""
     paths = [FingerPath(glove) for glove in gloves]
     settings = settings or ControllerSettings(drum=paths[0].drum)
     return {
@@ -37,12 +37,12 @@ def write_controller(
     folder: str | os.PathLike[str],
     settings: ControllerSettings | None = None,
 ) -> list[str]:
-    """Write the files of `controller_sources` into a folder, which is made, and return their paths."""
+    """Write the files of `controller_sources` into a folder, created if needed, and return their paths."""
     return list(write_files(controller_sources(gloves, settings), folder))
 
 
 def _number_text(value: float) -> str:
-    """A number in C, to the last bit."""
+    """Return a number in C, exact to the last bit."""
     if isinstance(value, int):
         return f"INT64_C({value})" if value > 2**31 else str(value)
     return "((double)INFINITY)" if value == float("inf") else repr(value)
@@ -55,7 +55,7 @@ def _settings_text(settings: ControllerSettings) -> str:
 
 
 def _glove_text(paths: Sequence[FingerPath], settings: ControllerSettings) -> str:
-    """The settings, and the tables of all paths."""
+    """Return the settings, and the tables of all paths."""
     texts = [
         "/* decaff_glove.c: settings, and paths of fingers. Made by `proximity controller`. */\n"
         f'#include "decaff_controller.h"\n\n#include <math.h>\n\n{_settings_text(settings)}'

@@ -1,4 +1,4 @@
-"""The controller in C, as it is compiled into the package: its functions, of bytes of its structures."""
+"""Compiled C controller of the package: its functions, which take structures as bytes."""
 
 from functools import cache
 from pathlib import Path
@@ -28,7 +28,7 @@ _SIGNATURES = {
 
 @cache
 def in_c(name: str) -> Any:
-    """Return a function of the controller, of bytes of these structures."""
+    """Return a function of the controller, which takes structures as bytes."""
     with needed_in_c("the drum's controller, which is written in C, cannot run"):
         sizes = np.zeros(9, np.int64)
         function_in_c("controller_sizes", "int64[9]")(sizes)

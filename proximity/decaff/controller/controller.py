@@ -1,7 +1,6 @@
 """Controller of one finger's drum, stepped at each sample of the servo (guide/drums.md).
 
-It is the C of ``decaff_controller.c``, which a chip runs as well; here it is given what Python has, and its
-answers become Python's.
+It wraps the C of ``decaff_controller.c``, which also runs on a chip.
 """
 
 import math
@@ -18,7 +17,7 @@ from proximity.decaff.controller.compiled import ACTION, CONTROLLER, OBSERVATION
 from proximity.decaff.controller.settings import CableRule, ControllerSettings, Limits
 from proximity.decaff.drum.drum_model import Drum
 from proximity.decaff.drum.servo import SERVO_RATE, DriveMode, DrumCommand
-from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND, FingerPath
+from proximity.decaff.glove.finger_path import MAX_BEND, MIN_BEND, FingerPath
 from proximity.message import CONTACT, State
 
 
@@ -28,15 +27,15 @@ class DrumState(Enum):
     RETRACTED = "retracted"
     """Out of the finger's path, or on its path there."""
     APPROACH = "approach"
-    """Stands, or goes to, where the finger will touch."""
+    """Stands at, or moves to, the position where the finger will touch."""
     CONTACT_POSITION = "position"
     """The finger touches; the position is held."""
     CONTACT_FORCE = "force"
     """The finger touches; a force is served."""
     HOLD = "hold"
-    """The finger touches, and what is known is old: nothing advances."""
+    """The finger touches, and the data are old: no advance."""
     FREEZE = "freeze"
-    """The finger touches, and nothing is known: a moment as it was, then without force."""
+    """The finger touches, without data: unchanged for a while, then without force."""
     FAULT = "fault"
     """The motor is braked until the controller is reset."""
 
@@ -50,17 +49,17 @@ class Trust(IntEnum):
     """Trust in a finger's newest frames."""
 
     FRESH = 0
-    """Sound, tracked, and young enough to be acted upon."""
+    """Valid, tracked, and young enough to act on."""
     OLD = 1
-    """Sound; older than that."""
+    """Valid; older than that."""
     STALE = 2
-    """Too old, or the service knows nothing."""
+    """Too old, or unknown to the service."""
     LOST = 3
-    """The finger is not tracked, or there never was a frame."""
+    """The finger is not tracked, or no frame has arrived."""
 
 
 class FrameMark(NamedTuple):
-    """Identity of a frame, and the instant it was made for."""
+    """Identity of a frame, and its instant."""
 
     session: int
     sequence: int
@@ -68,7 +67,7 @@ class FrameMark(NamedTuple):
 
     @classmethod
     def of(cls, header: Any) -> "FrameMark | None":
-        """Take it from a frame's header; None: no frame yet."""
+        """Return the mark of a frame's header; None: no frame yet."""
         if header is None:
             return None
         return cls(int(header["session"]), int(header["sequence"]), int(header["start_ns"]))
@@ -78,21 +77,20 @@ class FrameMark(NamedTuple):
 class Observation:
     """Observations at a sample of the servo.
 
-    There are two clocks. That of the frames may be another machine's, and only be guessed: it jumps when more
-    is learnt of it, and only ages of frames are reported by it. How time passes for the drum is reported by
-    the sample's own.
+    There are two clocks. That of the frames may be another machine's, and estimated: it jumps when the
+    estimate improves, and serves for the ages of frames only. The drum's time is the clock of the samples.
     """
 
     now_ns: int  # of the sample, on the clock of the frames
-    bend: float  # of the finger, by the potentiometer; nan, or what no finger has: a fault
+    bend: float  # of the finger, by the potentiometer; nan, or an impossible bend: a fault
     drum_angle: float  # rad, by the encoder; nan, or far off the finger's path: a fault
     state: State = State.STALE  # of the newest reading
     contact: Any = None  # CONTACT, this finger's record of it; None: no frame yet
     force: float = math.nan  # N, between finger and drum; nan: not measured
     has_fault: bool = False  # of motor or current
-    motor_force: float = math.nan  # N, by which the motor presses on the finger; nan: not known
+    motor_force: float = math.nan  # N, of the motor on the finger; nan: not known
     sample_ns: int = field(kw_only=True)  # of the sample, on this machine's monotonic clock
-    frame: FrameMark | None = field(default=None, kw_only=True)  # that the record is of; None: no frame yet
+    frame: FrameMark | None = field(default=None, kw_only=True)  # of the record; None: no frame yet
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,25 +99,25 @@ class DrumAction:
 
     state: DrumState
     mode: DriveMode
-    position: float  # m of the finger's path where the drum shall stand
+    position: float  # m of the finger's path, target of the drum
     angle: float  # rad, of the drum, there
     force: float  # N to press with, in force mode
     speed_cap: float  # m/s at the fingertip
     force_cap: float  # N at the fingertip
-    start_force: float = math.nan  # N that a change to force starts from
-    torque: float = 0.0  # N m at the motor's shaft that presses with that force, in force mode
-    torque_cap: float = 0.0  # N m at the motor's shaft, at most: by the force cap and what motor and gear can
+    start_force: float = math.nan  # N, start of a change to force
+    torque: float = 0.0  # N m at the motor's shaft for that force, in force mode
+    torque_cap: float = 0.0  # N m at the motor's shaft: by the force cap and the limits of motor and gear
     motor_speed_cap: float = 0.0  # rad/s of the motor's shaft, at most
-    force_slew: float = 0.0  # N/s at the fingertip, of the force; 0: that of a handover, inf: at once
-    heat: float = 0.0  # of the motor, as a share; from 1 on its force is limited to what it holds for ever
-    is_hot: bool = False  # the force is limited so, until the motor is cooler
-    is_anew: bool = False  # samples were left out: the servo of a chip starts its mode anew
+    force_slew: float = 0.0  # N/s at the fingertip, of the force; 0: that of a handover, inf: a step
+    heat: float = 0.0  # of the motor, as a share; from 1 on its force is limited to the continuous one
+    is_hot: bool = False  # that limit is active, until the motor is cooler
+    is_anew: bool = False  # samples were missed: the servo of a chip restarts its mode
 
 
 def commanded(action: DrumAction, target: float) -> DrumCommand:
-    """Return what a servo is given of a controller's action.
+    """Return the command of the servo for a controller's action.
 
-    *target*: its position, as the servo counts it; or its force.
+    *target*: its position, in the servo's coordinate; or its force.
     """
     return DrumCommand(
         action.mode, target, action.speed_cap, action.force_cap, action.start_force, action.force_slew
@@ -148,11 +146,11 @@ def required_damping(stiffness: float, damping: float, period: float, delay_samp
 def largest_passive_stiffness(
     device_damping: float, damping: float, period: float, delay_samples: int = 0
 ) -> float:
-    """Return the stiffness up to which a wall is passive, N/m; 0 where its damping alone is too much."""
+    """Return the stiffness up to which a wall is passive, N/m; 0 if its damping alone is too large."""
     own = not_negative("device_damping", device_damping, "newton seconds a metre")
     if own <= required_damping(0.0, damping, period, delay_samples):
         return 0.0
-    # At the slowest hand the bound is K T (2d+1)/2 - B, and never less.
+    # At the slowest hand the bound is K T (2d+1)/2 - B, its minimum.
     most = 2.0 * (own + abs(damping)) / (period * (2 * delay_samples + 1))
 
     def lack(stiffness: float) -> float:
@@ -162,24 +160,24 @@ def largest_passive_stiffness(
 
 
 def _largest(series: np.ndarray) -> float:
-    """The largest value of a Chebyshev series between -1 and 1."""
+    """Return the maximum of a Chebyshev series between -1 and 1."""
     negligible = np.finfo(np.float64).eps * np.abs(series).max()
     turns = chebyshev.chebroots(chebyshev.chebder(chebyshev.chebtrim(series, negligible)))
-    # A position that is no turn does no harm: its value is not above the largest.
+    # Candidates that are not extrema do no harm: their value is not above the maximum.
     positions = np.clip(turns.real, -1.0, 1.0)
     return float(chebyshev.chebval(np.array([-1.0, 1.0, *positions]), series).max())
 
 
 STATES, MODES = tuple(DrumState), tuple(DriveMode)
 NO_FAULT, WATCHDOG, NO_BEND, BEND, NO_ANGLE, ANGLE, MOTOR = range(7)  # enum decaff_fault
-DELAY_SAMPLES = 1  # what the servo computes acts a sample later, beside the motor's latency
+DELAY_SAMPLES = 1  # the servo's output acts a sample later, plus the motor's latency
 
 
 class SurfaceLaw:
     """``F = k delta + b delta'``, never pulling, within the bound of passivity of drum and pad together.
 
-    Only physical damping counts: the drum's, and that of the pad of the finger that leans on it. The servo's
-    own is sampled and late, as the surface is, and takes no energy for sure.
+    Only physical damping counts: that of the drum, and of the pad of the finger on it. The servo's is sampled
+    and delayed, like the surface, and does not reliably dissipate energy.
     """
 
     def __init__(self, settings: ControllerSettings, drum_damping: float = 0.0) -> None:
@@ -188,7 +186,7 @@ class SurfaceLaw:
         self._settings = settings.record()[1][0]
 
     def displayed(self, stiffness: float, damping: float) -> tuple[float, float]:
-        """Return what is displayed of a surface's stiffness, N/m, and damping, N s/m."""
+        """Return the displayed stiffness, N/m, and damping, N s/m, of a surface."""
         displayed = in_c("displayed")(self._settings, stiffness, damping)
         return displayed[0], displayed[1]
 
@@ -199,14 +197,14 @@ class SurfaceLaw:
 
 
 class FingerController:
-    """Decides, sample by sample, where the drum of one finger stands, or with what force it presses.
+    """Computes the drum's position or force for one finger, sample by sample.
 
-    *drum*: what is driven; its mass bounds how fast it comes near the finger. *cable*: whose stretch is made
-    up for while a position is held; none where not given.
+    *drum*: the driven drum; its mass bounds its speed near the finger. *cable*: its stretch is compensated
+    while a position is held; by default it is not.
     """
 
-    fault: str  # why the motor has no power; empty: it has
-    law: SurfaceLaw  # of deformable surfaces, as far as they are displayed
+    fault: str  # why the motor has no power; "": it has
+    law: SurfaceLaw  # of deformable surfaces, as displayed
 
     def __init__(
         self,
@@ -218,7 +216,7 @@ class FingerController:
     ) -> None:
         settings = ControllerSettings(rate, drum or path.drum, limits or Limits(), cable=cable or CableRule())
         self._path, self._drum, self._limits = path, settings.drum, settings.limits
-        # C keeps addresses of all of these: they live as long as this object.
+        # C keeps addresses of these arrays, which must outlive it.
         _, self._settings = settings.record()
         self._tables = [np.array(table, np.float64) for table in path.tables()]
         self._place, _, place_content = memory(PATH)
@@ -246,11 +244,11 @@ class FingerController:
 
     @property
     def frames(self) -> np.record:
-        """The frames as far as they are believed, as the header has them: reading, location, counts."""
+        """Trusted frames, with the header's fields: reading, location, counts."""
         return self.known.frames
 
     def reset(self) -> None:
-        """Start anew after a fault or an emergency stop, retracted, with nothing believed."""
+        """Restart after a fault or an emergency stop, retracted, with no trusted frame."""
         self._reset(self._known[0])
         self.fault = ""
 
@@ -259,8 +257,8 @@ class FingerController:
         self.known.is_stopped = True
 
     def step(self, seen: Observation) -> DrumAction:
-        """Return what the drum shall do until the next sample."""
-        if self.fault and not self.known.fault:  # set from outside, by whoever took the power off
+        """Return the drum's action until the next sample."""
+        if self.fault and not self.known.fault:  # set externally, by a power-off
             self.known.fault = MOTOR
         address, frame = 0, seen.frame
         if seen.contact is not None and frame is not None:
@@ -277,9 +275,9 @@ class FingerController:
         return DrumAction(STATES[state], MODES[mode], *numbers)
 
     def _sentence(self, seen: Observation) -> str:
-        """Why the motor is off, by the sample that showed it."""
+        """Return the reason why the motor is off, from the sample that showed it."""
         late_ns, (least, most) = seen.sample_ns - self._sample_ns, self._path.drum_angles
-        bends = f"expected {LEAST_BEND:g} to {MOST_BEND:g}"
+        bends = f"expected {MIN_BEND:g} to {MAX_BEND:g}"
         return {
             WATCHDOG: f"the servo was {1e-6 * late_ns:.1f} ms from its last sample",
             NO_BEND: "the potentiometer gives no bend",

@@ -1,5 +1,5 @@
-/* The drum's controller as entry points of the extension: the memory of fingers, samples and actions lies in arrays
-   of bytes, whose layouts are those of `proximity.decaff.controller.records`. */
+/* Entry points of the drum's controller in the extension: fingers, samples and actions are arrays of bytes,
+   whose layouts are those of `proximity.decaff.controller.records`. */
 #include "entry_points.h"
 
 #include <string.h>

@@ -8,19 +8,19 @@
 
 /* --- numbers --- */
 
-/* The lesser of two; the first where one is NaN. */
+/* The smaller of two; the first if one is NaN. */
 static decaff_real lesser(decaff_real a, decaff_real b)
 {
     return (b < a) ? b : a;
 }
 
-/* The greater of two; the first where one is NaN. */
+/* The larger of two; the first if one is NaN. */
 static decaff_real greater(decaff_real a, decaff_real b)
 {
     return (b > a) ? b : a;
 }
 
-/* A number within a limit; of no number nothing. */
+/* Limit the magnitude of a number; 0 for NaN. */
 static decaff_real within(decaff_real number, decaff_real most)
 {
     return isnan(number) ? 0.0 : greater(-most, lesser(most, number));
@@ -36,7 +36,7 @@ static bool is_finite(decaff_real number)
     return isfinite(number) != 0;
 }
 
-/* A force as it is measured; NaN where it cannot be. */
+/* A measured force; NaN if it is impossible. */
 static decaff_real force_of(decaff_real force)
 {
     return (magnitude(force) <= DECAFF_MOST_FORCE) ? force : (decaff_real)NAN;
@@ -47,11 +47,11 @@ static decaff_real or_zero(decaff_real number)
     return is_finite(number) ? number : 0.0;
 }
 
-static int64_t within_ns(int64_t time_ns, int64_t most_ns)
+static int64_t within_ns(int64_t time_ns, int64_t max_ns)
 {
     int64_t positive_ns = (time_ns > 0) ? time_ns : 0;
 
-    return (positive_ns < most_ns) ? positive_ns : most_ns;
+    return (positive_ns < max_ns) ? positive_ns : max_ns;
 }
 
 static decaff_real seconds(int64_t time_ns)
@@ -59,7 +59,7 @@ static decaff_real seconds(int64_t time_ns)
     return 1e-9 * (decaff_real)time_ns;
 }
 
-/* 1 - exp(-x) of an x above 0: Taylor's series of a small part of x, doubled up again. */
+/* 1 - exp(-x) for x > 0: Taylor series of a small part of x, then repeated doubling. */
 static decaff_real share_of(decaff_real x)
 {
     decaff_real small = x, share = 1.0;
@@ -83,7 +83,7 @@ static decaff_real share_of(decaff_real x)
     return share;
 }
 
-/* The length of a vector, however large its numbers are. */
+/* The length of a vector, without overflow. */
 static decaff_real length_of(decaff_real x, decaff_real y, decaff_real z)
 {
     decaff_real largest = greater(greater(magnitude(x), magnitude(y)), magnitude(z));
@@ -99,7 +99,7 @@ static decaff_real length_of(decaff_real x, decaff_real y, decaff_real z)
 
 /* --- the finger's path --- */
 
-/* The last row before x; beyond the ends the first, and the last but one. Of even rows, as bends are, at once. */
+/* The last row before x; beyond the ends the first, and the last but one. Constant time for even rows. */
 static size_t row_of(decaff_real x, const decaff_real *xs, size_t count)
 {
     size_t low = 0u, high = count - 1u;
@@ -127,7 +127,7 @@ static size_t row_of(decaff_real x, const decaff_real *xs, size_t count)
     return low;
 }
 
-/* The line through two neighbours; beyond the ends it goes on with the last slope. No number stays what it is. */
+/* Linear interpolation; beyond the ends it extrapolates with the last slope. NaN stays NaN. */
 static decaff_real along(decaff_real x, const decaff_real *xs, const decaff_real *ys, size_t count)
 {
     size_t low = row_of(x, xs, count);
@@ -161,7 +161,7 @@ decaff_real decaff_drum_position(const decaff_path *path, decaff_real angle)
     return along(angle, path->angles, path->positions, path->count);
 }
 
-/* Metres of fingertip to a radian of the motor, by the slope of the path at a drum angle; also the N m of a newton. */
+/* Metres of fingertip per radian of the motor, by the slope of the path at a drum angle; also N m per newton. */
 static decaff_real motor_lever(const decaff_path *path, decaff_real angle)
 {
     size_t row = row_of(angle, path->angles, path->count);
@@ -236,7 +236,7 @@ void decaff_subscriber_look(const decaff_subscriber *frames, size_t finger, int6
     seen->motor_force = NAN;
 }
 
-/* --- where the finger touches --- */
+/* --- the position of contact --- */
 
 /* Unknown, or within bounds. */
 static bool may_be(decaff_real number, decaff_real least, decaff_real most)
@@ -244,7 +244,7 @@ static bool may_be(decaff_real number, decaff_real least, decaff_real most)
     return isnan(number) || ((least <= number) && (number <= most));
 }
 
-/* Whether a normal's length is 1, or no normal is known. */
+/* Return whether a normal is a unit vector, or unknown. */
 static bool may_be_normal(const double *normal)
 {
     decaff_real x = normal[0], y = normal[1], z = normal[2];
@@ -255,13 +255,13 @@ static bool may_be_normal(const double *normal)
     return is_unknown || (magnitude(length - 1.0) <= PROXIMITY_UNIT_ERROR);
 }
 
-/* Whether what a tracked finger's record says can be. */
+/* Return whether the values in a tracked finger's record are possible. */
 static bool is_sound(const proximity_contact *c, const decaff_settings *set, int64_t now_ns)
 {
     decaff_real distance = c->signed_distance;
 
     return (proximity_time_between(now_ns, c->pose_ns) <= set->future_ns) && (distance >= -DECAFF_MOST_LENGTH)
-           && ((distance <= DECAFF_MOST_LENGTH) || !is_finite(distance)) /* inf: nothing within reach */
+           && ((distance <= DECAFF_MOST_LENGTH) || !is_finite(distance)) /* inf: out of reach */
            && (c->mode <= (uint8_t)PROXIMITY_MODE_HOLD) && (c->surface <= (uint8_t)PROXIMITY_SURFACE_DEFORMABLE)
            && (c->source <= (uint8_t)PROXIMITY_SOURCE_TELEOPERATION) && may_be_normal(c->normal)
            && may_be(c->bend, DECAFF_LEAST_BEND, DECAFF_MOST_BEND)
@@ -271,7 +271,7 @@ static bool is_sound(const proximity_contact *c, const decaff_settings *set, int
            && !(c->contact_bend_error < 0.0);
 }
 
-/* Whether the service knows where the finger is. */
+/* Return whether the service knows the finger's position. */
 static bool is_tracked(const proximity_contact *c)
 {
     return ((c->flags & (uint32_t)PROXIMITY_FLAG_TRACKED) != 0u) && (c->mode != (uint8_t)PROXIMITY_MODE_HOLD);
@@ -294,7 +294,7 @@ static decaff_real extrapolated(const proximity_contact *c, decaff_real bend, de
     return answer;
 }
 
-/* How fast the contact goes along the finger's path as the part moves, m/s; 0: it rests, or nobody knows. */
+/* The speed of the contact along the finger's path as the part moves, m/s; 0: at rest, or unknown. */
 static decaff_real drift_of(const proximity_contact *c, const decaff_settings *set, decaff_real incidence)
 {
     decaff_real coming = (c->normal[0] * c->part_velocity[0]) + (c->normal[1] * c->part_velocity[1])
@@ -305,20 +305,20 @@ static decaff_real drift_of(const proximity_contact *c, const decaff_settings *s
                                                   : greater(-set->max_speed, lesser(set->max_speed, drift));
 }
 
-/* Where the finger touches, from what the record says; false: nowhere before the fist. */
+/* The position of contact from the record; false: none before the fist. */
 static bool locate(const proximity_contact *c, const decaff_path *path, decaff_location *found)
 {
     decaff_real bend = c->bend, distance = c->signed_distance, contact_bend = c->contact_bend;
     decaff_real clearance = lesser(c->lower, distance), travel = NAN;
     bool is_on_path = (c->flags & (uint32_t)PROXIMITY_FLAG_ON_PATH) != 0u;
     bool is_found = (c->flags & (uint32_t)PROXIMITY_FLAG_CONTACT_FOUND) != 0u;
-    /* A path that was followed as far as steps sufficed, without a contact, has no drift. */
+    /* A path without a contact up to the limit of steps has no drift. */
     bool is_open = is_on_path && !is_found && isnan(c->contact_bend_rate);
 
     found->rate = 0.0;
     found->error = 0.0;
     if (isnan(contact_bend) && is_on_path) {
-        return false; /* the path is free up to the fist: nothing is guessed */
+        return false; /* the path is free up to the fist: no extrapolation */
     }
     if (is_finite(contact_bend) && !is_open) {
         found->rate = or_zero(c->contact_bend_rate);
@@ -328,7 +328,7 @@ static bool locate(const proximity_contact *c, const decaff_path *path, decaff_l
                                isnan(contact_bend) ? -(decaff_real)INFINITY : contact_bend);
     }
     if (is_finite(bend) && (clearance > 0.0)) {
-        /* Whatever is said of its travel, a finger that is free goes so far, for certain, before it touches. */
+        /* Independently of its reported displacement, a free finger certainly moves this far before it touches. */
         decaff_real nearest = bend_of_position(path, position_of_bend(path, bend) + clearance);
 
         if (contact_bend < (nearest - DECAFF_TABLE_ERROR)) {
@@ -341,7 +341,7 @@ static bool locate(const proximity_contact *c, const decaff_path *path, decaff_l
     if (is_finite(bend)) {
         travel = position_of_bend(path, contact_bend) - position_of_bend(path, bend);
     }
-    found->incidence = ((travel > DECAFF_MIN_TRAVEL) && (distance < (decaff_real)INFINITY))
+    found->incidence = ((travel > DECAFF_LEAST_TRAVEL) && (distance < (decaff_real)INFINITY))
                            ? lesser(greater(distance / travel, 0.0), 1.0)
                            : (decaff_real)NAN;
     found->bend = contact_bend;
@@ -350,9 +350,9 @@ static bool locate(const proximity_contact *c, const decaff_path *path, decaff_l
     return true;
 }
 
-/* --- what is believed of frames --- */
+/* --- trust in frames --- */
 
-/* Nothing is known until another record can be believed. */
+/* Forget the contact until another record is accepted. */
 static void forget_location(decaff_frame_trust *frames)
 {
     frames->has_location = false;
@@ -360,7 +360,7 @@ static void forget_location(decaff_frame_trust *frames)
     frames->was_outside = false;
 }
 
-/* Start anew; counts go on. */
+/* Restart; counts continue. */
 static void forget_frames(decaff_frame_trust *frames)
 {
     uint32_t dropped = frames->dropped, awaited = frames->awaited;
@@ -370,13 +370,13 @@ static void forget_frames(decaff_frame_trust *frames)
     frames->awaited = awaited;
 }
 
-/* How long ago the last pose was that is believed, ns. */
+/* The age of the last accepted pose, ns. */
 static int64_t age_of(const decaff_frame_trust *frames, int64_t now_ns)
 {
     return frames->has_pose ? proximity_time_between(frames->pose_ns, now_ns) : now_ns;
 }
 
-/* Where the finger will touch, m; inf: nowhere. */
+/* The expected position of contact, m; inf: none. */
 static decaff_real predicted_position(const decaff_frame_trust *frames, const decaff_path *path, int64_t now_ns)
 {
     const decaff_settings *set = path->settings;
@@ -389,7 +389,7 @@ static decaff_real predicted_position(const decaff_frame_trust *frames, const de
 
         if (bend <= 1.0) {
             decaff_real elapsed = seconds(within_ns(age_of(frames, now_ns), set->fresh_ns));
-            /* However fast it is said to drift: nothing comes nearer faster than that. */
+            /* Limit the reported drift: a contact does not approach faster. */
             decaff_real nearest = position_of_bend(path, location->bend) - (set->max_speed * elapsed);
 
             answer = greater(position_of_bend(path, bend), nearest);
@@ -409,7 +409,7 @@ static enum decaff_trust trust_at(decaff_frame_trust *frames, const decaff_setti
     } else {
         int64_t age_ns = proximity_time_between(frames->pose_ns, now_ns);
 
-        if (age_ns >= -set->future_ns) { /* else the clock is another one now */
+        if (age_ns >= -set->future_ns) { /* else the clock has been replaced */
             if (age_ns <= set->fresh_ns) {
                 trust = DECAFF_TRUST_FRESH;
             } else if (age_ns <= set->stale_ns) {
@@ -425,7 +425,7 @@ static enum decaff_trust trust_at(decaff_frame_trust *frames, const decaff_setti
     return trust;
 }
 
-/* Whether a contact that was there may have come to where it is now; `by_pose`: by its pose. */
+/* Return whether an earlier contact may have moved to its present position; `by_pose`: by its pose. */
 static bool may_follow(const decaff_location *before, const decaff_location *found, const decaff_path *path,
                        bool by_pose)
 {
@@ -446,7 +446,7 @@ static bool may_follow(const decaff_location *before, const decaff_location *fou
     return nearer <= ((set->max_speed * 1e-9 * (decaff_real)elapsed_ns) + error);
 }
 
-/* The rate of a bend, 1/s, at which its position goes at a speed, m/s. */
+/* The rate of a bend, 1/s, for a speed of its position, m/s. */
 static decaff_real rate_of(const decaff_path *path, decaff_real bend, decaff_real speed)
 {
     decaff_real slope = (position_of_bend(path, bend + DECAFF_SLOPE_BEND) - position_of_bend(path, bend))
@@ -455,8 +455,8 @@ static decaff_real rate_of(const decaff_path *path, decaff_real bend, decaff_rea
     return (slope > 0.0) ? (speed / slope) : 0.0;
 }
 
-/* In contact the surface is where it was. With a part that moves it goes by the part's velocity, and, half as fast
- * at most, towards where the distance has it: what is said of a finger that is inside is no more certain. */
+/* In contact the surface stays in place. On a moving part it moves with the part's velocity, and, at most half as
+ * fast, towards the measured distance: inside, distances are no more certain. */
 static void follow_part(decaff_location *at, const proximity_contact *c, const decaff_path *path, int64_t start_ns)
 {
     decaff_real drift = drift_of(c, path->settings, at->incidence);
@@ -478,7 +478,7 @@ static void follow_part(decaff_location *at, const proximity_contact *c, const d
     }
 }
 
-/* Take a farther position or one no nearer than is possible, at once; others when confirmed. */
+/* Accept a farther position, or one no nearer than is possible, directly; others when confirmed. */
 static void take_location(decaff_frame_trust *frames, const proximity_contact *c, const decaff_path *path,
                           int64_t start_ns)
 {
@@ -510,7 +510,7 @@ static void take_location(decaff_frame_trust *frames, const proximity_contact *c
             frames->has_pending = false;
         } else {
             if (frames->has_location && !is_outside) {
-                frames->was_outside = false; /* a part was put where the finger is */
+                frames->was_outside = false; /* a part was placed at the finger */
             }
             frames->pending = found;
             frames->has_pending = true;
@@ -531,7 +531,7 @@ static void take_reading(decaff_contact_reading *reading, const proximity_contac
     reading->force = ((c->force_is_valid != 0u) && is_finite(c->force)) ? c->force : (decaff_real)NAN;
 }
 
-/* Look at a record once, and believe it if it is sound and in order. */
+/* Read a record once, and accept it if it is valid and in order. */
 static void take_record(decaff_frame_trust *frames, const decaff_observation *seen, const decaff_path *path)
 {
     const decaff_settings *set = path->settings;
@@ -563,7 +563,7 @@ static void take_record(decaff_frame_trust *frames, const decaff_observation *se
         return;
     }
     if (proximity_time_between(c->pose_ns, seen->now_ns) > set->stale_ns) {
-        return; /* too old to tell anything */
+        return; /* too old to be informative */
     }
     if ((c->flags & (uint32_t)PROXIMITY_FLAG_JUMPED) != 0u) {
         frames->was_outside = false;
@@ -579,7 +579,7 @@ static void take_record(decaff_frame_trust *frames, const decaff_observation *se
     take_reading(&frames->reading, c);
 }
 
-/* Take in what is new, and say what is known. */
+/* Read a new record, and report the state. */
 static enum decaff_trust take_frames(decaff_frame_trust *frames, const decaff_observation *seen,
                                      const decaff_path *path)
 {
@@ -605,7 +605,7 @@ static enum decaff_trust take_frames(decaff_frame_trust *frames, const decaff_ob
 
 /* --- a steady force, and the force of a surface --- */
 
-/* Take a sample; whether the force is steady now. */
+/* Add a sample; return whether the force is steady now. */
 bool decaff_is_steady(decaff_steady *watch, const decaff_settings *set, decaff_real force, decaff_real speed)
 {
     bool is_full = watch->count >= set->steady_samples;
@@ -644,14 +644,14 @@ static decaff_real usable(decaff_real number)
     return (is_finite(number) && (number > 0.0)) ? number : 0.0;
 }
 
-/* What is displayed of a surface: no stiffer than the bound of passivity lets it be with that damping. */
+/* The displayed stiffness of a surface, limited by the bound of passivity for its damping. */
 void decaff_displayed(const decaff_settings *set, decaff_real stiffness, decaff_real damping, decaff_real *k,
                       decaff_real *b)
 {
     decaff_real own = DECAFF_DRUM_DAMPING + DECAFF_PAD_DAMPING, most;
 
     *b = lesser(usable(damping), DECAFF_DAMPING_SHARE * own);
-    /* Colgate: K T/2 + K T c - B (2 c c - 1) is the device's own at most, of every cosine c. */
+    /* Colgate: K T/2 + K T c - B (2 c c - 1) is at most the device's own, for every cosine c. */
     most = (own >= (5.0 * *b)) ? ((own + *b) / 1.5) : (sqrt(*b * ((8.0 * own) - (4.0 * *b))) - (2.0 * *b));
     *k = lesser(usable(stiffness), most / (set->period + (set->drum_latency / 1.5)));
 }
@@ -678,7 +678,7 @@ static void forget_stretch(decaff_controller *finger)
     finger->stretch = 0.0;
 }
 
-/* Take in the force that stretches the cable; the drum comes nearer only while a fresh frame is known. */
+/* Update the force that stretches the cable; the drum comes nearer only while a fresh frame is known. */
 static void take_stretch(decaff_controller *finger, const decaff_observation *seen, decaff_real elapsed)
 {
     const decaff_settings *set = finger->path->settings;
@@ -692,7 +692,7 @@ static void take_stretch(decaff_controller *finger, const decaff_observation *se
     finger->stretch = (finger->trust == DECAFF_TRUST_FRESH) ? stretch : lesser(stretch, finger->stretch);
 }
 
-/* The target, nearer by the stretch of the cable. */
+/* The target, moved nearer by the stretch of the cable. */
 static decaff_real sent(const decaff_controller *finger)
 {
     return finger->target - finger->stretch;
@@ -786,12 +786,12 @@ static void follow_finger(decaff_controller *finger, const decaff_observation *s
         finger->speed += (((finger->finger - before) / elapsed) - finger->speed)
                          * share_of(set->speed_decay * elapsed);
     } else {
-        /* as it was */
+        /* unchanged */
     }
 }
 
-/* What the motor's force has warmed it up to: i2t, of what it holds for ever. Where only the force on the finger is
- * known, the motor's is greater by the gear's loss; where none is known, nothing is counted. */
+/* The heat of the motor by its force: i2t, relative to the continuous force. If only the force on the finger is
+ * known, the motor's is larger by the gear's loss; without either, none is added. */
 static void keep_heat(decaff_controller *finger, decaff_real motor_force, decaff_real force, decaff_real elapsed)
 {
     const decaff_settings *set = finger->path->settings;
@@ -803,7 +803,7 @@ static void keep_heat(decaff_controller *finger, decaff_real motor_force, decaff
     finger->is_hot = finger->heat >= (finger->is_hot ? DECAFF_COOL_HEAT : 1.0);
 }
 
-/* The force that may be displayed: the peak for a while, then what may last; of a hot motor what it holds. */
+/* The force that may be displayed: the peak for a while, then the continuous one, also for a hot motor. */
 static decaff_real budget_cap(decaff_controller *finger, decaff_real force, decaff_real elapsed)
 {
     const decaff_settings *set = finger->path->settings;
@@ -820,7 +820,7 @@ static decaff_real budget_cap(decaff_controller *finger, decaff_real force, deca
     return finger->is_hot ? lesser(cap, set->heat_force) : cap;
 }
 
-/* Whether finger and object are apart for certain: a drum that is touched then is in the way. */
+/* Return whether finger and object are certainly apart: a drum in contact then is in the way. */
 static bool is_clear(const decaff_controller *finger, const decaff_observation *seen)
 {
     const decaff_settings *set = finger->path->settings;
@@ -837,7 +837,7 @@ static bool touches(const decaff_controller *finger, const decaff_observation *s
            || ((seen->force > set->touch_force) && (gap < set->release_gap));
 }
 
-/* The target that may be set: nearer to the finger only while a fresh frame is known. */
+/* The permitted target: nearer to the finger only while a fresh frame is known. */
 static decaff_real allowed(const decaff_controller *finger, decaff_real position)
 {
     decaff_real target = finger->target;
@@ -848,7 +848,7 @@ static decaff_real allowed(const decaff_controller *finger, decaff_real position
     return target;
 }
 
-/* A drum is late from when the finger passes the drum's target first until the drum is there. */
+/* A drum is late from when the finger passes the drum's target first until the drum reaches it. */
 static void mark_late(decaff_controller *finger, decaff_real drum, bool may_begin)
 {
     const decaff_settings *set = finger->path->settings;
@@ -859,22 +859,22 @@ static void mark_late(decaff_controller *finger, decaff_real drum, bool may_begi
     } else if (may_begin) {
         finger->is_late = finger->finger > reached;
     } else {
-        /* as it was */
+        /* unchanged */
     }
 }
 
-/* At which rotor and gear have the energy of a bump near the finger, m/s, at the lever where the drum stands. */
+/* The speed at which rotor and gear have the energy of a bump near the finger, m/s, at the drum's present lever. */
 static decaff_real near_speed(const decaff_controller *finger)
 {
     return finger->path->settings->near_motor_speed * finger->motor_lever;
 }
 
-/* How fast the drum may come towards the finger: near it, with little energy; farther, so that it can brake
- * until there, with power and without. A force follows a finger that goes. */
+/* The maximum speed of the drum towards the finger: near it, with little energy; farther, so that it can brake in
+ * time, with power and without. A force follows a receding finger. */
 static decaff_real closing_cap(const decaff_controller *finger, decaff_real gap, bool follows)
 {
     const decaff_settings *set = finger->path->settings;
-    decaff_real coming = greater(0.0, finger->speed); /* while the drum brakes, the finger goes on */
+    decaff_real coming = greater(0.0, finger->speed); /* while the drum brakes, the finger still moves */
     decaff_real going = follows ? lesser(0.0, finger->speed) : 0.0;
     decaff_real slowest = greater(coming, near_speed(finger) - going);
     decaff_real free_gap = greater(0.0, gap - set->near_gap);
@@ -882,12 +882,12 @@ static decaff_real closing_cap(const decaff_controller *finger, decaff_real gap,
                               + (2.0 * set->braking * free_gap))
                          - set->unbraked_speed;
 
-    /* A drum that loses its power is braked by its own motor. */
+    /* A drum that loses its power is braked by its motor. */
     return greater(slowest, lesser(braked, slowest + greater(0.0, (set->shorted_rate * gap) - set->shorted_late)))
            - coming;
 }
 
-/* The same of a drum that may be late. */
+/* The same for a drum that may be late. */
 static decaff_real approach_cap(const decaff_controller *finger, decaff_real gap, bool follows)
 {
     decaff_real speed = closing_cap(finger, gap, follows);
@@ -928,7 +928,7 @@ static void act_at_position(const decaff_controller *finger, decaff_action *acti
 
     if (sent(finger) < drum) {
         speed = approach_cap(finger, gap, false);
-        /* Farther off nothing is pressed, and so weak a motor could not brake what goes away. */
+        /* Farther off no force acts, and a weak motor could not brake. */
         if (finger->is_late && (gap <= set->near_gap)) {
             cap = lesser(cap, set->late_force);
         }
@@ -947,12 +947,12 @@ static void act_free(decaff_controller *finger, decaff_action *action, decaff_re
     finger->target = allowed(finger, position);
     mark_late(finger, drum, finger->state == DECAFF_DRUM_STATE_APPROACH);
     if ((sent(finger) >= drum) || ((drum - finger->finger) > set->near_gap)) {
-        cap = (decaff_real)INFINITY; /* nothing is pressed there but the drum's own mass */
+        cap = (decaff_real)INFINITY; /* only the drum's mass is pressed there */
     }
     act_at_position(finger, action, drum, cap);
 }
 
-/* Force measured at the far end, from when the first contact is steady until it is lost; NaN: none. */
+/* The force measured at the far end, from when the first contact is steady until it is lost; NaN: none. */
 static decaff_real slave_force(decaff_controller *finger, const decaff_observation *seen, decaff_real elapsed,
                                bool has_steadied)
 {
@@ -963,7 +963,7 @@ static decaff_real slave_force(decaff_controller *finger, const decaff_observati
     decaff_real force = NAN;
 
     if (finger->serves_force) {
-        /* A force that nobody measures is not felt either. */
+        /* A force without a measurement is not displayed. */
         finger->weak_for = (seen->force >= set->lost_force) ? 0.0 : (finger->weak_for + elapsed);
         finger->serves_force = !is_off && !(finger->weak_for >= set->lost_time);
     } else if (has_steadied && is_known && !is_off && (finger->trust == DECAFF_TRUST_FRESH)
@@ -991,10 +991,10 @@ static decaff_real force_wanted(decaff_controller *finger, const decaff_observat
     decaff_real force = NAN;
 
     if (!reading->is_known || ((finger->trust != DECAFF_TRUST_FRESH) && !has_served)) {
-        /* where it is uncertain no force begins */
+        /* an uncertain contact starts no force */
     } else if (reading->surface == (uint8_t)PROXIMITY_SURFACE_DEFORMABLE) {
-        /* A drum that came too near: what a surface serves that is not reached would not hold it. Back from there
-         * is nearer, so that position and force do not alternate. */
+        /* A drum that came too near: the force of a surface not yet reached would not hold it. The limit for leaving
+         * the force is nearer, so that position and force do not alternate. */
         if (!(drum < (sent(finger) - (set->late_gap * (has_served ? 1.0 : 0.5))))) {
             finger->serves_force = true;
             force = surface_force(set, reading, finger->finger - finger->target, finger->speed,
@@ -1008,7 +1008,7 @@ static decaff_real force_wanted(decaff_controller *finger, const decaff_observat
     return force;
 }
 
-/* The share of the force that is left: unchanged at first, where nothing is known, then ramped to nothing. */
+/* The remaining share of the force: unchanged at first without data, then ramped to zero. */
 static decaff_real released_share(decaff_controller *finger, int64_t sample_ns)
 {
     const decaff_settings *set = finger->path->settings;
@@ -1030,8 +1030,8 @@ static decaff_real released_share(decaff_controller *finger, int64_t sample_ns)
     return finger->share;
 }
 
-/* With a part that moves the target goes where the contact is, no faster than drum and finger may come together,
- * until it is there and the part has been at rest for a while. */
+/* With a moving part the target follows the contact, no faster than drum and finger may approach, until it is there
+ * and the part has been at rest for a while. */
 static void follow_contact(decaff_controller *finger, const decaff_observation *seen, decaff_real elapsed)
 {
     const decaff_settings *set = finger->path->settings;
@@ -1053,7 +1053,7 @@ static void follow_contact(decaff_controller *finger, const decaff_observation *
     }
 }
 
-/* Hold the position, or serve a force; what is old changes neither, and in the end the force goes. */
+/* Hold the position, or serve a force; old data change neither, and finally the force is ramped down. */
 static void act_in_contact(decaff_controller *finger, const decaff_observation *seen, decaff_action *action,
                            decaff_real drum, decaff_real cap, decaff_real elapsed)
 {
@@ -1079,7 +1079,7 @@ static void act_in_contact(decaff_controller *finger, const decaff_observation *
                                                             : DECAFF_DRUM_STATE_FREEZE;
     }
     if (isnan(force)) {
-        if (finger->force < (decaff_real)INFINITY) { /* back from force: the finger may have gone on meanwhile */
+        if (finger->force < (decaff_real)INFINITY) { /* back from force: the finger may have moved on */
             mark_late(finger, drum, true);
         }
         finger->force = (decaff_real)INFINITY;
@@ -1092,12 +1092,12 @@ static void act_in_contact(decaff_controller *finger, const decaff_observation *
         write_action(finger, action, DECAFF_DRIVE_MODE_FORCE, approach_cap(finger, drum - finger->finger, true),
                      share * cap);
         if (!is_finite(seen->force)) {
-            action->start_force = NAN; /* nothing would take back what the motor did before */
+            action->start_force = NAN; /* it would not be corrected later */
         }
     }
 }
 
-/* Target of the drum while the finger does not touch. */
+/* The target of the drum while the finger does not touch. */
 static decaff_real position_wanted(const decaff_controller *finger, int64_t now_ns)
 {
     const decaff_settings *set = finger->path->settings;
@@ -1105,9 +1105,9 @@ static decaff_real position_wanted(const decaff_controller *finger, int64_t now_
     decaff_real farthest = retracted(finger->path), position = farthest;
 
     if (finger->trust > DECAFF_TRUST_OLD) {
-        /* nothing is known */
+        /* no data */
     } else if (!frames->was_outside) {
-        /* From inside no side of the surface can be known: no nearer than it is, and off the finger. */
+        /* Inside, the side of the surface is unknown: no nearer than it is, and off the finger. */
         position = greater(finger->target, finger->finger + set->standoff);
     } else {
         position = lesser(predicted_position(frames, finger->path, now_ns), farthest);
@@ -1207,7 +1207,7 @@ void decaff_servo_begin(decaff_servo *servo, const decaff_path *path, decaff_rea
     servo->last_position = position;
 }
 
-/* Start a mode where the last one left off. */
+/* Start a mode in the state of the last one. */
 static void enter_mode(decaff_servo *servo, const decaff_action *action, enum decaff_drive_mode mode,
                        decaff_real position, decaff_real speed)
 {
@@ -1227,7 +1227,7 @@ static void enter_mode(decaff_servo *servo, const decaff_action *action, enum de
     servo->last_mode = mode;
 }
 
-/* Move the reference towards the target: as fast as it may and still stop there, in whole samples. */
+/* Move the reference towards the target: at the maximum speed that still allows a stop there, in whole samples. */
 static void shape_reference(decaff_servo *servo, const decaff_action *action)
 {
     const decaff_settings *set = servo->settings;
@@ -1243,8 +1243,8 @@ static void shape_reference(decaff_servo *servo, const decaff_action *action)
     servo->reference += servo->reference_speed * set->period;
 }
 
-/* Stiffness, damping and integral against the shaped reference; N. Towards the finger the reference leads by no more
- * than damping holds at the speed that is allowed: a drum that was kept off does not come faster. */
+/* Stiffness, damping and integral against the shaped reference; N. Towards the finger the lead of the reference is
+ * limited by damping at the permitted speed: a drum that was blocked does not come faster. */
 static decaff_real demand_position(decaff_servo *servo, const decaff_action *action, decaff_real position,
                                    decaff_real speed, decaff_real limit)
 {
@@ -1272,27 +1272,27 @@ static decaff_real one_count(const decaff_settings *set)
     return 2.0 * set->servo_deadband / set->period;
 }
 
-/* The force reference, slewed to the force, with an integral of what is missing, damping, and a brake; N. */
+/* The force reference, slewed to the force, with an integral of the error, damping, and a brake; N. */
 static decaff_real demand_force(decaff_servo *servo, const decaff_action *action, decaff_real speed,
                                 decaff_real force, decaff_real limit)
 {
     const decaff_settings *set = servo->settings;
     decaff_real slew = (action->force_slew > 0.0) ? action->force_slew : set->servo_force_slew, demand;
-    /* Towards a finger that it has lost, or may have: a brake that is proportional begins before the cap. Where the
-     * finger is felt it begins at a count of the encoder in a sample, or single counts would push the drum off. */
+    /* Towards a finger that it has lost, or may have lost: a proportional brake begins before the cap. If the finger
+     * is felt it begins at a count of the encoder in a sample, or single counts would push the drum off. */
     decaff_real count = (force > set->touch_force) ? one_count(set) : 0.0;
     decaff_real too_fast = greater(-speed - greater(DECAFF_BRAKE_FROM * action->speed_cap, count), 0.0);
 
     servo->force_reference += within(action->force - servo->force_reference, slew * set->period);
     demand = -servo->force_reference - servo->integrated - (set->servo_force_damping * speed);
-    if ((magnitude(demand) <= limit) && is_finite(force)) { /* of a force that is not measured nothing is missing */
+    if ((magnitude(demand) <= limit) && is_finite(force)) { /* an unmeasured force has no error */
         servo->integrated += set->servo_force_gain * (servo->force_reference - force) * set->period;
     }
     return demand + (DECAFF_BRAKE_DAMPING * set->servo_damping * too_fast);
 }
 
-/* The share of its push towards the finger that a drum keeps, which comes nearly as fast as it may: a chip that hangs
- * leaves it no push then, and a light drum that flies through its gear's play gains no speed there. */
+/* The remaining share of the push towards the finger at nearly the maximum speed: a chip that hangs then leaves no
+ * push, and a light drum that crosses its gear's play gains no speed there. */
 static decaff_real push_share(const decaff_settings *set, enum decaff_drive_mode mode, decaff_real cap,
                               decaff_real coming, decaff_real force)
 {
@@ -1337,7 +1337,7 @@ decaff_real decaff_servo_step(decaff_servo *servo, const decaff_action *action, 
     }
     servo->smoothed += set->servo_smoothing_share * (applied - servo->smoothed);
     servo->demanded = within(demand, limit);
-    return is_driven ? applied : 0.0; /* without power at once */
+    return is_driven ? applied : 0.0; /* without power immediately */
 }
 
 /* --- the start --- */
@@ -1358,7 +1358,7 @@ static void enter_start(decaff_start *start, enum decaff_start_state state)
     start->still = 0.0;
 }
 
-/* The drum at its index or stop: from now on its angle is known. */
+/* The drum at its index or stop: its angle is known now. */
 static void set_home(decaff_start *start, decaff_real encoder)
 {
     start->offset = start->home - encoder;
@@ -1384,7 +1384,7 @@ static void compare_by_hand(decaff_start *start, decaff_real encoder, decaff_rea
     }
 }
 
-/* Away from the finger first; where it does not turn, as at the stop, the other way. */
+/* Away from the finger first; if blocked, as at the stop, the other way. */
 static decaff_real try_sign(decaff_start *start, decaff_real encoder, decaff_real most)
 {
     decaff_real share = start->time / DECAFF_START_RAMP, torque = 0.0;
@@ -1396,7 +1396,7 @@ static decaff_real try_sign(decaff_start *start, decaff_real encoder, decaff_rea
         enter_start(start, DECAFF_START_WRONG_SIGN);
     } else if (share > 2.0) {
         enter_start(start, DECAFF_START_STUCK);
-    } else { /* no faster than on its way to the stop, whichever way it turns */
+    } else { /* no faster than on its way to the stop, in either direction */
         torque = most * ((share < 1.0) ? share : (1.0 - share))
                  * greater(1.0 - (magnitude(start->speed) / DECAFF_START_SPEED), 0.0);
     }
@@ -1427,9 +1427,9 @@ decaff_real decaff_start_step(decaff_start *start, decaff_real encoder, decaff_r
         } else if (start->state == DECAFF_START_BY_HAND) {
             compare_by_hand(start, encoder, link);
         } else if ((start->first_link - link) > DECAFF_START_PUSHED) {
-            enter_start(start, DECAFF_START_WRONG_SIGN); /* the drum pushes the link: it comes to the finger */
+            enter_start(start, DECAFF_START_WRONG_SIGN); /* the drum pushes the link: it moves towards the finger */
         } else if (!((encoder - start->first) <= ((start->home - path->angles[0]) + DECAFF_START_PUSHED))) {
-            enter_start(start, DECAFF_START_STUCK); /* a home farther off than the finger's path is long */
+            enter_start(start, DECAFF_START_STUCK); /* home is farther than the length of the finger's path */
         } else if (is_at_index) {
             set_home(start, encoder);
         } else if (start->time > DECAFF_START_LONGEST) {

@@ -10,8 +10,8 @@ import numpy as np
 
 from proximity.message.c_header import comment_lines
 
-MOST_STEADY = 1024
-"""Samples that a steady force is looked back on in the package; a chip has as many as its settings need."""
+MAX_STEADY = 1024
+"""Samples in the window of a steady force in the package; a chip has the number that its settings need."""
 HEADER = Path(__file__).with_name("decaff_controller.h.in")
 
 
@@ -21,24 +21,24 @@ class Member(NamedTuple):
     name: str
     kind: str  # of C; "real": decaff_real
     meaning: str = ""
-    length: int = 0  # 0: one; else so many, in C ``DECAFF_MOST_STEADY``
+    length: int = 0  # 0: one; else an array, in C of ``DECAFF_MOST_STEADY``
 
 
 RECORDS = {
     "settings": (
         Member("period", "real", "s between two samples of controller and servo"),
         Member("fresh_ns", "int64_t", "age of a pose: younger, all is normal"),
-        Member("stale_ns", "int64_t", "older, nothing is known"),
+        Member("stale_ns", "int64_t", "older, the state is unknown"),
         Member("future_ns", "int64_t", "farther in the future, the frame is wrong"),
-        Member("freeze_ns", "int64_t", "in contact, nothing known: so long nothing changes"),
-        Member("ramp_ns", "int64_t", "then the force limit goes to nothing"),
+        Member("freeze_ns", "int64_t", "in contact without data: time without change"),
+        Member("ramp_ns", "int64_t", "then the force limit is ramped to zero"),
         Member("watchdog_ns", "int64_t", "between two samples of the servo, at most"),
         Member("touch_gap", "real", "m of finger and drum: nearer is touching"),
         Member("release_gap", "real", "m, farther is released"),
         Member("touch_force", "real", "N"),
         Member("gone_force", "real", "N: with less, a drum that froze retracts"),
         Member("standoff", "real", "m, from a finger that began inside"),
-        Member("max_speed", "real", "m/s of whatever moves: a contact that comes nearer faster is a jump"),
+        Member("max_speed", "real", "m/s of any motion: a contact that comes nearer faster is a jump"),
         Member("object_speed", "real", "m/s of objects in old frames"),
         Member("speed_error", "real", "of old frames, times the finger's speed"),
         Member("late_speed", "real", "m/s, of a drum that comes late"),
@@ -54,23 +54,19 @@ RECORDS = {
         Member(
             "heat_force",
             "real",
-            "N of the motor that it holds for ever; a gear that drives passes on its efficiency's share: "
-            "that much presses on the finger",
+            "N of the motor, continuous; a driving gear passes on its efficiency's share: "
+            "the force on the finger",
         ),
         Member("heat_time", "real", "s, in which the motor warms up"),
-        Member("follow_speed", "real", "m/s: slower, a part that is touched is at rest"),
+        Member("follow_speed", "real", "m/s: slower, a touched part is at rest"),
         Member("speed_decay", "real", "1/s, of the low-pass of the finger's speed"),
-        Member("braking", "real", "m/s2, that the drum is counted on to brake with near the finger"),
-        Member("unbraked_speed", "real", "m/s: what it brakes too late, in a sample and the servo's lag"),
-        Member(
-            "shorted_rate", "real", "1/s: what the drum loses of its speed a metre, with its windings shorted"
-        ),
+        Member("braking", "real", "m/s2, braking of the drum near the finger"),
+        Member("unbraked_speed", "real", "m/s: braked too late, in a sample and the servo's lag"),
+        Member("shorted_rate", "real", "1/s: loss of the drum's speed per metre, with its windings shorted"),
         Member("shorted_late", "real", "m/s, that it gains before, where its chip hangs"),
-        Member("cable_stiffness", "real", "N/m at the fingertip; inf: no stretch is made up for"),
+        Member("cable_stiffness", "real", "N/m at the fingertip; inf: stretch is not compensated"),
         Member("cable_decay", "real", "1/s, of two low-passes of the force that stretches it"),
-        Member(
-            "steady_samples", "uint32_t", "that a steady force is looked back on; DECAFF_MOST_STEADY at most"
-        ),
+        Member("steady_samples", "uint32_t", "window of a steady force; DECAFF_MOST_STEADY at most"),
         Member("steady_share", "real", "of two low-passes in a row"),
         Member("steady_ripple", "real", "N that it may vary by"),
         Member("steady_ripple_share", "real", "of the force, if that is more"),
@@ -79,14 +75,14 @@ RECORDS = {
         Member("steady_slow_speed", "real", "m/s of the finger"),
         Member("lost_force", "real", "N: with less, for a while, the contact of teleoperation is lost"),
         Member("lost_time", "real", "s"),
-        Member("lost_distance", "real", "m of the slave from its object: more, and the contact is lost"),
+        Member("lost_distance", "real", "m of the slave from its object: beyond, the contact is lost"),
         Member("servo_stiffness", "real", "N/m"),
         Member("servo_damping", "real", "N s/m"),
         Member("servo_integral", "real", "N/(m s)"),
         Member(
             "servo_integral_limit",
             "real",
-            "N: a drum that is held, as at its stop, does not wind it up further",
+            "N: a blocked drum, as at its stop, does not wind it up further",
         ),
         Member("servo_acceleration", "real", "m/s2, of the reference"),
         Member("servo_speed", "real", "m/s, of the reference"),
@@ -98,7 +94,7 @@ RECORDS = {
         Member("drum_force_limit", "real", "N at the fingertip"),
         Member("drum_ratio", "real", "turns of the motor to one of the drum"),
         Member("drum_efficiency", "real", "of the gear that drives"),
-        Member("drum_latency", "real", "s, from a torque that is commanded to one that acts"),
+        Member("drum_latency", "real", "s, from the command of a torque to its effect"),
         Member("motor_torque", "real", "N m at its shaft, at most"),
         Member("motor_speed", "real", "rad/s at its shaft, at most"),
     ),
@@ -121,15 +117,15 @@ RECORDS = {
         Member("drum_angle", "real", "rad, by the encoder; NaN: a fault"),
         Member("force", "real", "N, between finger and drum; NaN: not measured"),
         Member("has_fault", "bool", "of motor or current"),
-        Member("motor_force", "real", "N, by which the motor presses on the finger; NaN: not known"),
+        Member("motor_force", "real", "N, of the motor on the finger; NaN: not known"),
     ),
     "location": (
         Member("bend", "real", "at pose_ns"),
         Member("rate", "real", "1/s, by which it drifts"),
         Member("error", "real", "by which the bend may be off"),
         Member("finger_speed", "real", "m/s, when it was reported"),
-        Member("incidence", "real", "cosine between path and normal; NaN: too near to tell"),
-        Member("drift", "real", "m/s along the path, with the part's velocity; 0: it rests, or nobody knows"),
+        Member("incidence", "real", "cosine between path and normal; NaN: too near"),
+        Member("drift", "real", "m/s along the path, with the part's velocity; 0: at rest, or unknown"),
         Member("pose_ns", "int64_t"),
         Member("start_ns", "int64_t", "of the tick that reported it"),
     ),
@@ -145,7 +141,7 @@ RECORDS = {
     ),
     "frame_trust": (
         Member("reading", "decaff_contact_reading", "by the record that was believed last"),
-        Member("has_location", "bool", "else nothing will be touched"),
+        Member("has_location", "bool", "else no contact is expected"),
         Member("has_pending", "bool"),
         Member("location", "decaff_location"),
         Member("pending", "decaff_location", "to be confirmed by a frame of a second pose"),
@@ -153,7 +149,7 @@ RECORDS = {
         Member("has_pose", "bool"),
         Member("pose_ns", "int64_t", "that is believed"),
         Member("has_frame", "bool"),
-        Member("session", "uint64_t", "of the frame that was looked at last"),
+        Member("session", "uint64_t", "of the last frame read"),
         Member("sequence", "uint64_t"),
         Member("start_ns", "int64_t"),
         Member("has_newest", "bool"),
@@ -167,8 +163,8 @@ RECORDS = {
     "steady": (
         Member("once", "real", "N, low-passed once"),
         Member("twice", "real", "N, low-passed twice"),
-        Member("window", "real", "", MOST_STEADY),
-        Member("count", "uint32_t", "samples so far, no more than the window has"),
+        Member("window", "real", "", MAX_STEADY),
+        Member("count", "uint32_t", "present samples, at most those of the window"),
         Member("next", "uint32_t", "row of the window that is the oldest"),
         Member("slow_count", "uint32_t"),
     ),
@@ -192,10 +188,10 @@ RECORDS = {
         Member("weak_for", "real", "s"),
         Member("steady", "decaff_steady"),
         Member("is_releasing", "bool"),
-        Member("release_ns", "int64_t", "since when nothing is known"),
+        Member("release_ns", "int64_t", "since when the state is unknown"),
         Member("share", "real", "of the force that is left"),
         Member("mean_force", "real", "N"),
-        Member("heat", "real", "of the motor, low-passed square of its force over the one it holds for ever"),
+        Member("heat", "real", "of the motor, low-passed square of its force over the continuous one"),
         Member("is_hot", "bool"),
         Member("is_following", "bool", "a part that moves while it is touched"),
         Member("moved_ns", "int64_t", "when it was seen to move last"),
@@ -216,12 +212,10 @@ RECORDS = {
         Member("torque", "real", "N m at the motor's shaft that presses with that force"),
         Member("torque_cap", "real", "N m at the motor's shaft, at most"),
         Member("motor_speed_cap", "real", "rad/s of the motor's shaft, at most"),
-        Member("force_slew", "real", "N/s, of the force; 0: the servo's own, inf: at once"),
-        Member("heat", "real", "of the motor; from 1 on its force is limited to what it holds for ever"),
-        Member("is_hot", "bool", "the force is limited so, until the motor is cooler"),
-        Member(
-            "is_anew", "bool", "samples were left out: the servo knows no speed, and starts its mode anew"
-        ),
+        Member("force_slew", "real", "N/s, of the force; 0: the servo's default, inf: a step"),
+        Member("heat", "real", "of the motor; from 1 on its force is limited to the continuous one"),
+        Member("is_hot", "bool", "that limit is active, until the motor is cooler"),
+        Member("is_anew", "bool", "samples were missed: the servo knows no speed, and restarts its mode"),
     ),
     "servo": (
         Member("settings", "const decaff_settings *"),
@@ -235,7 +229,7 @@ RECORDS = {
         Member("smoothed", "real", "N, what the motor did of late"),
     ),
 }
-"""By their names, ``decaff_`` before them in C; one that has others comes behind them."""
+"""Records by name, prefixed with ``decaff_`` in C; a record follows those that it contains."""
 _NUMBERS = {"bool": "?", "uint8_t": "u1", "uint32_t": "u4", "size_t": "u8", "int64_t": "i8", "uint64_t": "u8"}
 _NUMBERS |= {"real": "f8"}
 
@@ -253,12 +247,12 @@ def _types() -> dict[str, np.dtype]:
 
 
 TYPES = _types()
-"""The same, as NumPy has them."""
+"""The same, as NumPy types."""
 
 
-def controller_header(most_steady: int = MOST_STEADY) -> str:
-    """Return the text of ``decaff_controller.h``; *most_steady* samples are looked back on."""
-    text = HEADER.read_text(encoding="ascii").replace("@MOST_STEADY@", str(most_steady))
+def controller_header(max_steady: int = MAX_STEADY) -> str:
+    """Return the text of ``decaff_controller.h``; *max_steady*: samples in the window of a steady force."""
+    text = HEADER.read_text(encoding="ascii").replace("@MAX_STEADY@", str(max_steady))
     for name, members in RECORDS.items():
         lines = [f"typedef struct decaff_{name} {{", *(line for each in members for line in _lines(each))]
         text = text.replace(f"@{name.upper()}@", "\n".join([*lines, f"}} decaff_{name};"]))

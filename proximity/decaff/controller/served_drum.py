@@ -1,4 +1,4 @@
-"""A simulated drum that the servo of the chip drives, in C, sample by sample."""
+"""A simulated drum driven by the servo of the chip, in C, sample by sample."""
 
 import math
 
@@ -17,16 +17,16 @@ class ServedDrum:
     """A drum at rest at a position, m, with a mechanical stop farther from the finger."""
 
     plant: np.ndarray
-    drive: np.ndarray  # both as of `drum_kernels`, which step them between two samples
-    reported: float  # m, where the encoder had the drum at the last sample
-    servo: np.ndarray  # the one row of what the servo in C remembers
+    drive: np.ndarray  # both as in `drum_kernels`, which step them between two samples
+    reported: float  # m, of the drum by its encoder at the last sample
+    servo: np.ndarray  # the one row of state of the servo in C
 
     def __init__(self, drum: Drum, servo: Servo, position: float, stop: float = math.inf) -> None:
         self.drum, self.period, self.steps = drum, servo.period, steps_a_sample(servo.rate)
         self.step = self.period / self.steps  # s, of the plant
         self.plant, self.drive = drum.as_array(stop), drum.drive(self.step, position)
         self.reported = drum.reading(position)
-        # C keeps the address of the settings: they live as long as this object.
+        # C keeps the address of the settings, which must outlive it.
         _, settings, self._settings = memory(SETTINGS)
         for name, number in servo_numbers(drum, servo, Limits().continuous_force).items():
             settings[name] = number
@@ -37,22 +37,22 @@ class ServedDrum:
         self._memory = content[0], action[0]
         self._serve = in_c("servo_step")
         in_c("servo_begin")(content[0], place[0], self.reported)
-        if self.plant["play"][0] > 0.0:  # the integral holds the spring: it has stood there for long
+        if self.plant["play"][0] > 0.0:  # the integral balances the spring: a steady state
             self.servo["integrated"] = -self.plant["spring"]
 
     @property
     def position(self) -> float:
-        """Where the drum stands by its rotor, m."""
+        """Position of the drum by its rotor, m."""
         return float(self.drive[kernels.DRIVE_ROTOR])
 
     @property
     def arm(self) -> float:
-        """Where its arm meets the link, m; the gear's play and its teeth are between."""
+        """Position where its arm meets the link, m, beyond the gear's play and elasticity."""
         return float(self.drive[kernels.DRIVE_POSITION])
 
     @property
     def applied(self) -> float:
-        """Force that the servo asks for until the next sample, N, positive away from the finger."""
+        """Force demanded by the servo until the next sample, N, positive away from the finger."""
         return float(self.drive[kernels.DRIVE_APPLIED])
 
     def serve(self, command: DrumCommand, measured: float) -> None:
@@ -68,12 +68,12 @@ class ServedDrum:
         self.drive[kernels.DRIVE_MODE] = command.mode
 
     def push(self, finger: float, stiffness: float, positions: np.ndarray) -> float:
-        """Move on by as many steps as there are *positions*, and fill them; the force of a pad there, N."""
+        """Advance by the number of *positions*, and fill them; return the force of a pad there, N."""
         return float(kernels.push_against(self.plant, self.drive, finger, stiffness, self.step, positions))
 
 
 def move(drum: Drum, servo: Servo, distance: float, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return how a drum goes from rest to a position, nothing in its path: times, s, and positions, m."""
+    """Return the motion of a drum from rest to a position, its path free: times, s, and positions, m."""
     served, command = ServedDrum(drum, servo, 0.0), DrumCommand(DriveMode.POSITION, float(distance))
     samples = math.ceil(positive("duration", duration, "seconds") * servo.rate)
     positions = np.zeros((samples, served.steps))

@@ -1,4 +1,4 @@
-"""Settings of a drum's controller, and the numbers in which its C code has them."""
+"""Settings of a drum's controller, and their numbers in the C code."""
 
 import math
 from dataclasses import dataclass, field, fields
@@ -8,7 +8,7 @@ import numpy as np
 
 from proximity.checks import not_negative, positive
 from proximity.decaff.controller.compiled import SETTINGS, memory
-from proximity.decaff.controller.records import MOST_STEADY
+from proximity.decaff.controller.records import MAX_STEADY
 from proximity.decaff.drum.drum_model import USUAL_GEAR, Drum
 from proximity.decaff.drum.servo import SERVO_RATE, Servo, servo_for
 from proximity.decaff.glove.glove import DRUMS
@@ -17,8 +17,8 @@ from proximity.system.time_units import NS_PER_MS
 
 TOUCH_GAP = 30e-6  # m, of finger or link and drum: nearer is touching; assumed
 RELEASE_GAP = 1e-3  # m, farther is released; assumed
-LEAST_WINDOW = 2  # samples
-NEAR_SHARE = 0.35  # of the energy near the finger, planned with: servo and gear's play bring more; assumed
+MIN_WINDOW = 2  # samples
+NEAR_SHARE = 0.35  # of the energy near the finger: servo and gear's play add more; assumed
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +27,11 @@ class SteadyRule:
 
     cutoff: float = 50.0  # Hz, of two low-passes in a row
     window: float = 0.050  # s, looked back on
-    ripple: float = 0.02  # N, that the force may vary by
-    ripple_share: float = 0.05  # of the force, if that is more
+    ripple: float = 0.02  # N, variation of the force
+    ripple_share: float = 0.05  # of the force, if that is larger
     slope: float = 0.5  # N/s, over the window
-    least: float = 0.05  # N, that the force must have
-    slow_speed: float = 2e-3  # m/s, of the finger for a window's time; inf: not asked
+    least: float = 0.05  # N, minimum force
+    slow_speed: float = 2e-3  # m/s, of the finger during the window; inf: not checked
 
     def __post_init__(self) -> None:
         positive("cutoff", self.cutoff, "hertz")
@@ -48,32 +48,32 @@ class Limits:
     """Ages, speeds, forces and lengths, all by our own rules: the paper gives none."""
 
     fresh_ns: int = 20 * NS_PER_MS  # of a pose: younger, all is normal
-    stale_ns: int = 100 * NS_PER_MS  # older, nothing is known
+    stale_ns: int = 100 * NS_PER_MS  # older, the state is unknown
     future_ns: int = 5 * NS_PER_MS  # in the future: farther, the frame is wrong
-    freeze_ns: int = 250 * NS_PER_MS  # in contact, nothing known: so long nothing changes
-    ramp_ns: int = 250 * NS_PER_MS  # then the force limit goes to nothing
+    freeze_ns: int = 250 * NS_PER_MS  # in contact without data: time without change
+    ramp_ns: int = 250 * NS_PER_MS  # then the force limit is ramped to zero
     watchdog_ns: int = 10 * NS_PER_MS  # between two samples of the servo
     touch_gap: float = TOUCH_GAP  # m
     release_gap: float = RELEASE_GAP  # m
     touch_force: float = 0.05  # N
     gone_force: float = 0.1  # N: with less, a drum that froze retracts
-    standoff: float = 5e-3  # m, from a finger that began inside; assumed
-    max_speed: float = 3.0  # m/s, of whatever moves: a contact that comes nearer faster is a jump
+    standoff: float = 5e-3  # m, from a finger that started inside; assumed
+    max_speed: float = 3.0  # m/s, of any motion: a contact that comes nearer faster is a jump
     object_speed: float = 0.5  # m/s, v_obj_max of old frames; assumed
     speed_error: float = 0.05  # eps of old frames, times the finger's speed; assumed
-    late_speed: float = 0.05  # m/s, of a drum that comes late
+    late_speed: float = 0.05  # m/s, of a late drum
     late_force: float = 1.0  # N
-    late_gap: float = 0.3e-3  # m, that counts as being there; assumed
+    late_gap: float = 0.3e-3  # m, distance that counts as reached
     near_gap: float = 2e-3  # m: nearer, the energy of a bump is limited
     near_energy: float = 1e-3  # J
     continuous_force: float = 10.0  # N, at the fingertip
     peak_force: float = 20.0  # N
-    force_time: float = 1.0  # s, over which a force is continuous; assumed
-    follow_speed: float = 1e-3  # m/s: slower, a part that is touched is at rest; assumed
+    force_time: float = 1.0  # s, duration of a continuous force; assumed
+    follow_speed: float = 1e-3  # m/s: slower, a touched part is at rest; assumed
     lost_force: float = 0.05  # N: with less, for a while, the contact is lost
     lost_time: float = 0.020  # s
-    lost_distance: float = 0.5e-3  # m, of slave and object: more, and the contact is lost; inf: never
-    steady: SteadyRule = field(default_factory=SteadyRule)  # by which a position gives way to a force
+    lost_distance: float = 0.5e-3  # m, of slave and object: beyond, the contact is lost; inf: never
+    steady: SteadyRule = field(default_factory=SteadyRule)  # for the change from a position to a force
 
     def __post_init__(self) -> None:
         for name in (one.name for one in fields(self) if one.name != "steady"):
@@ -81,7 +81,7 @@ class Limits:
             positive(name, getattr(self, name), _unit(name), may_be_infinite=may_be_infinite)
 
     def near_speed(self, mass: float) -> float:
-        """Return how fast drum and finger are planned to come together, m/s, at most."""
+        """Return the maximum planned speed of approach of drum and finger, m/s."""
         return math.sqrt(2.0 * NEAR_SHARE * self.near_energy / mass)
 
 
@@ -101,13 +101,13 @@ def _unit(name: str) -> str:
 
 
 def steady_numbers(rate: float, rule: SteadyRule) -> dict[str, float]:
-    """Return a rule at a rate in hertz, as the settings in C have it."""
+    """Return a rule at a rate in hertz, as settings of the C code."""
     period = 1.0 / positive("rate", rate, "hertz")
-    samples = max(LEAST_WINDOW, round(rule.window * rate))
-    if samples > MOST_STEADY:
+    samples = max(MIN_WINDOW, round(rule.window * rate))
+    if samples > MAX_STEADY:
         raise ArgumentError(
-            f"a steady force is looked back on for {samples} samples ({rule.window:g} s at {rate:g} Hz), "
-            f"expected at most {MOST_STEADY}"
+            f"the window of a steady force has {samples} samples ({rule.window:g} s at {rate:g} Hz), "
+            f"expected at most {MAX_STEADY}"
         )
     numbers = {
         f"steady_{name}": getattr(rule, name) for name in ("ripple", "ripple_share", "least", "slow_speed")
@@ -120,29 +120,29 @@ def steady_numbers(rate: float, rule: SteadyRule) -> dict[str, float]:
 
 
 def low_pass(cutoff: float, period: float) -> float:
-    """Return the share of what is new that a low-pass of a cutoff in hertz takes in."""
+    """Return the gain of a first-order low-pass with a cutoff in hertz."""
     return 1.0 - math.exp(-2.0 * math.pi * cutoff * period)
 
 
-BRAKING_SHARE = 0.5  # of what the drum can brake with, counted on near the finger; assumed
-SHORTED_SHARE = 0.8  # of what a motor brakes with its windings shorted, counted on; assumed
-HANG_TIME = 1e-3  # s, until the watchdog of the hardware brakes a drum whose chip hangs
-SERVO_LAG = 2e-3  # s, by which the drum's speed follows a new cap late: six samples of its servo; assumed
+BRAKING_SHARE = 0.5  # of the drum's braking, relied on near the finger; assumed
+SHORTED_SHARE = 0.8  # of the braking of a motor with shorted windings, relied on; assumed
+HANG_TIME = 1e-3  # s, until the hardware's watchdog brakes a drum whose chip hangs
+SERVO_LAG = 2e-3  # s, lag of the drum's speed behind a new cap: six samples of its servo; assumed
 SPEED_CUTOFF = 50.0  # Hz, of the finger's speed by the potentiometer; assumed
 OF_SERVO = (
     "stiffness", "damping", "acceleration", "speed", "force_gain", "force_damping", "force_slew", "deadband",
 )  # fmt: skip
-"""Numbers of a `Servo` that are passed on as they are."""
+"""Numbers of a `Servo` that are passed on unchanged."""
 
 
 @dataclass(frozen=True, slots=True)
 class CableRule:
-    """Cable whose stretch is made up for: none, unless its stiffness is given.
+    """Compensation of a cable's stretch; off unless its stiffness is given.
 
     A stiffness that is too small moves the drum too far; one that is too large, not far enough.
     """
 
-    stiffness: float = math.inf  # N/m at the fingertip; inf: no stretch is made up for
+    stiffness: float = math.inf  # N/m at the fingertip; inf: stretch is not compensated
     smoothing: float = 2.0  # Hz, of two low-passes of the force; 10 Hz with a force sensor, no more without
 
     def __post_init__(self) -> None:
@@ -152,7 +152,7 @@ class CableRule:
 
 @dataclass(frozen=True, slots=True)
 class ControllerSettings:
-    """What a controller is made for, in a simulation, a service or a chip."""
+    """Settings of a controller, in a simulation, a service or on a chip."""
 
     rate: float = SERVO_RATE  # Hz, of controller and servo
     drum: Drum = DRUMS[USUAL_GEAR]
@@ -161,7 +161,7 @@ class ControllerSettings:
     cable: CableRule = field(default_factory=CableRule)
 
     def record(self) -> tuple[Any, np.ndarray]:
-        """Return them as the C code has them: a record, and its bytes."""
+        """Return them in the layout of the C code: a record, and its bytes."""
         _, record, content = memory(SETTINGS)
         servo = self.servo or servo_for(self.drum, self.rate)
         numbers = servo_numbers(self.drum, servo, self.limits.continuous_force)
@@ -194,7 +194,7 @@ class ControllerSettings:
 
 
 def servo_numbers(drum: Drum, servo: Servo, continuous_force: float) -> dict[str, float]:
-    """Return what the C servo needs of its settings, for a drum and a force, N, that it may hold for ever."""
+    """Return the settings of the C servo, for a drum and a continuous force, N."""
     return {f"servo_{name}": getattr(servo, name) for name in OF_SERVO} | {
         "period": servo.period,
         "servo_integral": servo.stiffness / servo.integral_time,

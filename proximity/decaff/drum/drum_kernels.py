@@ -1,9 +1,9 @@
 """Kernels that step a motor-driven drum: a rotor behind a gear with play, and the arm that meets the link.
 
-All is given at the fingertip: masses in kg, positions in m. A positive position is away from the finger, and
-a positive motor force pushes there; to press on the finger the motor pulls. Rotor and arm are at the same
-position where the link has pushed the arm through the play. What a servo asks for acts until the next sample.
-A drum with a latency applies it later: behind the memory of a drive lie the forces that are under way, one a
+All quantities are at the fingertip: masses in kg, positions in m. A positive position is away from the
+finger, and a positive motor force pushes there; to press on the finger the motor pulls. Rotor and arm are at
+the same position when the link has pushed the arm through the play. The servo's demand acts until the next
+sample. A drum with a latency applies it later: the memory of a drive ends with the pending forces, one a
 step.
 """
 
@@ -17,19 +17,19 @@ DRUM = record(
     "ContactDrum",
     mass="f8",  # kg, of the rotor behind its gear
     friction="f8",  # N, Coulomb, of the rotor
-    stiction="f8",  # of that friction, where it stands
-    stall_force="f8",  # N, of a motor that stands, at its full voltage
-    speed_limit="f8",  # m/s, at which the voltage is used up
-    electrical_time="f8",  # s, inductance over resistance; 0: the current is what is asked for, at once
+    stiction="f8",  # of that friction, at rest
+    stall_force="f8",  # N, of a motor at rest, at its full voltage
+    speed_limit="f8",  # m/s, at which the voltage is exhausted
+    electrical_time="f8",  # s, inductance over resistance; 0: the current follows the demand without delay
     current_rate="f8",  # 1/s, of the current's loop
-    loss="f8",  # share of the force that the gear carries by which it rubs
+    loss="f8",  # share of the force through the gear lost to friction
     play="f8",  # m, of the gear; 0: rotor and arm are one
     arm="f8",  # kg
     arm_friction="f8",  # N
-    spring="f8",  # N, that turns the arm away from the finger
-    gear_stiffness="f8",  # N/m, where the play is used up
+    spring="f8",  # N, turns the arm away from the finger
+    gear_stiffness="f8",  # N/m, at the ends of the play
     gear_damping="f8",  # N s/m
-    stop="f8",  # m, of the mechanical stop; inf: there is none
+    stop="f8",  # m, of the mechanical stop; inf: none
     stop_stiffness="f8",  # N/m
     stop_damping="f8",  # N s/m
 )
@@ -39,23 +39,23 @@ MODE_POSITION = 1
 MODE_FORCE = 2
 MODE_BRAKED = 3
 
-# --- what a drive remembers ---
+# --- state of a drive ---
 DRIVE_POSITION = 0  # m, where the arm meets the link
 DRIVE_SPEED = 1  # m/s
 DRIVE_ROTOR = 2  # m
 DRIVE_ROTOR_SPEED = 3  # m/s
 DRIVE_MODE = 4  # of the motor's driver
-DRIVE_APPLIED = 5  # N, what the servo asks for
-DRIVE_FORCE = 6  # N, of the motor: what its current makes of it
-DRIVE_NEXT = 7  # which of the forces under way is due
+DRIVE_APPLIED = 5  # N, demanded by the servo
+DRIVE_FORCE = 6  # N, of the motor: from its current
+DRIVE_NEXT = 7  # index of the pending force that is due
 DRIVE_SIZE = 8
 
-STUCK = 1e-5  # m/s, slower than which it stands; assumed
+STUCK = 1e-5  # m/s: slower is at rest; assumed
 
 
 @inlined
 def slid(speed: float, force: float, friction: float, mass: float, step: float) -> float:
-    """The speed after a step under a force and Coulomb friction, which stops and holds, but never turns."""
+    """Return the speed after a step under a force and Coulomb friction, which stops, but never reverses."""
     free = speed + force / mass * step
     held = friction / mass * step
     return free - held if free > held else (free + held if free < -held else 0.0)
@@ -65,10 +65,10 @@ def slid(speed: float, force: float, friction: float, mass: float, step: float) 
 def motor_force(
     drum: np.record, mode: float, applied: float, force: float, speed: float, step: float
 ) -> float:
-    """Force of the motor after a step, N: its current follows, no faster than its voltage can make it.
+    """Return the motor's force after a step, N: its current follows within the limits of its voltage.
 
-    The loop of the current knows resistance and speed; the motor's speed takes its share of the voltage. With
-    its windings shorted a motor has no voltage but that, and free it has no current.
+    The current loop knows resistance and speed; the back-EMF reduces the voltage. With shorted windings a
+    motor has only its back-EMF, and free it has no current.
     """
     if mode == MODE_FREE:
         return 0.0
@@ -84,7 +84,7 @@ def motor_force(
 
 @inlined
 def arrived(drive: np.ndarray) -> float:
-    """Force of the servo that takes effect in this step, N; the one that it applies now gets under way."""
+    """Return the servo's force that takes effect in this step, N; its present one becomes pending."""
     count = drive.shape[0] - DRIVE_SIZE
     if count == 0:
         return drive[DRIVE_APPLIED]
@@ -96,7 +96,7 @@ def arrived(drive: np.ndarray) -> float:
 
 @inlined
 def gear_force(drum: np.record, twist: float, turning: float) -> float:
-    """Force of the rotor on the arm, N, which is a *twist* farther from the finger; none within the play."""
+    """Return the force of the rotor on the arm, N, a *twist* farther from the finger; 0 within the play."""
     if twist > 0.0:
         return min(0.0, -drum.gear_stiffness * twist - drum.gear_damping * turning)
     if twist < -drum.play:
@@ -106,9 +106,9 @@ def gear_force(drum: np.record, twist: float, turning: float) -> float:
 
 @inlined
 def turned_rotor(drum: np.record, speed: float, motor: float, load: float, step: float) -> float:
-    """Speed of the rotor after a step under its motor and a *load*.
+    """Return the speed of the rotor after a step under its motor and a *load*.
 
-    The gear rubs by a share of what it carries: it helps to hold, and does not help to press.
+    Gear friction is a share of its load: it helps to hold, and does not help to press.
     """
     friction = drum.friction * (drum.stiction if abs(speed) < STUCK else 1.0) + drum.loss * abs(load)
     return slid(speed, motor + load, friction, drum.mass, step)
@@ -146,9 +146,9 @@ def push_against(
     step: float,
     positions: np.ndarray,
 ) -> float:
-    """Step a drum for as long as there are positions, which are filled; the force on the finger then, N.
+    """Step a drum for all positions, which are filled; return the final force on the finger, N.
 
-    The finger stays where it is; its pad gives way where the drum stands before it.
+    The finger stays in place; its pad yields to the drum.
     """
     drum, contact = drums[0], 0.0
     for i in range(positions.shape[0]):
@@ -164,22 +164,22 @@ def rounded(position: float, resolution: float) -> float:
     return floor(position / resolution + 0.5) * resolution if resolution > 0.0 else position
 
 
-# --- a drum that is swung by torques, in angles; positive is away from the finger ---
+# --- a drum swung by torques, in angles; positive is away from the finger ---
 SWING = record(
     "DrumSwing",
     inertia="f8",  # kg m²
     friction="f8",  # N m, Coulomb
     viscous="f8",  # N m s
-    stiffness="f8",  # N m/rad, of what the drum presses on below angle 0; 0: nothing there
+    stiffness="f8",  # N m/rad, of the contact below angle 0; 0: none
     damping="f8",  # N m s, of the same
 )
 
 
 @entry("DrumSwing[:], float64[:], int, float, float64[:]")
 def swing(plants: np.ndarray, torques: np.ndarray, steps: int, step: float, angles: np.ndarray) -> None:
-    """Angles of a drum that starts at rest at 0; *torques* are means over each step, *steps* to an angle.
+    """Return the angles of a drum from rest at 0; *torques* are means over each step, *steps* per angle.
 
-    Leapfrog: exact under a constant torque, and without damping of its own against a spring.
+    Leapfrog: exact under a constant torque, and without numerical damping against a spring.
     """
     plant, angle, speed = plants[0], 0.0, 0.0
     for i in range(angles.shape[0]):

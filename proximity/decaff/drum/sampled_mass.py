@@ -1,4 +1,4 @@
-"""Stable stiffness and damping of a sampled force on a mass: a displayed wall, or a position servo.
+"""Stable stiffness and damping of a sampled force on a mass, such as a displayed wall or a position servo.
 
 The plant is stepped exactly over a period of constant force. The edge of the stable region is known in closed
 form (docs/science/stability.md).
@@ -20,7 +20,7 @@ ROOT_TOLERANCE = 1e-15  # rad, of h
 
 @dataclass(frozen=True, slots=True)
 class SampledMass:
-    """A mass that feels a sampled force, and nothing else."""
+    """A mass under a sampled force alone."""
 
     mass: float = 0.7  # kg, of Salcudean and Vlaar's device
     period: float = 0.005  # s
@@ -84,7 +84,7 @@ def maximum_stiffness(device: SampledMass) -> Gains:
 
 
 def damping_window(device: SampledMass, stiffness: float) -> tuple[float, float]:
-    """Return the damping from which on and up to which a wall is stable, N·s/m; nan where there is none."""
+    """Return the range of damping in which a wall is stable, N·s/m; nan if there is none."""
     a = positive("stiffness", stiffness, "newtons a metre") / device.stiffness_unit
     stiffest = _stiffest_half_angle(device)
     if a > edge_at(device, stiffest)[0]:
@@ -98,11 +98,11 @@ def damping_window(device: SampledMass, stiffness: float) -> tuple[float, float]
 
 
 def edge_at(device: SampledMass, half_angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """a and b where the roots reach the unit circle at twice the angle."""
+    """Return a and b at which the roots reach the unit circle at twice the angle."""
     half_angle = np.asarray(half_angle)
     turned = 2.0 * (device.delay_samples + 1) * half_angle
     tangent = np.tan(half_angle)
-    # At the end the cosine is that of a right angle, but for rounding.
+    # At the end the cosine is that of a right angle, within rounding.
     a = np.where(half_angle < device.last_half_angle, 2.0 * tangent**2 * np.cos(turned), 0.0)
     return a, tangent * np.sin(turned) - 0.5 * a
 
@@ -113,7 +113,7 @@ def gains_at(device: SampledMass, half_angle: float) -> Gains:
 
 
 def _stiffest_half_angle(device: SampledMass) -> float:
-    """Angle at which a has its maximum: 2 cos(nh) = n sin h cos h sin(nh), n = 2d + 2."""
+    """Return the angle of maximum a: 2 cos(nh) = n sin h cos h sin(nh), n = 2d + 2."""
     n = 2.0 * (device.delay_samples + 1)
 
     def slope(h: float) -> float:

@@ -1,8 +1,8 @@
-"""Settings of a drum's servo, which is the C of the chip, and what a controller commands.
+"""Settings of a drum's servo, which is the C of the chip, and commands of a controller.
 
-The servo holds the drum where it should be, as a sampled wall would; what bounds such a wall bounds its
-stiffness (science/drum.md). It acts one sample late, and later still by the motor's latency. Its reference is
-never faster than the drum can follow and still stop.
+The servo holds the drum at its target, as a sampled wall would; the bounds of such a wall limit its stiffness
+(science/drum.md). It acts one sample late, plus the motor's latency. Its reference is never faster than the
+drum can follow and still stop.
 """
 
 import math
@@ -33,7 +33,7 @@ class DriveMode(IntEnum):
     POSITION = drum_kernels.MODE_POSITION
     FORCE = drum_kernels.MODE_FORCE
     BRAKED = drum_kernels.MODE_BRAKED
-    """No power, windings shorted: a drum that moves brakes itself."""
+    """No power, windings shorted: a moving drum brakes itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,22 +41,20 @@ class DrumCommand:
     """Command of a controller to the drum's servo for one sample."""
 
     mode: DriveMode = DriveMode.POSITION
-    target: float = 0.0  # m, or N to press on the finger with
+    target: float = 0.0  # m, or N on the finger
     speed_cap: float = math.inf  # m/s, of the reference
     force_cap: float = math.inf  # N, of the motor
-    start_force: float = (
-        math.nan
-    )  # N, the force reference at a change to force; nan: from nothing, not bumpless
+    start_force: float = math.nan  # N, the force reference at a change to force; nan: from 0, not bumpless
 
-    force_slew: float = 0.0  # N/s, of the force reference; 0: the servo's own, inf: at once
+    force_slew: float = 0.0  # N/s, of the force reference; 0: the servo's default, inf: a step
 
 
-SERVO_RATE = 3000.0  # Hz, where nothing else is said; assumed
+SERVO_RATE = 3000.0  # Hz, default; assumed
 DEADBAND_COUNTS = 0.5  # of the encoder
-MOST_LAG = 5e-3  # m, by which a drum with a latency may be behind its reference as that speeds up; assumed
-INTEGRAL_TURN = 4.0  # rad of the servo's own swing, that the integral of such a drum takes; assumed
-FORCE_DAMPING_SHARE = 0.25  # of mass over latency, with which such a drum is damped in force mode; assumed
-WELL_DAMPED_SHARE = 0.2  # of the largest stiffness, at which a servo is damped well
+MAX_LAG = 5e-3  # m, lag of a drum with a latency behind an accelerating reference; assumed
+INTEGRAL_TURN = 4.0  # rad of the servo's swing, integral time of such a drum; assumed
+FORCE_DAMPING_SHARE = 0.25  # of mass over latency, damping of such a drum in force mode; assumed
+WELL_DAMPED_SHARE = 0.2  # of the largest stiffness, at which a servo is well damped
 SIMULATION_STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its drum
 
 
@@ -69,12 +67,12 @@ class Servo:
     damping: float  # N s/m
     acceleration: float  # m/s², of the reference
     speed: float  # m/s, of the reference
-    integral_time: float = 0.080  # s; assumed: with it drums settle as docs/science/drum.md says
+    integral_time: float = 0.080  # s; assumed: gives the settling of drums in docs/science/drum.md
     force_gain: float = 10.0  # 1/s, of the force integrator; assumed: below damping over mass when held
     force_damping: float = 2.0  # N s/m, while the force is served; assumed
     force_slew: float = 5.0  # N/s, of the force reference
-    smoothing: float = 20.0  # Hz, of the motor's force that a change to force starts with; assumed
-    deadband: float = 0.0  # m, so near a reference that stands is at it: half a count, against hunting
+    smoothing: float = 20.0  # Hz, of the motor's force at the start of a change to force; assumed
+    deadband: float = 0.0  # m, within which a reference at rest is reached: half a count, against hunting
 
     def __post_init__(self) -> None:
         positive("rate", self.rate, "hertz")
@@ -110,7 +108,7 @@ def best_damped(device: SampledMass, share: float = WELL_DAMPED_SHARE) -> Gains:
 
 
 def servo_for(drum: Drum, rate: float) -> Servo:
-    """Return the servo that suits a drum: best damped at a fifth of the largest stiffness that is stable."""
+    """Return the servo that suits a drum: best damped at a fifth of the largest stable stiffness."""
     period, latency = 1.0 / positive("rate", rate, "hertz"), drum.motor.latency
     gains = best_damped(SampledMass(drum.mass, period, 1 + math.ceil(latency / period - 1e-9)))
     servo = Servo(
@@ -126,12 +124,12 @@ def servo_for(drum: Drum, rate: float) -> Servo:
     swing = math.sqrt(gains.stiffness / drum.mass)  # rad/s
     return replace(
         servo,
-        acceleration=min(servo.acceleration, MOST_LAG * swing**2),
+        acceleration=min(servo.acceleration, MAX_LAG * swing**2),
         integral_time=max(servo.integral_time, INTEGRAL_TURN / swing),
         force_damping=min(servo.force_damping, FORCE_DAMPING_SHARE * drum.mass / latency),
     )
 
 
 def steps_a_sample(rate: float, step: float = SIMULATION_STEP) -> int:
-    """Return into how many steps of the plant a sample is cut, so that none is longer than *step*."""
+    """Return the number of plant steps in a sample, none longer than *step*."""
     return math.ceil(1.0 / (positive("rate", rate, "hertz") * positive("step", step, "seconds")) - 1e-9)

@@ -1,8 +1,7 @@
 """A calibrated glove: potentiometer counts to bend, and bend to drum angle.
 
-What the cable and the linkage are thought to do (`glove`) is used for forces only. The bend comes of the
-table; and the drum is placed by the potentiometer itself, which sits on the replica that the drum will
-touch.
+The model of cable and linkage (`glove`) is used for forces only. The bend comes from the table; and the drum
+is placed by the potentiometer, which sits on the replica that the drum will touch.
 """
 
 import logging
@@ -32,22 +31,22 @@ from proximity.pose import Pose
 G = TypeVar("G")
 LOGGER = logging.getLogger("proximity.gloves")
 TOUCH_TOLERANCE = 0.3e-3
-"""m at the fingertip that a touch may be off."""
+"""m at the fingertip, tolerance of a touch."""
 RANGE_MARGIN = 0.05
-"""Share of the table's range that counts may lie beyond it: a hand bends farther when it is warm. Assumed."""
-MOST_OFF = 0.5
-"""Share of the design's range of counts that the table may be off it: hands and mountings differ. Assumed."""
-MOST_UNEVEN = 5.0
-"""By how many times counts may go up faster, or slower, than by the design, between two points. Assumed."""
+"""Share of the table's range by which counts may exceed it: a warm hand bends farther. Assumed."""
+MAX_OFF = 0.5
+"""Share of the design's range of counts by which the table may differ, as mountings do. Assumed."""
+MAX_UNEVEN = 5.0
+"""Maximum ratio of the slope of counts to the design's, either way, between two points. Assumed."""
 INVERSE = np.linspace(0.0, 1.0, 4097)
-"""Bends at which the table is inverted; lines in between are off by less than a hundredth of a count."""
+"""Bends at which the table is inverted; interpolation is exact to a hundredth of a count."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedGlove:
-    """A glove with what was measured of it. Refused where the table cannot be of this glove."""
+    """A glove with its measurements; raises for a table that cannot belong to it."""
 
-    glove: Glove  # as designed; its finger gives way to the measured one
+    glove: Glove  # as designed; its finger is replaced by the measured one
     calibration: Calibration
     _table: PchipInterpolator = field(init=False, repr=False)
     _inverse: np.ndarray = field(init=False, repr=False)  # at INVERSE
@@ -69,13 +68,13 @@ class CalibratedGlove:
 
     @property
     def finger(self) -> Finger:
-        """The finger as measured."""
+        """Measured finger."""
         return self.glove.finger
 
     def bend_of_counts(
         self, counts: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
-        """Return the bend, (...); nan where the counts lie farther off the table than a hand can go."""
+        """Return the bend, (...); nan for counts farther off the table than a hand can reach."""
         read = np.asarray(counts, np.float64)
         behind = np.asarray(tension, np.float64) * self.calibration.cable_compliance
         ahead = np.where(is_closing, 0.0, self.calibration.backlash)
@@ -87,37 +86,37 @@ class CalibratedGlove:
         return np.where(is_near, self._extended_bend(position), np.nan)
 
     def counts(self, bend: ArrayLike) -> np.ndarray:
-        """Return what the potentiometer reads at a bend as the finger closes, (...), float64."""
+        """Return the potentiometer's counts at a bend as the finger closes, (...), float64."""
         position = np.asarray(bend, np.float64)
         inside = np.clip(position, 0.0, 1.0)
         first, last = self.calibration.counts[[0, -1]]
         return np.interp(inside, INVERSE, self._inverse) + (position - inside) * (last - first)
 
     def counts_table(self, row_count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return counts, evenly over all that a hand may reach, and the bends there, (K,) and (K,)."""
+        """Return counts, evenly over the range of a hand, and their bends, (K,) and (K,)."""
         first, last = self.calibration.counts[[0, -1]]
         margin = RANGE_MARGIN * (last - first)
         counts = np.linspace(first - margin, last + margin, row_count)
         return counts, self._extended_bend(counts)
 
     def path_finger(self) -> np.ndarray:
-        """Return the way of the fingertip from flat hand to fist, evenly in bend, (K, 3), m, its frame."""
+        """Return the path of the fingertip from flat hand to fist, evenly in bend, (K, 3), m, its frame."""
         return self.finger.path_world(Pose(), PATH_CORNERS)
 
     def drum_angle(self, bend: ArrayLike) -> np.ndarray:
-        """Return what the drum's encoder says as it meets the finger there, (...), rad; nan: it cannot."""
+        """Return the encoder's angle as the drum meets the finger, (...), rad; nan: it cannot."""
         replica = self.glove.potentiometer.angle(self.counts(bend))
         return self.glove.drum.drum_angle(replica) + self.calibration.touch_offset
 
     def _extended_bend(self, counts: np.ndarray) -> np.ndarray:
-        """Bend by the table, and beyond it at the table's mean slope: that of its ends may be nothing."""
+        """Return the bend by the table, extrapolated with its mean slope: that of its ends may be 0."""
         first, last = self.calibration.counts[[0, -1]]
         inside = np.clip(counts, first, last)
         return self._table(inside) + (counts - inside) / (last - first)
 
 
 def _as_measured(glove: Glove, calibration: Calibration) -> Glove:
-    """A glove with the finger, the cable and the drum that were measured."""
+    """Return a glove with the measured finger, cable and drum."""
     compliance = calibration.cable_compliance
     cable = replace(
         glove.cable,
@@ -138,19 +137,19 @@ def _as_measured(glove: Glove, calibration: Calibration) -> Glove:
 
 
 def _check_table(glove: Glove, calibration: Calibration) -> None:
-    """Refuse counts that are not those of the glove's potentiometer and linkage, nor nearly so."""
+    """Raise for counts that differ too much from the glove's potentiometer and linkage."""
     counts, bends = calibration.counts, calibration.bends
     designed = glove.potentiometer.counts(glove.replica_angle(bends))
-    most = MOST_OFF * abs(designed[-1] - designed[0])
+    most = MAX_OFF * abs(designed[-1] - designed[0])
     off = np.abs(counts - designed)
     row = int(np.argmax(off))
     if not off[row] <= most:
         raise DecaffError(
             f"the table has {counts[row]:g} counts at bend {bends[row]:g}, expected {designed[row]:.0f}, "
-            f"give or take {most:.0f}, from the design of this glove"
+            f"within {most:.0f}, from the design of this glove"
         )
     steps, expected = np.diff(counts), np.diff(designed)
-    uneven = np.flatnonzero((MOST_UNEVEN * steps < expected) | (steps > MOST_UNEVEN * expected))
+    uneven = np.flatnonzero((MAX_UNEVEN * steps < expected) | (steps > MAX_UNEVEN * expected))
     if len(uneven):
         row = int(uneven[0])
         raise DecaffError(
@@ -159,28 +158,28 @@ def _check_table(glove: Glove, calibration: Calibration) -> None:
         )
 
 
-# --- read from a file ---
+# --- reading a file ---
 
 
-def read_glove(path: str | os.PathLike[str], most_days: float | None = None) -> CalibratedGlove:
-    """Return a glove as it was measured, unless that was too long ago.
+def read_glove(path: str | os.PathLike[str], max_days: float | None = None) -> CalibratedGlove:
+    """Return a measured glove, unless its calibration is too old.
 
-    A calibration of a simulated glove is warned of, once for each file.
+    A warning reports the calibration of a simulated glove, once for each file.
     """
-    return _worn(path, read_calibration(path), most_days)
+    return _worn(path, read_calibration(path), max_days)
 
 
-def read_any_glove(path: str | os.PathLike[str], most_days: float | None = None) -> Glove | CalibratedGlove:
-    """Return a glove as it was measured, as of `read_glove`, or as designed where nobody has measured it."""
+def read_any_glove(path: str | os.PathLike[str], max_days: float | None = None) -> Glove | CalibratedGlove:
+    """Return a measured glove, like `read_glove`, or a designed one from a file without measurements."""
     found = read_glove_file(path)
-    return found if isinstance(found, Glove) else _worn(path, found, most_days)
+    return found if isinstance(found, Glove) else _worn(path, found, max_days)
 
 
-def _worn(path: str | os.PathLike[str], calibration: Calibration, most_days: float | None) -> CalibratedGlove:
+def _worn(path: str | os.PathLike[str], calibration: Calibration, max_days: float | None) -> CalibratedGlove:
     if calibration.is_simulated:
         _warn_of_simulated(os.fsdecode(path))
     try:
-        check_age(calibration, most_days=most_days)
+        check_age(calibration, max_days=max_days)
         return CalibratedGlove(calibration.design, calibration)
     except (ArgumentError, DecaffError) as unfit:
         raise DecaffError(f"{os.fsdecode(path)}: {unfit}") from unfit
@@ -192,7 +191,7 @@ def _warn_of_simulated(path: str) -> None:
 
 
 def as_many(gloves: Sequence[G], count: int) -> list[G]:
-    """Return what there is of so many fingers: one for all, or as they are."""
+    """Return one item per finger: the single one repeated, or all unchanged."""
     if len(gloves) not in (1, count):
         raise DecaffError(
             f"{len(gloves)} calibrations for {count} fingers, expected one for all, or one for each"

@@ -1,9 +1,8 @@
 """Calibration of one finger's glove: read from a file, and refused when too old or inconsistent.
 
-A calibration is a table of counts over bends, some numbers (guide/motors.md) and the design that they were
-measured of. Its file is JSON with units in the names of its fields, and is either wholly there or not at
-all. How the numbers come of measurements is in `decaff.calibration`, a glove that uses them in
-`calibrated_glove`.
+A calibration is a table of counts over bends, some numbers (guide/motors.md) and the measured design. Its
+file is JSON with units in the names of its fields, and is written atomically. `decaff.calibration` computes
+the numbers from measurements, `calibrated_glove` uses them.
 """
 
 import json
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from proximity.checks import as_float64, finite, not_negative, positive
-from proximity.decaff.drum.drum_model import MOST_LATENCY as MOST_DRUM_LATENCY
+from proximity.decaff.drum.drum_model import MAX_LATENCY as MAX_DRUM_LATENCY
 from proximity.decaff.drum.drum_model import Gear, Motor, gear_named
 from proximity.decaff.glove.finger import Finger
 from proximity.decaff.glove.glove import ArmDrum, Glove
@@ -30,7 +29,7 @@ PARTS: dict[str, Any] = {
     "finger": Finger, "linkage": Linkage, "cable": Cable, "potentiometer": Potentiometer,
     "drum": ArmDrum, "motor": Motor, "gear": Gear,
 }  # fmt: skip
-ALWAYS = "name"  # field that is written although it is the usual one: it tells parts apart
+ALWAYS = "name"  # written also with its default: it distinguishes parts
 
 
 def glove_of(table: Any) -> Glove:
@@ -42,7 +41,7 @@ def glove_of(table: Any) -> Glove:
 
 
 def table_of(glove: Glove) -> dict[str, Any]:
-    """Return what of a glove is not of our own dimensions."""
+    """Return the fields of a glove that differ from the default dimensions."""
     usual: Glove = Glove()
     found: dict[str, Any] = {}
     for name in PARTS:
@@ -85,22 +84,22 @@ def _check_names(what: str, found: Mapping[str, Any], known: Mapping[str, Any]) 
 
 FORMAT = "proximity glove calibration"
 DESIGN_FORMAT = "proximity glove design"
-"""Of a file that has a design alone, which nobody has measured."""
+"""Format of a file with a design alone, without measurements."""
 FILE_VERSION = 1
-"""Of the file. Another one is refused: what it says may mean something else."""
+"""Version of the file. Others are refused: their fields may have other meanings."""
 TABLE_SIZE = 7
 """Points of the table, flat hand and fist among them."""
-MOST_AGE_DAYS = 30.0
+MAX_AGE_DAYS = 30.0
 """A hand and a strap change. Assumed."""
 SLACK_DAYS = 1.0
-"""By which a date may lie ahead: two machines whose clocks differ."""
-MOST_TOUCH_OFFSET = 0.5
-"""rad, either way: an encoder that is mounted farther off was not set to zero, or tells degrees. Assumed."""
-MOST_COMPLIANCE = 1.0 / 500.0
-"""m/N: a softer cable would be felt as a spring, whatever the drum does. Assumed."""
-MOST_BACKLASH = 10e-3
+"""Tolerance for future dates, as clocks of machines differ."""
+MAX_TOUCH_OFFSET = 0.5
+"""rad, either way: a larger offset means an encoder without a zero, or in degrees. Assumed."""
+MAX_COMPLIANCE = 1.0 / 500.0
+"""m/N: a softer cable would be felt as a spring under any control. Assumed."""
+MAX_BACKLASH = 10e-3
 """m of cable, a third of a replica's radian. Assumed."""
-MOST_LATENCY = 1.0
+MAX_LATENCY = 1.0
 """s; after that no frame is valid. Assumed."""
 LARGEST_FILE = 100_000
 """Bytes; a calibration has some 700."""
@@ -108,21 +107,21 @@ LARGEST_FILE = 100_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """Measurements of one finger's glove; refused where they contradict each other."""
+    """Measurements of one finger's glove; raises for contradictory ones."""
 
     made: datetime  # when it was measured; with its time zone
     counts: np.ndarray  # (7,) float64, potentiometer with a slack cable while the finger closes; increasing
     bends: np.ndarray  # (7,) float64, from 0 to 1, increasing
-    touch_offset: float  # rad, where the drum's encoder says it touches, less where its geometry does
+    touch_offset: float  # rad, drum angle at the touch by the encoder, less that by the geometry
     cable_compliance: float  # m/N
     backlash: float  # m of cable
-    latency: float  # s, from a motion of the finger until it is known
+    latency: float  # s, from a motion of the finger until its measurement
     phalanges: tuple[float, float, float]  # m
-    name: str = ""  # of hand and finger, for people
-    is_simulated: bool = False  # measured of a simulated glove: for practice, and of nobody's hand
+    name: str = ""  # of hand and finger, for display
+    is_simulated: bool = False  # measured on a simulated glove: for practice only
     drum_inertia: float | None = None  # kg m² at the drum, rotor and gear together; None: as designed
     drum_friction: float | None = None  # N m at the drum
-    drum_latency: float | None = None  # s, from a torque that is commanded to one that acts
+    drum_latency: float | None = None  # s, from the command of a torque to its effect
     design: Glove = field(default_factory=Glove)
 
     def __post_init__(self) -> None:
@@ -133,14 +132,14 @@ class Calibration:
         if not (self.bends[0] == 0.0 and self.bends[-1] == 1.0):
             raise DecaffError(f"bends go from {self.bends[0]:g} to {self.bends[-1]:g}, expected 0 to 1")
         offset = finite("touch_offset", self.touch_offset, "radians")
-        if abs(offset) > MOST_TOUCH_OFFSET:
+        if abs(offset) > MAX_TOUCH_OFFSET:
             raise DecaffError(
-                f"touch_offset is {offset:g} radians, expected {MOST_TOUCH_OFFSET:g} at most, either way"
+                f"touch_offset is {offset:g} radians, expected {MAX_TOUCH_OFFSET:g} at most, either way"
             )
         for name, most, unit in (
-            ("cable_compliance", MOST_COMPLIANCE, "metres a newton"),
-            ("backlash", MOST_BACKLASH, "metres"),
-            ("latency", MOST_LATENCY, "seconds"),
+            ("cable_compliance", MAX_COMPLIANCE, "metres a newton"),
+            ("backlash", MAX_BACKLASH, "metres"),
+            ("latency", MAX_LATENCY, "seconds"),
         ):
             value = not_negative(name, getattr(self, name), unit)
             if value > most:
@@ -154,30 +153,30 @@ class Calibration:
         if self.drum_friction is not None:
             not_negative("drum_friction", self.drum_friction, "newton metres")
         if self.drum_latency is not None and (
-            not_negative("drum_latency", self.drum_latency, "seconds") > MOST_DRUM_LATENCY
+            not_negative("drum_latency", self.drum_latency, "seconds") > MAX_DRUM_LATENCY
         ):
             raise DecaffError(
-                f"drum_latency is {self.drum_latency:g} seconds, expected {MOST_DRUM_LATENCY:g} at most"
+                f"drum_latency is {self.drum_latency:g} seconds, expected {MAX_DRUM_LATENCY:g} at most"
             )
 
 
 def write_calibration(path: str | os.PathLike[str], calibration: Calibration) -> None:
-    """Write a calibration to a file, at once and wholly; one that is there is replaced."""
+    """Write a calibration to a file atomically, replacing an existing one."""
     text = json.dumps(_as_document(calibration), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     with whole_file(path) as stream:
         stream.write(text.encode())
 
 
 def read_calibration(path: str | os.PathLike[str]) -> Calibration:
-    """Return the calibration in a file that `write_calibration` wrote, changed by hand or not."""
+    """Return the calibration in a file written by `write_calibration`, possibly edited by hand."""
     found = read_glove_file(path)
     if isinstance(found, Glove):
-        raise DecaffError(f"{path}: is a design that nobody has measured, expected a calibration of a glove")
+        raise DecaffError(f"{path}: is a design without measurements, expected a calibration of a glove")
     return found
 
 
 def read_glove_file(path: str | os.PathLike[str]) -> Calibration | Glove:
-    """Return what is in a glove's file: a calibration, or a design alone."""
+    """Return the contents of a glove's file: a calibration, or a design alone."""
     try:
         document = _read_document(Path(path))
         if document["format"] == DESIGN_FORMAT:
@@ -189,9 +188,9 @@ def read_glove_file(path: str | os.PathLike[str]) -> Calibration | Glove:
         raise DecaffError(f"{path}: {unfit}") from unfit
 
 
-def check_age(calibration: Calibration, *, most_days: float | None = None) -> None:
-    """Refuse a calibration that was made too long ago, or will be made."""
-    most = positive("most_days", MOST_AGE_DAYS if most_days is None else most_days, "days")
+def check_age(calibration: Calibration, *, max_days: float | None = None) -> None:
+    """Raise for a calibration that is too old, or dated in the future."""
+    most = positive("max_days", MAX_AGE_DAYS if max_days is None else max_days, "days")
     age = (datetime.now(UTC) - calibration.made) / timedelta(days=1)
     date = f"{calibration.made:%Y-%m-%d}"
     if age > most:
@@ -205,7 +204,7 @@ def check_age(calibration: Calibration, *, most_days: float | None = None) -> No
         )
 
 
-# --- the document: its fields, and what they are of a calibration ---
+# --- the document: its fields, and their attributes of a calibration ---
 
 _FIELDS = {
     "name": "name",
@@ -270,7 +269,7 @@ def _read_document(path: Path) -> dict[str, Any]:
 
 
 def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The fields of an object: of one that stands there twice it is not known which is meant."""
+    """Return the fields of an object; raise for duplicates, whose meaning is ambiguous."""
     document = dict(pairs)
     if len(document) < len(pairs):
         twice = next(name for i, (name, _) in enumerate(pairs) if name in dict(pairs[:i]))
@@ -304,7 +303,7 @@ def _of_document(document: dict[str, Any]) -> Calibration:
 
 
 def _column(name: str, values: Any) -> np.ndarray:
-    """One column of the table, read-only."""
+    """Return one column of the table, read-only."""
     expected = f"{TABLE_SIZE} increasing numbers"
     column = as_float64(values, name, expected=expected).copy()
     if column.shape != (TABLE_SIZE,):

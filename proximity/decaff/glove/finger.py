@@ -2,7 +2,7 @@
 
 Frame: the knuckle is the origin, x points along the flat finger, y out of the back of the hand, z completes
 them; the finger stays in z = 0 and bends towards -y. Bend is 0 for the flat hand and 1 for the fist; all
-joints bend in proportion (docs/guide/drums.md). Formulas go on outside of 0 to 1.
+joints bend in proportion (docs/guide/drums.md). Formulas also hold outside of 0 to 1.
 """
 
 import math
@@ -17,14 +17,14 @@ from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(16)
-"""For lengths along the path: sixteen nodes give all digits over a whole bend."""
+"""Quadrature of lengths along the path: sixteen nodes give all digits over a whole bend."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finger:
     """Three phalanges, their joints, and a round pad; the values are assumed."""
 
-    phalanges: tuple[float, float, float] = (0.045, 0.026, 0.020)  # m, from the knuckle on
+    phalanges: tuple[float, float, float] = (0.045, 0.026, 0.020)  # m, from the knuckle
     # rad, of each joint at bend 1; the last joint bends two thirds of the middle one
     flexions: tuple[float, float, float] = (
         math.radians(80.0),
@@ -49,28 +49,28 @@ class Finger:
     def point_rate(self, bend: ArrayLike, along: float = 1.0, dorsal: float = 0.0) -> np.ndarray:
         """Return the derivative of `point` with respect to the bend, (..., 2), m."""
         angles, lengths = self._link_angles(bend), self._lengths(along)
-        turns = -np.cumsum(self.flexions)  # of the link angles, a unit of bend
+        turns = -np.cumsum(self.flexions)  # of the link angles, per bend
         c, s = np.cos(angles), np.sin(angles)
         x = -(lengths * turns * s).sum(axis=-1) - dorsal * turns[2] * c[..., 2]
         y = (lengths * turns * c).sum(axis=-1) - dorsal * turns[2] * s[..., 2]
         return np.stack([x, y], axis=-1)
 
     def speed(self, bend: ArrayLike) -> np.ndarray:
-        """Return how far the fingertip goes a unit of bend, (...), m."""
+        """Return the displacement of the fingertip per bend, (...), m."""
         rate = self.point_rate(bend)
         return np.hypot(rate[..., 0], rate[..., 1])
 
     def path_length(self, start: ArrayLike, end: ArrayLike) -> np.ndarray:
-        """Return how far the fingertip goes from one bend to another, (...), m; negative backwards."""
+        """Return the path length of the fingertip from one bend to another, (...), m; negative backwards."""
         first, last = np.asarray(start, np.float64)[..., None], np.asarray(end, np.float64)[..., None]
         half = 0.5 * (last - first)
         speeds = self.speed(0.5 * (first + last) + half * GAUSS_NODES)
         return (half * speeds * GAUSS_WEIGHTS).sum(axis=-1)
 
     def path_world(self, world_from_hand: Pose, corner_count: int = PATH_CORNERS) -> np.ndarray:
-        """Return the way of the fingertip from flat hand to fist as a polyline, evenly in bend, (K, 3), m.
+        """Return the path of the fingertip from flat hand to fist as a polyline, evenly in bend, (K, 3), m.
 
-        That is what `Tracker.tick` takes as a path, and what a ``path_poses`` message holds.
+        This is the path of `Tracker.tick` and of a ``path_poses`` message.
         """
         if corner_count < 2:
             raise ArgumentError(f"a path of {corner_count} corners, expected 2 or more")
@@ -82,11 +82,11 @@ class Finger:
         return np.concatenate([points, np.zeros((*points.shape[:-1], 1))], axis=-1)
 
     def contact_bend(self, bend: ArrayLike, distance: ArrayLike, normal: ArrayLike) -> np.ndarray:
-        """Return the bend at which the pad touches, as one distance tells: ``b + d / (-n . p')``, (...).
+        """Return the bend at which the pad touches, from one distance: ``b + d / (-n . p')``, (...).
 
-        The distance is divided by the cosine of incidence, which the raw distance leaves out: that one is
-        wrong at first order. What is left grows with the square of the distance along the path;
-        nan where bending leads away from the surface, or along it.
+        The distance is divided by the cosine of incidence; the raw distance is wrong at first order. The
+        remaining error grows with the square of the distance along the path; nan if bending leads away from
+        the surface, or along it.
         """
         position = np.asarray(bend, np.float64)
         closing = -(np.asarray(normal, np.float64)[..., :2] * self.point_rate(position)).sum(axis=-1)
@@ -95,7 +95,7 @@ class Finger:
         return np.asarray(position + step)
 
     def _link_angles(self, bend: ArrayLike) -> np.ndarray:
-        """Angles of the phalanges from the x axis, (..., 3), rad."""
+        """Return the angles of the phalanges from the x axis, (..., 3), rad."""
         return -np.asarray(bend, np.float64)[..., None] * np.cumsum(self.flexions)
 
     def _lengths(self, along: float) -> np.ndarray:

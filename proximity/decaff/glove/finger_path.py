@@ -1,8 +1,8 @@
 """Positions of fingertip and drum along the finger's path, in metres, from tables.
 
-A *position* is how far the fingertip has come from the flat hand. The drum's position is where it meets the
-finger: it stands at the greater ones, so that greater is away from the finger. A controller asks many times a
-millisecond, so tables replace the linkage's equations, which would have to be solved backwards.
+A *position* is the fingertip's path length from the flat hand. The drum's position is where it meets the
+finger: larger positions are away from the finger. A controller evaluates them many times a millisecond, so
+tables replace the linkage's equations, which would have to be inverted.
 """
 
 from bisect import bisect_right
@@ -15,25 +15,25 @@ from proximity.decaff.glove.glove import CONTACT_BEND, Glove
 from proximity.errors import ArgumentError
 
 BENDS = np.linspace(-0.05, 1.05, 2201)
-"""A line between two neighbours is off by less than a micrometre."""
+"""Interpolation between two neighbours is exact to a micrometre."""
 
-LEAST_BEND, MOST_BEND = -0.1, 1.1
-"""A hand that is warm bends a little farther than when it was measured; no hand bends farther. Assumed."""
+MIN_BEND, MAX_BEND = -0.1, 1.1
+"""A warm hand bends a little farther than when it was measured; no hand bends farther. Assumed."""
 
 
 class FingerPath:
-    """Places of fingertip and drum, as tables."""
+    """Positions of fingertip and drum, as tables."""
 
     retracted: float
     """m: the drum's position farthest from the finger, beyond the fist where it gets there."""
     drum_angles: tuple[float, float]
-    """rad: the drum's angle at the flat hand, or a little beyond it, and where it is retracted."""
+    """rad: the drum's angle at the flat hand, or slightly beyond it, and when retracted."""
     drum: Drum
-    """As the fingertip meets it at `CONTACT_BEND`."""
+    """The drum at the fingertip, at `CONTACT_BEND`."""
     play: float
-    """m, that the fingertip loses there to the cable's backlash where it turns back."""
+    """m, backlash of the cable at the fingertip there."""
     designed_retracted: float
-    """rad: the same angle by the design alone. Homing counts from there, before and after a calibration."""
+    """rad: the same angle by the design alone, the origin of homing before and after a calibration."""
 
     def __init__(self, glove: Glove | CalibratedGlove) -> None:
         angles = np.asarray(glove.drum_angle(BENDS), np.float64)
@@ -64,7 +64,7 @@ class FingerPath:
         return self._bends, self._positions, self._angles
 
     def position(self, bend: float) -> float:
-        """Return how far the fingertip has come at a bend, m; at the ends of the table it stays."""
+        """Return the position of the fingertip at a bend, m; constant beyond the table."""
         return _between(bend, self._bends, self._positions)
 
     def bend(self, position: float) -> float:
@@ -72,7 +72,7 @@ class FingerPath:
         return _between(position, self._positions, self._bends)
 
     def drum_position(self, angle: float) -> float:
-        """Return where the drum meets the finger, m; beyond the table it goes on with the last slope."""
+        """Return the position where the drum meets the finger, m; extrapolated with the last slope."""
         return _along(angle, self._angles, self._positions)
 
     def drum_angle(self, position: float) -> float:
@@ -80,18 +80,18 @@ class FingerPath:
         return _along(position, self._positions, self._angles)
 
     def lever(self, angle: float) -> float:
-        """Return how far the fingertip goes a radian of the drum, m; also the torque of a newton there."""
+        """Return the displacement of the fingertip per radian of the drum, m; also the torque per newton."""
         i = min(max(bisect_right(self._angles, angle), 1), len(self._angles) - 1)
         along = self._positions[i] - self._positions[i - 1]
         return along / (self._angles[i] - self._angles[i - 1]) if angle == angle else float("nan")
 
 
 def _between(x: float, xs: list[float], ys: list[float]) -> float:
-    """The line through two neighbours; beyond the ends the last value, and of nan nan."""
+    """Interpolate linearly; beyond the ends the last value, and nan for nan."""
     return _along(min(max(x, xs[0]), xs[-1]) if x == x else x, xs, ys)
 
 
 def _along(x: float, xs: list[float], ys: list[float]) -> float:
-    """The same; beyond the ends it goes on with the last slope."""
+    """Interpolate likewise; beyond the ends extrapolate with the last slope."""
     i = min(max(bisect_right(xs, x) - 1, 0), len(xs) - 2)
     return ys[i] + (ys[i + 1] - ys[i]) * ((x - xs[i]) / (xs[i + 1] - xs[i]))

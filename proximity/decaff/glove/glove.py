@@ -1,4 +1,4 @@
-"""Model of the glove: finger, linkage, cable, potentiometer, drum, gear and motor, and what follows.
+"""Model of the glove: finger, linkage, cable, potentiometer, drum, gear and motor, and derived quantities.
 
 One degree of freedom a finger: bend, fingertip, angle of the linkage, travel of the cable, angle of the
 replica, counts, and where the drum must stand are all functions of one another (docs/guide/drums.md). A
@@ -23,7 +23,7 @@ from proximity.decaff.glove.transmission import Cable, Linkage, Potentiometer
 from proximity.errors import ArgumentError
 
 CONTACT_BEND = 0.5
-"""Where a finger touches unless something else is said: half way to the fist."""
+"""Default bend at contact: half way to the fist."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class ArmDrum:
 
 @dataclass(frozen=True, slots=True)
 class Glove:
-    """One finger of the glove. Refused where the linkage does not follow the finger.
+    """One finger of the glove. Raises if the linkage cannot follow the finger.
 
     Angles of the replica count from where it is with the flat hand and a slack-free cable; ``bend``
     everywhere is an array of any shape (...).
@@ -81,7 +81,7 @@ class Glove:
     def __post_init__(self) -> None:
         self.linkage.check(self.finger)
 
-    # --- where things are ---
+    # --- positions ---
 
     def replica_angle(
         self, bend: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
@@ -97,33 +97,33 @@ class Glove:
     def bend(
         self, replica_angle: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
-        """Return the bend at which the replica has that angle, (...): the inverse of `replica_angle`."""
+        """Return the bend of an angle of the replica, (...): the inverse of `replica_angle`."""
         turn = self.cable.hand_turn(replica_angle, tension, is_closing=is_closing)
         return self.linkage.bend(self.finger, turn)
 
     def counts(self, bend: ArrayLike) -> np.ndarray:
-        """Return what the potentiometer reads, (...), int64."""
+        """Return the potentiometer's counts, (...), int64."""
         return self.potentiometer.read(self.replica_angle(bend))
 
     def bend_of_counts(self, counts: ArrayLike) -> np.ndarray:
-        """Return the bend that reads so, (...)."""
+        """Return the bend of counts, (...)."""
         return self.bend(self.potentiometer.angle(counts))
 
     def drum_angle(self, bend: ArrayLike) -> np.ndarray:
-        """Return where the drum must stand to meet the finger there, (...), rad."""
+        """Return the drum angle that meets the finger, (...), rad."""
         return self.drum.drum_angle(self.replica_angle(bend))
 
-    # --- how finely, how stiffly, with what force ---
+    # --- resolution, stiffness, force ---
 
     def tip_per_radian(self, bend: ArrayLike) -> np.ndarray:
-        """Return how far the fingertip goes a radian of the replica, (...), m.
+        """Return the displacement of the fingertip per radian of the replica, (...), m.
 
-        It is also the torque of the replica, N m, that a newton at the fingertip along its path needs.
+        It is also the torque of the replica, N m, per newton at the fingertip along its path.
         """
         return self.finger.speed(bend) / self.replica_rate(bend)
 
     def resolution(self, bend: ArrayLike) -> np.ndarray:
-        """Return how far the fingertip goes a count of the potentiometer, (...), m."""
+        """Return the displacement of the fingertip per count of the potentiometer, (...), m."""
         return self.tip_per_radian(bend) / self.potentiometer.gain
 
     def replica_torque(self, bend: ArrayLike, tip_force: ArrayLike) -> np.ndarray:
@@ -131,11 +131,11 @@ class Glove:
         return np.asarray(tip_force, np.float64) * self.tip_per_radian(bend)
 
     def lever(self, bend: ArrayLike) -> np.ndarray:
-        """Return how far the fingertip goes a radian of the drum, (...), m; also a newton's torque there."""
+        """Return the displacement of the fingertip per radian of the drum, (...), m; also N m per newton."""
         return self.tip_per_radian(bend)
 
     def tip_drum(self, bend: float = CONTACT_BEND) -> Drum:
-        """Return the drum as the fingertip meets it at a bend."""
+        """Return the drum at the fingertip at a bend."""
         return Drum(float(self.lever(bend)), self.motor, self.gear)
 
     def cable_tension(self, bend: ArrayLike, tip_force: ArrayLike) -> np.ndarray:
@@ -143,14 +143,14 @@ class Glove:
         return self.replica_torque(bend, tip_force) / self.cable.replica_pulley
 
     def tip_play(self, bend: ArrayLike) -> np.ndarray:
-        """Return how far the fingertip goes back before the cable takes the replica along, (...), m."""
+        """Return the displacement of a reversing fingertip before the cable moves the replica, (...), m."""
         return self.cable.backlash / self.cable.replica_pulley * self.tip_per_radian(bend)
 
     def tip_stiffness(self, bend: ArrayLike) -> np.ndarray:
-        """Return how stiff the cable lets a drum feel that does not yield, (...), N/m at the fingertip.
+        """Return the stiffness of a rigid drum felt through the cable, (...), N/m at the fingertip.
 
-        The square of cable travel over fingertip travel counts: a small pulley at the hand makes a stiff
-        wall soft.
+        It scales with the square of cable travel over fingertip travel: a small pulley at the hand makes a
+        stiff wall soft.
         """
         ratio = self.cable.replica_pulley / self.tip_per_radian(bend)
         return self.cable.stiffness * ratio**2
@@ -162,10 +162,10 @@ def with_gear(glove: Glove, name: str) -> Glove:
 
 
 def tip_drums(glove: Glove) -> dict[str, Drum]:
-    """Return drums on a glove: with each of `GEARS`, and with its own gear where that is another."""
+    """Return drums on a glove: with each of `GEARS`, and with its own gear if that is another."""
     drums = {name: with_gear(glove, name).tip_drum() for name in GEARS}
     return drums if glove.gear in GEARS.values() else drums | {glove.gear.name: glove.tip_drum()}
 
 
 DRUMS = tip_drums(Glove())
-"""Drums of the glove of our own dimensions."""
+"""Drums of the glove with default dimensions."""

@@ -1,8 +1,8 @@
 """Transmission from hand to replica: linkage of two bars, sheathed cable on two pulleys, and potentiometer.
 
 In the finger's frame (see `finger`) the linkage's base is fixed to the back of the hand; the first bar turns
-about it, and the second leads from the first to the thimble on the distal phalanx. The elbow lies on the
-dorsal side.
+about it, and the second leads from the first to the thimble on the distal phalanx. The elbow is on the dorsal
+side.
 """
 
 import math
@@ -20,12 +20,12 @@ from proximity.errors import ArgumentError
 
 @dataclass(frozen=True, slots=True)
 class Cable:
-    """A cable that the linkage pulls and the replica follows; the values are assumed."""
+    """A cable pulled by the linkage and followed by the replica; the values are assumed."""
 
     hand_pulley: float = 0.020  # m, radius
     replica_pulley: float = 0.030  # m, radius
     stiffness: float = 20e3  # N/m, sheath included
-    backlash: float = 0.0  # m of cable, lost where the motion turns
+    backlash: float = 0.0  # m of cable, lost at a reversal
 
     def __post_init__(self) -> None:
         positive("hand_pulley", self.hand_pulley, "metres")
@@ -36,14 +36,14 @@ class Cable:
     def replica_turn(
         self, hand_turn: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
-        """Return how far the replica has turned since the flat hand, (...), rad."""
+        """Return the turn of the replica from the flat hand, (...), rad."""
         lost = np.asarray(tension, np.float64) / self.stiffness + np.where(is_closing, self.backlash, 0.0)
         return (self.hand_pulley * np.asarray(hand_turn, np.float64) - lost) / self.replica_pulley
 
     def hand_turn(
         self, replica_turn: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
-        """Return how far the hand's pulley has turned, (...), rad: the inverse of `replica_turn`."""
+        """Return the turn of the hand's pulley, (...), rad: the inverse of `replica_turn`."""
         lost = np.asarray(tension, np.float64) / self.stiffness + np.where(is_closing, self.backlash, 0.0)
         return (self.replica_pulley * np.asarray(replica_turn, np.float64) + lost) / self.hand_pulley
 
@@ -65,7 +65,7 @@ class Potentiometer:
 
     @property
     def count(self) -> int:
-        """Number of different readings: 0 to one less."""
+        """Number of different readings, from 0."""
         return 1 << self.bits
 
     @property
@@ -78,7 +78,7 @@ class Potentiometer:
         return self.count * self.zero_share + self.gain * np.asarray(angle, np.float64)
 
     def read(self, angle: ArrayLike) -> np.ndarray:
-        """Return what is read at an angle, (...), int64: the nearest counts, within the span."""
+        """Return the reading at an angle, (...), int64: the nearest count, within the span."""
         return np.clip(np.rint(self.counts(angle)), 0, self.count - 1).astype(np.int64)
 
     def angle(self, counts: ArrayLike) -> np.ndarray:
@@ -108,12 +108,12 @@ class Linkage:
             finite("one of base and thimble", value, "metres")
 
     def reach(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
-        """Return how far the thimble is from the base, (...), m."""
+        """Return the distance of the thimble from the base, (...), m."""
         offset = self._offset(finger, bend)
         return np.hypot(offset[..., 0], offset[..., 1])
 
     def angle(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
-        """Return the angle of the first bar, (...), rad; nan where the bars do not reach."""
+        """Return the angle of the first bar, (...), rad; nan if the bars are too short."""
         offset = self._offset(finger, bend)
         reach = np.hypot(offset[..., 0], offset[..., 1])
         with np.errstate(invalid="ignore"):
@@ -133,10 +133,10 @@ class Linkage:
             return turn - cosine_rate * reach_rate / np.sqrt(1.0 - cosine**2)
 
     def turn(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
-        """Return how far the first bar has turned since the flat hand, (...), rad; bending is positive.
+        """Return the turn of the first bar from the flat hand, (...), rad; bending is positive.
 
-        Before bend 0 and beyond 1 it goes on in a straight line: linkages may not reach there, and a hand
-        may bend a little farther than it did when it was measured.
+        Before bend 0 and beyond 1 it is extrapolated linearly: linkages may not reach there, and a hand may
+        bend a little farther than when it was measured.
         """
         position = np.asarray(bend, np.float64)
         inside = np.clip(position, 0.0, 1.0)
@@ -149,7 +149,7 @@ class Linkage:
         return np.abs(self.angle_rate(finger, np.clip(bend, 0.0, 1.0)))
 
     def bend(self, finger: Finger, turn: ArrayLike) -> np.ndarray:
-        """Return the bend at which the first bar has turned so far, (...): the inverse of `turn`."""
+        """Return the bend of a turn of the first bar, (...): the inverse of `turn`."""
         inverse = _measured(self, finger).bend_of_turn
         wanted = np.asarray(turn, np.float64)
         inside = np.clip(wanted, inverse.x[0], inverse.x[-1])
@@ -158,7 +158,7 @@ class Linkage:
         return position + beyond / self.turn_rate(finger, position) if beyond.any() else position
 
     def check(self, finger: Finger) -> None:
-        """Refuse a linkage that does not follow the finger over its whole bend."""
+        """Raise for a linkage that does not follow the finger over its whole bend."""
         reach = self.reach(finger, CHECKED_BENDS)
         least, most = abs(self.first_bar - self.second_bar), self.first_bar + self.second_bar
         is_out = ~((least < reach) & (reach < most))
@@ -177,11 +177,11 @@ class Linkage:
             )
 
     def _offset(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
-        """Vector from the base to the thimble."""
+        """Return the vector from the base to the thimble."""
         return finger.point(bend, self.thimble_along, self.thimble_dorsal) - np.array(self.base)
 
     def _elbow_cosine(self, reach: np.ndarray) -> np.ndarray:
-        """Cosine of the angle at the base between the first bar and the line to the thimble."""
+        """Return the cosine of the angle at the base between the first bar and the line to the thimble."""
         return (self.first_bar**2 + reach**2 - self.second_bar**2) / (2.0 * self.first_bar * reach)
 
 
@@ -190,7 +190,7 @@ class _Measured:
     """Quantities that are computed once for a linkage on a finger."""
 
     flat_angle: float  # rad
-    bend_of_turn: CubicHermiteSpline  # through the checked bends, with their true slopes: right to 1e-13
+    bend_of_turn: CubicHermiteSpline  # through the checked bends, with their true slopes: exact to 1e-13
 
 
 @lru_cache(maxsize=16)

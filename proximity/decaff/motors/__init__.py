@@ -1,1 +1,1 @@
-"""Motors that exist: drivers of three protocols, homing, and a drum that stops at any uncertainty."""
+"""Real motors: drivers of three protocols, homing, and a drum that stops at any uncertainty."""

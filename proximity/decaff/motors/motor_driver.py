@@ -1,10 +1,10 @@
-"""A motor to this program: its address, the interface of its driver, and what its turns mean for a drum.
+"""Motors: address, interface of the driver, and conversion of turns to the drum.
 
-An address is ``SCHEME://PLACE?option=value&...``. Options of all motors: ``ratio`` (turns of the motor to
-one of the drum), ``direction`` (1, or -1 where a motor that counts up presses the drum on the finger),
-``stop`` (rad from the retracted drum to its mechanical stop), ``torque`` (N m at the shaft, at most),
-``speed`` (m/s at the fingertip, at most), ``kt`` (N m/A), ``watchdog`` (ms of silence), ``driver`` (a
-Python file with ``open_driver``).
+An address is ``SCHEME://PLACE?option=value&...``. Options of all motors: ``ratio`` (turns of the motor to one
+of the drum), ``direction`` (1, or -1 if a motor that counts up presses the drum on the finger), ``stop`` (rad
+from the retracted drum to its mechanical stop), ``torque`` (N m at the shaft, at most), ``speed`` (m/s at the
+fingertip, at most), ``kt`` (N m/A), ``watchdog`` (ms of silence), ``driver`` (a Python file with
+``open_driver``).
 """
 
 import math
@@ -22,22 +22,22 @@ from proximity.errors import MotorError
 from proximity.system.extras import installation
 
 DRIVERS = {"odrive-can": "proximity.decaff.motors.odrive_can"}
-"""Modules with ``open_driver``; ``driver=FILE`` in an address names a file that has it."""
+"""Modules with ``open_driver``; ``driver=FILE`` in an address names another."""
 
 
-# --- the driver: at the motor's shaft; it never waits for an answer, and leaves out unsound ones ---
+# --- the driver: at the motor's shaft; it never waits for an answer, and ignores invalid ones ---
 
 
 @dataclass(frozen=True, slots=True)
 class MotorReading:
     """Newest answers of a motor."""
 
-    answers: int = 0  # sound encoder readings so far; it grows, or the motor is silent
-    turns: float = 0.0  # by the encoder, since wherever the motor counts from
+    answers: int = 0  # number of valid encoder readings; constant while the motor is silent
+    turns: float = 0.0  # by the encoder, from the motor's origin
     current: float = 0.0  # A
     torque: float = 0.0  # N m, at the shaft
-    is_on: bool = False  # the motor says that it follows commands
-    fault: str = ""  # a sentence, where the motor reports one
+    is_on: bool = False  # the motor reports that it follows commands
+    fault: str = ""  # a sentence, if the motor reports one
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,28 +45,28 @@ class MotorCommand:
     """Command of a motor until the next one."""
 
     mode: DriveMode = DriveMode.POSITION  # POSITION, or FORCE: the torque
-    turns: float = 0.0  # to stand at, in position mode
+    turns: float = 0.0  # target, in position mode
     torque: float = 0.0  # N m, in torque mode
     torque_cap: float = 0.0  # N m, either way, in both modes
 
 
 class MotorDriver(Protocol):
-    """Driver of one motor; every call may raise a `MotorError` where the connection has failed."""
+    """Driver of one motor; every call may raise a `MotorError` if the connection has failed."""
 
     def read(self) -> MotorReading:
-        """Take in what has come, ask for the next answers, and return the newest reading."""
+        """Read all arrived messages, request the next answers, and return the newest reading."""
 
     def switch_on(self, command: MotorCommand) -> None:
-        """Ask the motor to follow commands, beginning with this one; `MotorReading.is_on` confirms it."""
+        """Request that the motor follow commands, from this one on; `MotorReading.is_on` confirms it."""
 
     def send(self, command: MotorCommand) -> None:
         """Send a command to a motor that is on."""
 
     def switch_off(self) -> None:
-        """Take the power off the motor, as at the end of work."""
+        """Switch the motor off, as at the end of work."""
 
     def stop(self) -> None:
-        """Take the power off at once: the emergency stop, which the motor remembers where it can."""
+        """Switch the motor off immediately: the emergency stop, latched if the motor supports it."""
 
     def close(self) -> None:
         """Close the connection."""
@@ -77,7 +77,7 @@ class MotorDriver(Protocol):
 
 @dataclass(slots=True)
 class MotorAddress:
-    """A motor's address, taken apart; options that nobody asks for are refused by `check_options`."""
+    """A motor's address, parsed; `check_options` raises for unknown options."""
 
     text: str
     scheme: str
@@ -87,14 +87,14 @@ class MotorAddress:
 
     @classmethod
     def parse(cls, text: str) -> "MotorAddress":
-        """Take an address apart."""
+        """Parse an address."""
         parts = urlsplit(text)
         place = (parts.netloc + parts.path) if parts.netloc else parts.path
         address = cls(text, parts.scheme, place, dict(parse_qsl(parts.query, keep_blank_values=True)))
         if address.scheme not in DRIVERS and "driver" not in address.options:
             known = ", ".join(DRIVERS)
             raise address.refuse(
-                f"there is no kind of motor {address.scheme!r} (expected {known}, or driver=FILE)"
+                f"unknown kind of motor {address.scheme!r} (expected {known}, or driver=FILE)"
             )
         if not place:
             raise address.refuse("it names no bus or port, as in odrive-can://can0")
@@ -124,19 +124,19 @@ class MotorAddress:
         return self.options.get(name, default)
 
     def check_options(self) -> None:
-        """Refuse options that this motor does not have: one that is misspelt would be a limit that is not."""
+        """Raise for unknown options: a misspelt one would be a missing limit."""
         unknown = sorted(set(self.options) - self.asked)
         if unknown:
-            raise self.refuse(f"there is no option {unknown[0]!r} (expected {', '.join(sorted(self.asked))})")
+            raise self.refuse(f"unknown option {unknown[0]!r} (expected {', '.join(sorted(self.asked))})")
 
     def refuse(self, reason: str) -> MotorError:
-        """Return the error that says why this address cannot be used."""
+        """Return the error for an address that cannot be used."""
         return MotorError(f"{self.text}: {reason}")
 
 
 @dataclass(frozen=True)  # without slots: `of` reads the defaults from the class
 class MotorSettings:
-    """What a person says of a motor and its drum; defaults are those of the modelled drum."""
+    """Settings of a motor and its drum in its address; defaults are those of the modelled drum."""
 
     name: str  # the address, for sentences
     ratio: float = GEARS[USUAL_GEAR].ratio  # turns of the motor to one of the drum
@@ -149,7 +149,7 @@ class MotorSettings:
 
     @classmethod
     def of(cls, address: MotorAddress, drum: Drum | None = None) -> "MotorSettings":
-        """Take the settings from an address; gear and torque are those of the drum where it gives none."""
+        """Return the settings of an address; default gear and torque are those of the drum."""
         ratio = cls.ratio if drum is None else drum.gear.ratio
         torque = cls.torque if drum is None else drum.motor.torque
         direction = address.whole("direction", 1, -1, 1)
@@ -181,7 +181,7 @@ def open_motor(text: str, drum: Drum | None = None) -> tuple[MotorDriver, MotorS
 
 
 def _opener_in(address: MotorAddress, file: str) -> Callable[[MotorAddress, MotorSettings], MotorDriver]:
-    """The function ``open_driver`` of a Python file."""
+    """Return the function ``open_driver`` of a Python file."""
     try:
         opener: Callable[[MotorAddress, MotorSettings], MotorDriver] = run_path(file)["open_driver"]
     except OSError as failure:
@@ -195,7 +195,7 @@ def _opener_in(address: MotorAddress, file: str) -> Callable[[MotorAddress, Moto
 
 
 class MotorScale:
-    """Conversions of one motor; angles are right once `set_home` was called."""
+    """Conversions of one motor; angles are valid after `set_home`."""
 
     def __init__(self, path: FingerPath, settings: MotorSettings) -> None:
         self._path = path
@@ -204,7 +204,7 @@ class MotorScale:
         self._zero = 0.0  # turns at the angle 0
 
     def set_home(self, turns: float, angle: float) -> None:
-        """Set that the drum stands at *angle*, rad, while the motor counts *turns*."""
+        """Set the drum's angle, rad, at a count of *turns* of the motor."""
         self._zero = turns - self._radian * angle
 
     def angle(self, turns: float) -> float:
@@ -216,11 +216,11 @@ class MotorScale:
         return self._zero + self._radian * angle
 
     def position(self, angle: float) -> float:
-        """Return where the drum at an angle, rad, meets the finger on its path, m."""
+        """Return the position on the path where a drum at an angle, rad, meets the finger, m."""
         return self._path.drum_position(angle)
 
     def torque(self, force: float, angle: float) -> float:
-        """Return the motor's torque, N m, that presses on the finger with a force, N."""
+        """Return the motor's torque, N m, for a force on the finger, N."""
         return -self._direction * force * self._path.lever(angle) / self._ratio
 
     def force(self, torque: float, angle: float) -> float:

@@ -1,9 +1,9 @@
-"""Drum that a real motor moves: homed first, within its limits, and without power at any uncertainty.
+"""Drum moved by a real motor: homed first, within its limits, and without power at any uncertainty.
 
-It stands where `DrumPlant` stands for the simulated one. Uncertain is: an answer that did not come in time, a
-fault or an end that the motor reports, an encoder that jumps, a drum beyond its limits, a shaft that does
-not turn although nothing holds it. Then the motor is switched off, a `MotorError` says why, and only a
-person starts it again.
+It has the interface of `DrumPlant`, the simulated drum. Uncertainties are a late answer, a fault or an end
+reported by the motor, a jump of the encoder, a drum beyond its limits, and a shaft that does not turn
+although it is free. Then the motor is switched off, a `MotorError` gives the reason, and only a person
+restarts it.
 """
 
 import math
@@ -27,18 +27,18 @@ from proximity.errors import MotorError
 NOT_ON_HARDWARE = (
     "No motor driver was ever run on hardware, only against simulated motors that speak the same protocol."
 )
-LONGEST_STEP = 0.02  # s that count as passed between two readings: our own delay is not the motor's silence
-MOTION_LEAD = 0.15  # rad that a target may be ahead of the drum
+LONGEST_STEP = 0.02  # s, limit of the time between two readings: longer is this program's delay
+MOTION_LEAD = 0.15  # rad, lead of a target over the drum
 OVER_LIMIT = 0.1  # rad beyond the stop or the flat hand; assumed
-JUMP = 0.05  # rad, beside what the largest speed allows
-JUMP_SPEED = 3.0  # times the largest speed: faster turns no drum
-STALL_LEAD, STALL_MOTION, STALL_TIME = 0.03, 0.003, 0.3  # rad behind, rad turned meanwhile, s; assumed
-START_TIME = 3.0  # s that a motor may take for its first answer: some boards start as their port is opened
-CONFIRM_TIME = 1.0  # s for a motor to say that it is on, and a fifth of that to say that it is off
+JUMP = 0.05  # rad, in addition to motion at the maximum speed
+JUMP_SPEED = 3.0  # times the maximum speed: no drum turns faster
+STALL_LEAD, STALL_MOTION, STALL_TIME = 0.03, 0.003, 0.3  # rad behind, rad turned in that time, s; assumed
+START_TIME = 3.0  # s for a motor's first answer: some boards start when their port is opened
+CONFIRM_TIME = 1.0  # s for a motor to confirm that it is on, and a fifth of that for off
 HOMING_SPEED, HOMING_SHARE = 0.4, 0.2  # rad/s of the drum, and share of the torque
 HOMING_PERIOD = 0.004  # s
-CLEAR_OF_STOP = 0.02  # rad that the retracted drum stays off it
-BACK_OFF, STOP_TOLERANCE = 0.1, 0.03  # rad off the stop, and by how much two touches of it may differ
+CLEAR_OF_STOP = 0.02  # rad between the retracted drum and the stop
+BACK_OFF, STOP_TOLERANCE = 0.1, 0.03  # rad off the stop, and maximum difference of two touches of it
 
 
 class MotorDrum:
@@ -50,7 +50,7 @@ class MotorDrum:
         self._driver, self.settings, self._path = driver, settings, path
         self._scale = MotorScale(path, settings)
         self._least, retracted = path.drum_angles
-        # Homing gives the stop its designed angle: from there a calibration measures where the drum touches.
+        # Homing gives the stop its designed angle, the origin of a calibration's touches.
         self._stop = path.designed_retracted + settings.stop
         self._retracted = min(retracted, self._stop - CLEAR_OF_STOP)
         self._time: float | None = None
@@ -62,7 +62,7 @@ class MotorDrum:
 
     @property
     def angle(self) -> float:
-        """Angle of the drum, rad; counted from where the motor was switched on, until it is homed."""
+        """Angle of the drum, rad; from the angle at switch-on, until it is homed."""
         return self._scale.angle(self.reading.turns)
 
     @property
@@ -82,11 +82,11 @@ class MotorDrum:
 
     @property
     def force(self) -> float:
-        """Force on the finger by the motor's current, N; friction is in it, and a pull counts as none."""
+        """Force on the finger by the motor's current, N, friction included; a pull counts as 0."""
         return max(0.0, self._scale.force(self.reading.torque, self.angle))
 
     def look(self) -> None:
-        """Take a reading and check it; the motor is given nothing."""
+        """Read and check the motor without a command."""
         before, first = self.angle, self.reading.answers == 0
         answers, elapsed = self.reading.answers, self._elapsed()
         try:
@@ -122,17 +122,17 @@ class MotorDrum:
             self._pause(pause or _slept)
 
     def refresh(self, pause: Callable[[float], bool] | None = None) -> None:
-        """Wait for an answer to a question that is asked from now on.
+        """Wait for an answer to a new request.
 
         *pause*: waits for a time, s, and returns whether to give up.
         """
-        answers = self.reading.answers + 1  # the next may be on its way already
+        answers = self.reading.answers + 1  # the next may be under way already
         while self.reading.answers <= answers:
             self.look()
             self._pause(pause or _slept)
 
     def home(self, pause: Callable[[float], bool] | None = None) -> None:
-        """Switch the motor on, and find the mechanical stop that lies beyond the retracted drum, twice.
+        """Switch the motor on, and find the mechanical stop beyond the retracted drum, twice.
 
         *pause*: waits for a time, s, and returns whether to give up.
         """
@@ -148,14 +148,14 @@ class MotorDrum:
         if abs(again - first) > STOP_TOLERANCE:
             raise self.failed(
                 f"two touches of the mechanical stop are {abs(again - first):.2f} rad apart, expected "
-                f"at most {STOP_TOLERANCE:g} rad: the stop is not firm, or something else was in the way"
+                f"at most {STOP_TOLERANCE:g} rad: the stop is not firm, or the path is blocked"
             )
         self._scale.set_home(self.reading.turns, self._stop)
         self.is_homed = True
         self._travel(self._retracted, cap, pause)
 
     def advance(self, action: DrumAction, finger: float, seconds: float) -> None:
-        """Have the motor do what a controller wants; the finger is where its own sensor has it.
+        """Command a controller's action to the motor; the finger's position is that of its sensor.
 
         *finger*: not used: a real drum needs no model of it.
         """
@@ -178,7 +178,7 @@ class MotorDrum:
         self._check_stall(seconds, action.state)
 
     def resume(self, pause: Callable[[float], bool] | None = None) -> None:
-        """Switch a homed motor on again, without a torque; it may have been turned by hand meanwhile.
+        """Switch a homed motor on again, without a torque; it may have been turned by hand.
 
         *pause*: waits for a time, s, and returns whether to give up.
         """
@@ -188,7 +188,7 @@ class MotorDrum:
         self._switch_on(MotorCommand(DriveMode.FORCE, torque_cap=self.settings.torque), pause or _slept)
 
     def rest(self, pause: Callable[[float], bool] | None = None) -> None:
-        """Take the power off until `resume`, and wait until the motor confirms it.
+        """Switch the motor off until `resume`, and wait until it confirms that.
 
         *pause*: waits for a time, s, and returns whether to give up.
         """
@@ -196,7 +196,7 @@ class MotorDrum:
         self._confirm("off", pause or _slept)
 
     def push(self, torque: float) -> float:
-        """Give the drum a torque, N m, positive away from the finger; return it, within the motor's limit."""
+        """Command a torque of the drum, N m, positive away from the finger; return it, limited."""
         if not (self.is_homed and self._is_on):
             raise self.failed("a motion was commanded before the motor was homed")
         self.look()
@@ -208,14 +208,14 @@ class MotorDrum:
         return given
 
     def hold(self) -> None:
-        """Keep the motor where it was sent last, while there is no controller yet."""
+        """Hold the motor at its last target, before a controller exists."""
         self.look()
         self._send(self._command)
 
     def switch_off(self, *, is_emergency: bool = True) -> None:
-        """Take the power off, without waiting for an answer.
+        """Switch the motor off, without waiting for an answer.
 
-        *is_emergency*: whether the motor shall remember it, where it can, so that a person must look.
+        *is_emergency*: whether the motor latches it, if supported, so that a person must check it.
         """
         self._is_on = False
         with suppress(MotorError):
@@ -225,12 +225,12 @@ class MotorDrum:
                 self._driver.switch_off()
 
     def failed(self, reason: str) -> MotorError:
-        """Take the power off, and return the error that says why."""
+        """Switch the motor off, and return the error with the reason."""
         self.switch_off()
         return MotorError(f"{self.settings.name}: {reason}; the motor was switched off")
 
     def close(self) -> str:
-        """Take the power off until the motor confirms it, and close; return a sentence where it does not."""
+        """Switch the motor off, await its confirmation, and close; return a sentence if it is missing."""
         self._is_on, ends = False, time.monotonic() + 0.2 * CONFIRM_TIME
         answers, is_off = self.reading.answers, False
         with suppress(MotorError):
@@ -255,13 +255,13 @@ class MotorDrum:
             raise self.failed(str(failure)) from failure
 
     def _follow(self, target: float, step: float, cap: float) -> None:
-        """Send the next target on the way there, not far ahead of where the drum is."""
+        """Send the next target, not far ahead of the drum."""
         nearer = min(max(target, self._reference - step), self._reference + step)
         self._reference = min(max(nearer, self.angle - MOTION_LEAD), self.angle + MOTION_LEAD)
         self._send(MotorCommand(DriveMode.POSITION, self._scale.turns(self._reference), 0.0, cap))
 
     def _is_stalled(self, seconds: float) -> bool:
-        """Whether the drum has been behind its target for a while, and has not turned."""
+        """Return whether the drum has been behind its target for a while, and has not turned."""
         is_behind = abs(self._reference - self.angle) > STALL_LEAD
         if not is_behind or self._behind == 0.0 or abs(self.angle - self._marked_angle) > STALL_MOTION:
             self._behind, self._marked_angle = 0.0, self.angle
@@ -282,7 +282,7 @@ class MotorDrum:
         self._is_on = True
 
     def _confirm(self, state: str, pause: Callable[[float], bool]) -> None:
-        """Wait until the motor says that it is on, or off."""
+        """Wait until the motor confirms that it is on, or off."""
         ends = time.monotonic() + CONFIRM_TIME
         while self.reading.is_on != (state == "on"):
             if time.monotonic() > ends:
@@ -292,10 +292,10 @@ class MotorDrum:
 
     def _pause(self, pause: Callable[[float], bool]) -> None:
         if pause(HOMING_PERIOD):
-            raise self.failed("it was asked to stop before it was ready")
+            raise self.failed("it was stopped before it was ready")
 
     def _touched_stop(self, cap: float, pause: Callable[[float], bool]) -> float:
-        """Turn away from the finger until the drum stands against something; the angle there, rad."""
+        """Turn away from the finger until the drum is blocked; return its angle, rad."""
         most = self.angle + (self._stop - self._least) + OVER_LIMIT
         self._behind = 0.0
         while not self._step(math.inf, cap, pause):
@@ -311,7 +311,7 @@ class MotorDrum:
                 raise self.failed("the shaft does not turn back from the stop: it is jammed, or the encoder")
 
     def _step(self, angle: float, cap: float, pause: Callable[[float], bool]) -> bool:
-        """One period of homing; whether the drum is stalled."""
+        """Run one period of homing; return whether the drum is stalled."""
         self._pause(pause)
         self.look()
         self._follow(angle, HOMING_SPEED * HOMING_PERIOD, cap)
@@ -327,9 +327,9 @@ def _slept(seconds: float) -> bool:
 def opened_motors(
     addresses: Sequence[str], paths: Sequence[FingerPath], report: Callable[[str], None]
 ) -> Iterator[list[MotorDrum]]:
-    """Open motors that stay off; at the end all of them are switched off and closed.
+    """Open motors that stay off; at the end switch off and close all of them.
 
-    *report*: is given a sentence for each motor that does not confirm that it is off.
+    *report*: called with a sentence for each motor that does not confirm that it is off.
     """
     motors: list[MotorDrum] = []
     try:
@@ -352,7 +352,7 @@ def opened_motors(
 def home_all(
     motors: Sequence[MotorDrum], pause: Callable[[float], bool], report: Callable[[str], None]
 ) -> None:
-    """Home motors one after the other; those that are homed hold their drums retracted meanwhile.
+    """Home motors one after the other; homed ones hold their drums retracted.
 
     *pause*: waits for a time, s, and returns whether to give up.
     """

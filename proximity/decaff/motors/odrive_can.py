@@ -23,7 +23,7 @@ HEARTBEAT, ESTOP, SET_STATE, ESTIMATES = 0x01, 0x02, 0x07, 0x09
 SET_MODE, INPUT_POSITION, INPUT_TORQUE, SET_LIMITS, GET_CURRENT = 0x0B, 0x0C, 0x0E, 0x0F, 0x14
 STATE_IDLE, STATE_CLOSED_LOOP = 1, 8
 CONTROL_TORQUE, CONTROL_POSITION, INPUT_PASSTHROUGH = 1, 3, 1
-MOST_WAITING = 200  # messages that one reading takes in: a flooded bus must not hold the controller
+MAX_WAITING = 200  # messages of one reading: a flooded bus must not block the controller
 HEARTBEAT_AGE = 0.5  # s; an ODrive sends one each 0.1 s
 SPEED_LIMIT = 160.0  # turns/s: beyond, the ODrive switches itself off
 
@@ -31,7 +31,7 @@ SPEED_LIMIT = 160.0  # turns/s: beyond, the ODrive switches itself off
 class ODriveCan:
     """An axis of an ODrive.
 
-    *torque_constant*: of the motor, as the ODrive has it, too.
+    *torque_constant*: of the motor, as set in the ODrive.
     """
 
     def __init__(self, bus: Any, node: int, torque_constant: float) -> None:
@@ -42,8 +42,8 @@ class ODriveCan:
         self._cap = math.nan
 
     def read(self) -> MotorReading:
-        """Take in what has come, and ask for encoder and current."""
-        for _ in range(MOST_WAITING):
+        """Read all arrived messages, and request encoder and current."""
+        for _ in range(MAX_WAITING):
             message = self._received()
             if message is None:
                 break
@@ -59,7 +59,7 @@ class ODriveCan:
         return MotorReading(self._answers, self._turns, self._current, torque, is_on, fault)
 
     def switch_on(self, command: MotorCommand) -> None:
-        """Ask for closed-loop control; errors that the axis remembers are for a person to clear."""
+        """Request closed-loop control; latched errors of the axis are for a person to clear."""
         self._mode, self._cap = None, math.nan
         self.send(command)
         self._send(SET_STATE, struct.pack("<I", STATE_CLOSED_LOOP))
@@ -79,7 +79,7 @@ class ODriveCan:
             self._send(SET_MODE, struct.pack("<II", control, INPUT_PASSTHROUGH))
 
     def switch_off(self) -> None:
-        """Ask for the idle state."""
+        """Request the idle state."""
         self._send(SET_STATE, struct.pack("<I", STATE_IDLE))
 
     def stop(self) -> None:

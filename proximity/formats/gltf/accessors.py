@@ -1,4 +1,4 @@
-"""Accessors of a glTF document: arrays of positions and indices, checked against the bytes that are there."""
+"""Accessors of a glTF document: arrays of positions and indices, checked against the available bytes."""
 
 from typing import Any
 
@@ -18,12 +18,12 @@ _BOUNDS_ROUNDING = 1e-5  # of the largest coordinate: single precision, or six d
 
 
 def read_positions(document: Document, index: int, place: str) -> np.ndarray:
-    """Return positions as they stand in the file, (V, 3), not copied unless they are sparse."""
+    """Return positions as stored in the file, (V, 3), not copied unless they are sparse."""
     return _read(document, index, place, "VEC3", POSITION_TYPES)
 
 
 def read_indices(document: Document, index: int, place: str) -> np.ndarray:
-    """Return whole numbers as they stand in the file, (count,), not copied unless they are sparse."""
+    """Return integers as stored in the file, (count,), not copied unless they are sparse."""
     return _read(document, index, place, "SCALAR", INDEX_TYPES)[:, 0]
 
 
@@ -34,7 +34,7 @@ def read_matrices(document: Document, index: int, place: str) -> np.ndarray:
 
 
 def as_lengths(document: Document, index: int, stored: np.ndarray) -> np.ndarray:
-    """Return the positions that an accessor means by stored ones, a copy in float64."""
+    """Return the positions encoded by the stored values of an accessor, a copy in float64."""
     points = stored.astype(np.float64)
     if stored.dtype.kind != "f" and document.entry("accessors", index).get("normalized"):
         points = np.maximum(points / np.iinfo(stored.dtype).max, -1.0)
@@ -44,7 +44,7 @@ def as_lengths(document: Document, index: int, stored: np.ndarray) -> np.ndarray
 def _read(
     document: Document, index: int, place: str, kind: str, component_types: tuple[int, ...]
 ) -> np.ndarray:
-    """Entries of an accessor, (count, components); each accessor is checked once."""
+    """Return the entries of an accessor, (count, components); each accessor is checked once."""
     accessor = document.entry("accessors", index)
     name = f"accessor {index} ({place})"
     if accessor.get("type") != kind or accessor.get("componentType") not in component_types:
@@ -65,7 +65,7 @@ def _stored(document: Document, accessor: dict[str, Any], kind: str, name: str) 
     sparse = accessor.get("sparse")
     if accessor.get("bufferView") is not None:
         array = _strided(document, accessor, count, width, dtype, name)
-    else:  # zeros, of which nothing but the count is in the file
+    else:  # zeros: the file contains only their count
         held = sum(map(len, document.buffers))
         if count > held:
             raise MeshFormatError(
@@ -78,7 +78,7 @@ def _stored(document: Document, accessor: dict[str, Any], kind: str, name: str) 
 def _strided(
     document: Document, holder: dict[str, Any], count: int, width: int, dtype: np.dtype, name: str
 ) -> np.ndarray:
-    """Rows at a buffer view and an offset, any of which may be odd."""
+    """Return rows at a buffer view and an offset, either of which may be unaligned."""
     view_index = integer(holder.get("bufferView"), f"the buffer view of {name}")
     view = document.view(view_index)
     entry_bytes = width * dtype.itemsize
@@ -93,7 +93,7 @@ def _strided(
 
 
 def _with_sparse(document: Document, sparse: Any, base: np.ndarray, name: str) -> np.ndarray:
-    """A copy of *base* with the rows replaced that a sparse accessor lists."""
+    """Return a copy of *base* with the rows replaced that a sparse accessor lists."""
     name = f"the sparse part of {name}"
     if not isinstance(sparse, dict) or not all(
         isinstance(sparse.get(k), dict) for k in ("indices", "values")
@@ -115,7 +115,7 @@ def _with_sparse(document: Document, sparse: Any, base: np.ndarray, name: str) -
 
 
 def _check_bounds(document: Document, accessor: dict[str, Any], stored: np.ndarray, name: str) -> None:
-    """Note bounds that the positions contradict. Many writers leave them out."""
+    """Note bounds that contradict the positions. Many writers omit them."""
     measured = {
         "min": np.fmin.reduce(stored).astype(np.float64).tolist(),
         "max": np.fmax.reduce(stored).astype(np.float64).tolist(),

@@ -1,4 +1,4 @@
-"""The JSON of a glTF document and the bytes that it refers to: chunks, buffers, views of buffers."""
+"""JSON of a glTF document and the bytes that it refers to: chunks, buffers, buffer views."""
 
 import base64
 import binascii
@@ -52,7 +52,7 @@ class Document:
 
 
 def entries(holder: dict[str, Any], key: str) -> list[Any]:
-    """Return a list of the header; it is empty where there is none."""
+    """Return a list of the header; an absent list is empty."""
     values = holder.get(key) or []
     if not isinstance(values, list):
         raise MeshFormatError(f"its JSON has {key} that are not a list")
@@ -60,7 +60,7 @@ def entries(holder: dict[str, Any], key: str) -> list[Any]:
 
 
 def extension(holder: dict[str, Any], name: str, place: str) -> dict[str, Any]:
-    """Return what an entry of the header says in an extension; it is empty where it says nothing."""
+    """Return an entry's content in an extension; an absent extension is empty."""
     extensions = holder.get("extensions") or {}
     if not isinstance(extensions, dict):
         raise MeshFormatError(f"{place} has extensions that are not a JSON object")
@@ -69,7 +69,7 @@ def extension(holder: dict[str, Any], name: str, place: str) -> dict[str, Any]:
 
 
 def integer(value: Any, what: str) -> int:
-    """Return a whole number that is not negative, also one that is written as 8.0."""
+    """Return a non-negative integer, also one written as 8.0."""
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _LARGEST_INTEGER:
@@ -89,7 +89,7 @@ def numbers(values: Any, count: int, what: str) -> list[float]:
 
 
 def shown(value: Any) -> str:
-    """Return a value of JSON as text, as long as a message can bear."""
+    """Return a value of JSON as text, shortened for a message."""
     if isinstance(value, str):
         return text_rows.shortened(value)
     text = repr(value)
@@ -140,7 +140,7 @@ def parse_header(header: bytes) -> Document:
 
 
 def load_buffers(document: Document, path: str, binary: bytes | None) -> None:
-    """Fill in the buffers: of the file itself, and of files beside it."""
+    """Fill in the buffers: those of the file itself and of files in its folder."""
     for k in range(len(entries(document.json, "buffers"))):
         entry = document.entry("buffers", k)
         length = integer(entry.get("byteLength"), f"the length of buffer {k}")
@@ -160,14 +160,14 @@ def _buffer_bytes(uri: Any, k: int, path: str, binary: bytes | None, length: int
             )
         return binary
     if not isinstance(uri, str):
-        raise MeshFormatError(f"the uri of buffer {k} is no text")
+        raise MeshFormatError(f"the uri of buffer {k} is not text")
     if uri[:5].lower() == "data:":
         return _data_uri_bytes(uri, k)
     return _read_beside(uri, f"buffer {k} is the file {text_rows.shortened(uri, 80)}", path, length)
 
 
 def _data_uri_bytes(uri: str, k: int) -> bytes:
-    """The bytes of a data URI; base64 may be broken into lines, percent-encoded, or without its padding."""
+    """Return the bytes of a data URI; base64 may have line breaks, percent-encoding, or no padding."""
     head, _, text = uri.partition(",")
     data = urllib.parse.unquote_to_bytes(text)
     if not head.lower().endswith(";base64"):
@@ -180,7 +180,7 @@ def _data_uri_bytes(uri: str, k: int) -> bytes:
 
 
 def _read_beside(uri: str, what: str, path: str, length: int) -> bytes:
-    """The first bytes of a file in the folder of the document, or below it, links followed; no other."""
+    """Return the first bytes of a file in the document's folder or below it, links followed; no other."""
     try:
         folder = Path(path).resolve().parent
         beside = (folder / urllib.parse.unquote(uri)).resolve()

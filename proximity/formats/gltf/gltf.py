@@ -25,7 +25,7 @@ _LOOKS = re.compile(
     r"interactiv",
     re.IGNORECASE,
 )
-"""In names of extensions that change no shape."""
+"""Words in names of extensions that change no shape."""
 
 
 def read_glb(source: Source) -> RawFile:
@@ -35,7 +35,7 @@ def read_glb(source: Source) -> RawFile:
 
 
 def read_gltf(source: Source) -> RawFile:
-    """Read a glTF file and the buffers beside it."""
+    """Read a glTF file and its external buffers."""
     return read_document(source.data, source.path, None, "glTF", [])
 
 
@@ -60,7 +60,7 @@ def read_document(
 
 
 def _check_extensions(document: Document) -> None:
-    """Refuse geometry that cannot be read by the name of its extension: it would arrive as zeros, or not."""
+    """Raise for geometry that an extension stores: it would be read as zeros, or be missing."""
     used, required = (list(map(str, buffers.entries(document.json, key))) for key in _EXTENSION_LISTS)
     refused = "its geometry is stored by {}, which is not supported; export it without"
     if _INSTANCING in used + required:
@@ -78,7 +78,7 @@ def _check_extensions(document: Document) -> None:
 
 
 def _has_empty_buffer(document: Document, name: str) -> bool:
-    """Whether there is a buffer whose bytes only an extension has."""
+    """Return whether a buffer's bytes are only in an extension."""
     count = len(buffers.entries(document.json, "buffers"))
     every = ((k, document.entry("buffers", k)) for k in range(count))
     return any("uri" not in entry and buffers.extension(entry, name, f"buffer {k}") for k, entry in every)
@@ -87,7 +87,7 @@ def _has_empty_buffer(document: Document, name: str) -> bool:
 def _parts(
     document: Document, nodes: Sequence[Node], surfaces: dict[int, list[Primitive]]
 ) -> list[Part | None]:
-    """Arrays of each node's mesh; meshes of the same accessors, as cascadio writes instances, share them."""
+    """Return the arrays of each node's mesh, shared by meshes of the same accessors, as in cascadio."""
     made: dict[tuple, Part | None] = {}
     parts = []
     for node in nodes:
@@ -100,7 +100,7 @@ def _parts(
 
 
 def _assembled(document: Document, own: list[Primitive], weights: tuple[float, ...]) -> Part | None:
-    """All primitives of a mesh as one: they are what one body shows in several materials."""
+    """Join all primitives of a mesh: they are one body in several materials."""
     own = [primitive for primitive in own if primitive.face_count]
     if not own:
         return None
@@ -116,13 +116,13 @@ def _assembled(document: Document, own: list[Primitive], weights: tuple[float, .
     if ids is None:
         ids = np.arange(row_count)
     elif others or len(ids) != row_count:
-        ids = np.full(row_count, UNKNOWN_FACE)  # they are counted within a surface, and of the first only
+        ids = np.full(row_count, UNKNOWN_FACE)  # CAD faces are counted in the first surface only
     return np.concatenate(vertices), np.concatenate(faces), ids.astype(np.int32)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # infinities are found and named later
 def _placed(nodes: Sequence[Node], parts: Sequence[Part | None], notes: list[str]) -> list[RawMesh]:
-    """The parts at their nodes; those that a scale of 0 flattens become sheets, or nothing."""
+    """Return the parts at their nodes; those flattened by a scale of 0 become sheets, or are left out."""
     meshes: list[RawMesh] = []
     sheets, nothing = [], []
     for node, part in zip(nodes, parts, strict=True):
@@ -140,16 +140,16 @@ def _placed(nodes: Sequence[Node], parts: Sequence[Part | None], notes: list[str
             matrix[:3, 3] = node.matrix[:3, 3]
         meshes.append(RawMesh(node.name, vertices, faces, rows, matrix, node.is_hidden, node.above))
     if nothing and not meshes:
-        raise MeshFormatError(f"all of its parts are scaled to nothing: {text_rows.listed(nothing)}")
+        raise MeshFormatError(f"all of its parts have a scale of 0: {text_rows.listed(nothing)}")
     if nothing:
-        notes.append(f"scaled to nothing in the file, and left out: {text_rows.listed(nothing)}")
+        notes.append(f"left out, as the file scales them by 0: {text_rows.listed(nothing)}")
     if sheets:
         notes.append(f"flattened to a sheet by a scale of 0 in the file: {text_rows.listed(sheets)}")
     return meshes
 
 
 def _dimensions(matrix: np.ndarray) -> int:
-    """How many dimensions a solid keeps that the matrix places; what is no placement is refused later."""
+    """Return the number of dimensions that a matrix preserves; an invalid matrix is refused later."""
     if not np.isfinite(matrix).all() or (matrix[3] != (0.0, 0.0, 0.0, 1.0)).any():
         return 3
     stretches = np.linalg.svd(matrix[:3, :3], compute_uv=False)

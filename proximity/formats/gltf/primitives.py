@@ -22,7 +22,7 @@ _TRIANGLES, _TRIANGLE_STRIP, _TRIANGLE_FAN = 4, 5, 6
 
 @dataclass(slots=True, eq=False)
 class Primitive:
-    """A surface as it stands in the file: what belongs to one material."""
+    """A surface as stored in the file: the triangles of one material."""
 
     place: str  # for messages
     key: tuple  # equal where two primitives are the same surface
@@ -46,7 +46,7 @@ class Primitive:
 
 
 def read_meshes(document: Document, meshes: Iterable[int], notes: list[str]) -> dict[int, list[Primitive]]:
-    """Return the surfaces of meshes, with all that they refer to checked."""
+    """Return the surfaces of meshes, with all references checked."""
     found = {mesh: _primitives(document, mesh, notes) for mesh in meshes}
     every = [primitive for primitives in found.values() for primitive in primitives]
     packed = list(dict.fromkeys(primitive.packed for primitive in every if primitive.packed is not None))
@@ -70,7 +70,7 @@ def _primitives(document: Document, mesh: int, notes: list[str]) -> list[Primiti
             raise MeshFormatError(f"{place} has no attributes")
         mode = integer(primitive.get("mode", _TRIANGLES), f"the mode of {place}")
         if mode < _TRIANGLES:
-            note = "points and lines were ignored: they enclose nothing"
+            note = "points and lines were ignored: they enclose no volume"
             notes += [] if note in notes else [note]
             continue
         if mode > _TRIANGLE_FAN:
@@ -92,7 +92,7 @@ def _primitive(document: Document, entry: dict[str, Any], mode: int, place: str)
     is_stored = accessor.get("bufferView") is not None or accessor.get("sparse") is not None
     packed = None if is_stored else _packed(entry, place)
     if not is_stored and packed is None:
-        raise MeshFormatError(f"accessor {position} ({place}) has no buffer view: there are no positions")
+        raise MeshFormatError(f"accessor {position} ({place}) has no buffer view, expected positions")
     primitive = Primitive(
         place,
         (mode, position, corners, face_ids, packed, str(targets)),
@@ -110,7 +110,7 @@ def _primitive(document: Document, entry: dict[str, Any], mode: int, place: str)
 
 
 def _packed(entry: dict[str, Any], place: str) -> tuple[int, int] | None:
-    """Where Draco packed the positions; they are looked for only where they are not stored as well."""
+    """Return the location of positions packed by Draco, unless they are also stored unpacked."""
     found = extension(entry, DRACO, place)
     if not found:
         return None
@@ -133,7 +133,7 @@ def _check_count(primitive: Primitive) -> None:
 
 @np.errstate(over="ignore", invalid="ignore")  # infinities are found and named later
 def vertices(document: Document, primitive: Primitive, weights: tuple[float, ...]) -> np.ndarray:
-    """Return positions, (V, 3) float64, m, moved by the morph targets as far as their weights say."""
+    """Return positions, (V, 3) float64, m, displaced by the morph targets according to their weights."""
     points = accessors.as_lengths(document, primitive.position, primitive.points)
     if any(weights[len(primitive.targets) :]):
         raise MeshFormatError(
@@ -154,7 +154,7 @@ def vertices(document: Document, primitive: Primitive, weights: tuple[float, ...
 
 
 def triangles(primitive: Primitive) -> np.ndarray:
-    """Return corners of the faces, (F, 3) int64; every other triangle of a strip runs the other way round."""
+    """Return corners of the faces, (F, 3) int64; every other triangle of a strip is reversed."""
     if primitive.corners is None:
         corners = np.arange(len(primitive.points), dtype=np.int64)
     else:
@@ -176,13 +176,13 @@ def triangles(primitive: Primitive) -> np.ndarray:
 
 
 def check_draco_installed() -> None:
-    """Raise if DracoPy is not there, with what to install."""
+    """Raise if DracoPy is not installed, with what to install."""
     with needed(f"geometry stored by {DRACO} needs", "gltf"):
         import DracoPy  # noqa: F401
 
 
 def _unpacked(streams: Sequence[tuple[memoryview, int]]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Faces, (F, 3), and stored positions, (V, 3), of Draco streams, given the identifiers of positions."""
+    """Return faces, (F, 3), and stored positions, (V, 3), of Draco streams, by identifiers of positions."""
     if not streams:
         return []
     check_draco_installed()
@@ -195,7 +195,7 @@ def _unpacked(streams: Sequence[tuple[memoryview, int]]) -> list[tuple[np.ndarra
     done = run_library("draco", data, seconds=_DRACO_SECONDS, byte_count=byte_count)
     if done.returncode:
         printed = done.printed.strip().splitlines()
-        if done.returncode in (TOO_MUCH, NOT_INSTALLED):  # it is installed: there was no memory to import it
+        if done.returncode in (TOO_MUCH, NOT_INSTALLED):  # installed, but without memory to import it
             reported = f"it takes more than {_DRACO_SECONDS} s or {byte_count >> 30} GB, expected less"
         elif done.returncode < 0 or not printed:
             reported = f"the decoder crashed, signal {-done.returncode}"

@@ -13,11 +13,11 @@ from proximity.formats.gltf.accessors import read_matrices
 from proximity.formats.gltf.buffers import Document, entries, extension, integer, numbers
 
 NO_MESH = -1
-_MOST_NODES = 200_000
-_MOST_LEVELS = 16  # whose names are kept for a part, 60 letters of each
+_MAX_NODES = 200_000
+_MAX_LEVELS = 16  # maximum, whose names are kept for a part, 60 letters of each
 _JOINT_ROUNDING = 1e-5  # of the largest entry: chains of joints are written in single precision
 _Above = tuple[np.ndarray, bool, tuple[str, ...]]
-"""What a node hands to its children: its placement, whether it is hidden, the names down to it."""
+"""State inherited by a node's children: placement, whether it is hidden, names down to it."""
 _TRANSFORMS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
 
 
@@ -36,7 +36,7 @@ class Node:
 
     @property
     def label(self) -> str:
-        """What a message calls it."""
+        """Return the name of the node in messages."""
         return text_rows.shortened(self.name, 60) if self.name else f"node {self.index}"
 
 
@@ -44,8 +44,8 @@ def walk(document: Document) -> list[Node]:
     """Return the nodes of the default scene, parents before children, in the order of the file."""
     given = entries(document.json, "nodes")
     check_part_count(sum(isinstance(node, dict) and "mesh" in node for node in given))
-    if len(given) > _MOST_NODES:
-        raise MeshFormatError(f"it has {len(given)} nodes, expected at most {_MOST_NODES}")
+    if len(given) > _MAX_NODES:
+        raise MeshFormatError(f"it has {len(given)} nodes, expected at most {_MAX_NODES}")
     nodes: list[Node] = []
     seen: set[int] = set()
     top = np.eye(4), False, ()
@@ -61,7 +61,7 @@ def walk(document: Document) -> list[Node]:
         node.is_hidden, node.above = is_hidden or not is_shown, above
         nodes.append(node)
         children = [integer(child, f"the children of node {index}") for child in entries(entry, "children")]
-        own = node.matrix, node.is_hidden, (*above, node.name[:60])[-_MOST_LEVELS:] if node.name else above
+        own = node.matrix, node.is_hidden, (*above, node.name[:60])[-_MAX_LEVELS:] if node.name else above
         waiting += [(child, own) for child in reversed(children)]
     joints = {node.index: node.matrix for node in nodes}
     for node in nodes:
@@ -73,7 +73,7 @@ def walk(document: Document) -> list[Node]:
 
 @np.errstate(over="ignore", invalid="ignore")  # infinities are found and named later
 def _skin_placement(document: Document, index: int, joints: dict[int, np.ndarray]) -> tuple[np.ndarray, bool]:
-    """The matrix of the first joint, which places a mesh instead of its own node; whether others differ."""
+    """Return the first joint's matrix, which places a mesh instead of its node, and whether others differ."""
     skin, place = document.entry("skins", index), f"skin {index}"
     given = [integer(joint, f"the joints of {place}") for joint in entries(skin, "joints")]
     placed = np.array([joints.get(joint, np.eye(4)) for joint in given or [-1]])
@@ -90,7 +90,7 @@ def _roots(document: Document) -> list[int]:
     if entries(document.json, "scenes"):
         scene = document.entry("scenes", integer(document.json.get("scene", 0), "the default scene"))
         return [integer(node, "the nodes of the scene") for node in entries(scene, "nodes")]
-    # Without scenes everything that is nobody's child counts.
+    # Without scenes every node without a parent counts.
     count = len(entries(document.json, "nodes"))
     children = {
         integer(child, f"the children of node {k}")
@@ -119,7 +119,7 @@ def _node(document: Document, entry: dict[str, Any], index: int, world_from_pare
 
 
 def _local_matrix(given: dict[str, list[float]]) -> np.ndarray:
-    """Parent from node: the matrix, or scale, then rotation, then translation."""
+    """Return the matrix parent from node: given, or made of scale, then rotation, then translation."""
     if "matrix" in given:
         return np.array(given["matrix"], dtype=np.float64).reshape(4, 4).T  # column after column
     matrix = np.eye(4)

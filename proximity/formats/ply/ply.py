@@ -1,4 +1,4 @@
-"""PLY: vertices and polygons out of the elements that a header declares; no units."""
+"""PLY: vertices and polygons from the elements that a header declares; no units."""
 
 import re
 
@@ -44,7 +44,7 @@ def read_ply_points(data: bytes) -> np.ndarray:
 
 
 def _unrolled(pieces: list[polygons.Piece]) -> np.ndarray:
-    """Triangles of strips, (F, 3); -1 ends a strip, and every other triangle of one runs the other way."""
+    """Return the triangles of strips, (F, 3); -1 ends a strip, and every other triangle is reversed."""
     strips = {
         int(row): np.append(values[:count], -1)
         for row_ids, counts, table in pieces
@@ -61,7 +61,7 @@ def _unrolled(pieces: list[polygons.Piece]) -> np.ndarray:
 
 
 def _check_positions(elements: dict[str, Element]) -> Element:
-    """The element of the vertices, which have positions."""
+    """Return the element of the vertices; raise unless it has positions."""
     vertex = elements.get("vertex")
     if vertex is None or not vertex.count:
         raise MeshFormatError("its header declares no vertices")
@@ -72,14 +72,14 @@ def _check_positions(elements: dict[str, Element]) -> Element:
 
 
 def _surface(elements: dict[str, Element]) -> Element:
-    """The element of the faces, or of the strips."""
+    """Return the element of the faces, or of the strips."""
     vertex = _check_positions(elements)
     surfaces = [elements[name] for name in ("face", "tristrips") if name in elements and elements[name].count]
     if len(surfaces) > 1:
         raise MeshFormatError("it holds faces and triangle strips, expected one of them")
     if not surfaces:
         kind = "a drawing of lines" if elements.get("edge", Element("edge", 0)).count else "a point cloud"
-        raise MeshFormatError(f"it is {kind}: {vertex.count} vertices and no faces, there is no surface")
+        raise MeshFormatError(f"it is {kind}: {vertex.count} vertices and no faces, so no surface")
     _corner_list(surfaces[0])
     return surfaces[0]
 
@@ -97,7 +97,7 @@ def _read_binary(data: bytes, header: Header, notes: list[str]) -> dict[str, row
     at = header.data_start
     for element in header.elements:
         columns[element.name], at = rows.read_binary(data, at, element)
-    # A wrong count shifts everything behind it, so that nothing but padding may be left over.
+    # A wrong count shifts the rest of the file, so that only padding may follow the last row.
     if data[at:].strip(text_rows.PADDING):
         raise MeshFormatError(f"{len(data) - at} bytes follow the last row: a count in its header is wrong")
     if data[at:].strip(b"\r\n"):

@@ -1,4 +1,4 @@
-"""The header of a PLY file: which elements follow, how many, with which properties."""
+"""Header of a PLY file: its elements, their lengths and their properties."""
 
 import re
 from dataclasses import dataclass, field
@@ -41,7 +41,7 @@ class Element:
 
 @dataclass(slots=True)
 class Header:
-    """Declarations in front of the data."""
+    """Declarations before the data."""
 
     is_ascii: bool
     elements: list[Element]
@@ -84,7 +84,7 @@ def read_header(data: bytes) -> Header:
 
 
 def _check_new(table: str, name: str, declared: set[tuple[str, str]], line_id: int) -> None:
-    """Refuse two columns of a table, or two tables, of one name: only one would be read."""
+    """Raise for two columns of a table, or two tables, with one name: only one would be read."""
     if (table, name) in declared:
         twice = text_rows.shortened(name)
         raise MeshFormatError(f"line {line_id} of its header declares {twice} a second time")
@@ -92,13 +92,13 @@ def _check_new(table: str, name: str, declared: set[tuple[str, str]], line_id: i
 
 
 def _element(words: list[str]) -> Element | None:
-    """The table that a line declares, or None where it cannot be one."""
+    """Return the table that a line declares, or None."""
     count = text_rows.as_count(words[2]) if words[0] == "element" and len(words) == 3 else None
     return None if count is None else Element(words[1], count)
 
 
 def _property(words: list[str], byte_order: str) -> Property | None:
-    """The column that a line declares, or None where it cannot be one."""
+    """Return the column that a line declares, or None."""
     if words[0] != "property":
         return None
     if len(words) == 3 and words[1] in _TYPES:
@@ -112,7 +112,7 @@ def _property(words: list[str], byte_order: str) -> Property | None:
 
 
 def check_size(header: Header, size: int) -> None:
-    """Raise if the rows that a header declares cannot be in a file of so many bytes."""
+    """Raise if a file of *size* bytes is too short for the declared rows."""
     least, most = 0, 0.0
     for element in header.elements:
         for column in element.properties:

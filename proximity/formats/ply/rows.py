@@ -17,7 +17,7 @@ Columns = dict[str, np.ndarray | list[Piece]]
 
 
 def read_binary(data: bytes, start: int, element: Element) -> tuple[Columns, int]:
-    """Read the rows of an element from byte *start* of the file, and say where they end."""
+    """Read the rows of an element from byte *start* of the file; return them and their end."""
     if not element.properties or not element.count:
         return {}, start
     row_dtype = _row_dtype(data, start, element)
@@ -42,7 +42,7 @@ def read_binary(data: bytes, start: int, element: Element) -> tuple[Columns, int
 
 
 def _row_dtype(data: bytes, start: int, element: Element) -> np.dtype:
-    """Layout of a row if all lists are as long as those of the first row."""
+    """Return the layout of a row whose lists have the lengths of those in the first row."""
     fields: list[tuple] = []
     at = start
     for k, column in enumerate(element.properties):
@@ -69,7 +69,7 @@ def _count_at(data: bytes, at: int, dtype: np.dtype, element: Element, row: int)
 
 
 def _walk(data: bytes, start: int, element: Element) -> tuple[Columns, int]:
-    """Row by row, where lists differ in length."""
+    """Read row by row, as lists differ in length."""
     lists = [(k, column) for k, column in enumerate(element.properties) if column.count_dtype is not None]
     starts: dict[int, list[int]] = {k: [] for k, _ in lists}
     counts: dict[int, list[int]] = {k: [] for k, _ in lists}
@@ -111,7 +111,7 @@ def _cut_off(element: Element, row: int) -> MeshFormatError:
 
 
 def read_ascii(rows: list[str], line_ids: list[int], element: Element, notes: list[str]) -> Columns:
-    """Read the rows of an element, one a line; all may go on with equally many undeclared numbers."""
+    """Read the rows of an element, one a line; all may end with equally many undeclared numbers."""
 
     def locate(row: int) -> str:
         return f"line {line_ids[row]} ({element.name} {row})"
@@ -120,7 +120,7 @@ def read_ascii(rows: list[str], line_ids: list[int], element: Element, notes: li
     lists: dict[str, list[Piece]] = {}
     surplus = np.zeros(element.count, dtype=np.int64)  # numbers of each row that are not declared
     for row_ids, table in text_rows.read_rows(rows, locate):
-        at = np.zeros(len(table), dtype=np.int64)  # column that each row has come to
+        at = np.zeros(len(table), dtype=np.int64)  # column reached in each row
         last = table.shape[1] - 1
         every = np.arange(len(table))
         for column in element.properties:
@@ -131,13 +131,13 @@ def read_ascii(rows: list[str], line_ids: list[int], element: Element, notes: li
                 continue
             counts = _list_counts(values, table.shape[1], text_rows.located_in(locate, row_ids))
             entries = np.minimum(at[:, None] + np.arange(last + 1), last)
-            # what lies behind the list is passed over by those who take the pieces
+            # the readers of the pieces ignore the rest of a row
             lists.setdefault(column.name, []).append((row_ids, counts, table[every[:, None], entries]))
             at = at + counts
         surplus[row_ids] = table.shape[1] - at
     wrong = np.flatnonzero(surplus)
     if len(wrong):
-        # Of a single row, or of some, they are rather entries of a list whose length is wrong.
+        # In a single row, or in some, they are rather entries of a list whose length is wrong.
         if surplus[0] < 0 or element.count == 1 or (surplus != surplus[0]).any():
             row = int(wrong[0])
             width = len(rows[row].split())

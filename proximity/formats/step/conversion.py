@@ -1,7 +1,7 @@
 """Conversion of STEP to GLB by cascadio (OpenCASCADE), within limits of time, memory and triangles.
 
-One process converts as often as needed, since importing OpenCASCADE takes longer than converting most files.
-The triangles are kept in the user's cache.
+One process converts all files, since importing OpenCASCADE takes longer than converting most of them. The
+triangles are stored in the user's cache.
 """
 
 import hashlib
@@ -22,20 +22,20 @@ from proximity.formats.worker import NOT_INSTALLED, TOO_MUCH
 from proximity.system.file_cache import FileCache
 
 STEP_ANGLE = 0.25
-"""How far neighbouring triangles may turn against each other, radians: keeps fillets round whose radius is
-hardly larger than the tolerance (cascadio's own default, 0.5, makes them rings of thirteen sides)."""
-MOST_TRIANGLES = 5_000_000
-MOST_OF_FACE = 150_000
-"""Triangles of one CAD face: OpenCASCADE takes 4 s for 100 000, and 4 times as long for twice as many."""
-MOST_SECONDS, MOST_BYTES = 600, 8 << 30
-"""Of one conversion."""
+"""Maximum angle between neighbouring triangles, radians: keeps fillets round whose radius is hardly larger
+than the tolerance (cascadio's default, 0.5, makes them rings of thirteen sides)."""
+MAX_TRIANGLES = 5_000_000
+MAX_FACE_TRIANGLES = 150_000
+"""Maximum number of triangles of one CAD face: OpenCASCADE takes 4 s for 100 000, and 16 s for 200 000."""
+MAX_SECONDS, MAX_BYTES = 600, 8 << 30
+"""Limits of one conversion."""
 CACHE = FileCache("step", 1 << 30)
 """Triangles of files; the least recently used are removed beyond a gigabyte."""
 _CONVERSION = 1  # another number where `worker` converts otherwise
 _FIRST_SHARE = 1e-3
-"""Of the size of a file: the tolerance of the first conversion where the triangles have to be estimated."""
-_ROUND_SHARE, _FREE_SHARE = 0.7 * MOST_OF_FACE / 10.1, 1e5
-"""A radius or a size is looked at beyond so many tolerances. A sphere takes 10.1 triangles a tolerance."""
+"""Tolerance of the first conversion, as a share of the file's size, if triangles have to be estimated."""
+_ROUND_SHARE, _FREE_SHARE = 0.7 * MAX_FACE_TRIANGLES / 10.1, 1e5
+"""Minimum radius and size, in tolerances, for counting. A sphere takes 10.1 triangles a tolerance."""
 
 _NUMBER = re.compile(r"(?<![\w.#+-])[-+]?\d+\.\d*(?:E[-+]?\d+)?")
 _ROUND = re.compile(r"\b(?:SPHERICAL|(?:DEGENERATE_)?TOROIDAL)_SURFACE\s*+\(([^)]*+)")
@@ -55,9 +55,9 @@ _shared = threading.local()
 
 @contextmanager
 def converter() -> Iterator[Library]:
-    """Yield the process that converts, which starts with the first file; blocks within share it."""
+    """Yield the process that converts; the first file starts it, and blocks within share it."""
     outer = getattr(_shared, "library", None)
-    with nullcontext(outer) if outer else Library("step", MOST_SECONDS, MOST_BYTES) as library:
+    with nullcontext(outer) if outer else Library("step", MAX_SECONDS, MAX_BYTES) as library:
         _shared.library = library
         try:
             yield library
@@ -68,15 +68,15 @@ def converter() -> Iterator[Library]:
 def mesh_within_limits(
     text: StepText, path: str, tolerance: float, metres: float, *, is_cached: bool
 ) -> tuple[RawFile, float]:
-    """Return a file as triangles, and their tolerance, m: a larger one if *tolerance* takes too many of them.
+    """Return a file as triangles, and their tolerance, m: larger than *tolerance* if that takes too many.
 
-    *metres*: the longest unit of the file. *is_cached*: take triangles from the user's cache, or keep them.
+    *metres*: the longest unit of the file. *is_cached*: read triangles from the user's cache, or store them.
     """
     data = _without_styles(text.text).encode()
 
     def mesh(tolerance: float) -> RawFile:
         header, binary, _ = buffers.split_glb(_convert(data, tolerance, is_cached))
-        # Nodes carry numbers of assembly steps (NAUO1); people know the products.
+        # Nodes carry numbers of assembly steps (NAUO1); users know the products.
         return gltf.read_document(with_names_of_products(header, text), path, binary, "STEP", [])
 
     with converter():
@@ -85,24 +85,24 @@ def mesh_within_limits(
             return _mesh_by_and_by(mesh, tolerance, max(tolerance, size * _FIRST_SHARE))
         with suppress(_LimitError):
             raw = mesh(tolerance)
-            if _triangle_counts(raw)[0] <= MOST_TRIANGLES:
+            if _triangle_counts(raw)[0] <= MAX_TRIANGLES:
                 return raw, tolerance
         size = _largest(_NUMBER.findall(text.blank)) * metres
         return _mesh_by_and_by(mesh, tolerance, max(10 * tolerance, size * _FIRST_SHARE))
 
 
 def _mesh_by_and_by(mesh: _Mesher, tolerance: float, coarse: float) -> tuple[RawFile, float]:
-    """Go from a coarse tolerance to the one wanted, or as near to it as the limits allow."""
+    """Approach the wanted tolerance from a coarse one, as closely as the limits allow."""
     raw = mesh(coarse)
     while coarse > tolerance:
         total, most = _triangle_counts(raw)
-        # Where a surface is curved both ways triangles grow with 1 / tolerance, elsewhere less.
-        finer = max(tolerance, coarse * max(total / MOST_TRIANGLES, most / MOST_OF_FACE))
+        # Triangles grow with 1 / tolerance on doubly curved surfaces, more slowly elsewhere.
+        finer = max(tolerance, coarse * max(total / MAX_TRIANGLES, most / MAX_FACE_TRIANGLES))
         factor = coarse / tolerance
         excess = (
-            f"not {tolerance * 1e3:g} mm: that would take up to {total * factor:.2g} triangles, "
-            f"{most * factor:.2g} of them on one CAD face, expected at most {MOST_TRIANGLES:,} and "
-            f"{MOST_OF_FACE:,}"
+            f"not {tolerance * 1e3:g} mm: it would take up to {total * factor:.2g} triangles, "
+            f"{most * factor:.2g} of them on one CAD face, expected at most {MAX_TRIANGLES:,} and "
+            f"{MAX_FACE_TRIANGLES:,}"
         )
         if finer > 1.5 * coarse:
             raise MeshFormatError(
@@ -119,7 +119,7 @@ def _mesh_by_and_by(mesh: _Mesher, tolerance: float, coarse: float) -> tuple[Raw
 
 
 def _deciding_size(text: StepText, tolerance: float) -> float:
-    """The size, in the file's numbers, by which triangles could be too many; 0.0 if they cannot."""
+    """Return the size, in the file's numbers, that could give too many triangles; 0.0 if none can."""
     radius = max((_largest(_NUMBER.findall(match)) for match in _ROUND.findall(text.blank)), default=0.0)
     is_free = FREE_FORM.search(text.blank) is not None
     if radius > _ROUND_SHARE * tolerance or is_free:
@@ -130,13 +130,13 @@ def _deciding_size(text: StepText, tolerance: float) -> float:
 
 
 def _largest(numbers: list[str]) -> float:
-    """The largest of absolute values that is finite, 0.0 where there is none."""
+    """Return the largest finite absolute value, or 0.0."""
     values = np.abs(np.array(numbers or ["0"], np.float64))
     return float(values[np.isfinite(values)].max(initial=0.0))
 
 
 def _triangle_counts(raw: RawFile) -> tuple[int, int]:
-    """Triangles of all products, and of the known CAD face with most of them."""
+    """Return the triangles of all products, and of the largest known CAD face."""
     products = {id(mesh.source_faces): mesh.source_faces for mesh in raw.meshes}.values()
     most = max((int(np.bincount(rows[rows >= 0], minlength=1).max()) for rows in products), default=0)
     return sum(len(rows) for rows in products), most
@@ -156,7 +156,7 @@ def _convert(data: bytes, tolerance: float, is_cached: bool) -> bytes:
         with converter() as library:
             # cascadio takes mm, and triangles stay within half of it
             done = library.run(data, tol_linear=tolerance * 1e3, tol_angular=STEP_ANGLE)
-    except OSError as failure:  # a full disk, no room for another process
+    except OSError as failure:  # a full disk, no memory for another process
         reported = failure.strerror or str(failure)
         raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({reported})") from failure
     printed = _ESCAPES.sub("", done.printed)
@@ -167,7 +167,7 @@ def _convert(data: bytes, tolerance: float, is_cached: bool) -> bytes:
         raise MeshError("STEP files need the package cascadio, which cannot be imported")
     if done.returncode == TOO_MUCH or "alloc" in printed:
         raise _LimitError(
-            f"OpenCASCADE takes more than {MOST_SECONDS} s or {MOST_BYTES >> 30} GB to mesh it within "
+            f"OpenCASCADE takes more than {MAX_SECONDS} s or {MAX_BYTES >> 30} GB to mesh it within "
             f"{tolerance * 1e3:g} mm, expected less"
         )
     if done.returncode or complaint or not done.output:

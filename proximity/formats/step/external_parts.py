@@ -1,8 +1,8 @@
-"""The text of a STEP file: where it ends, and the parts that it has in files beside it.
+"""Text of a STEP file: its end, and the parts that it has in other files.
 
-OpenCASCADE opens the files that a file names, wherever they are, and cascadio leaves their shapes out without
-a word. So their records are put into the one text that is converted, and checked as if they had been there:
-the product of a file stands for the empty one that refers to it.
+OpenCASCADE opens the files that a file names, in any folder, and cascadio omits their shapes silently. So
+their records are inserted into the text to convert, and checked with it: the product of a part file replaces
+the empty one that refers to it.
 """
 
 import re
@@ -19,7 +19,7 @@ from proximity.system.regular_file import open_regular
 _END = re.compile(rb"END-ISO-10303-21\s*+;")
 _END_OF_SECTION = re.compile(rb"ENDSEC\s*+;")
 _MARK = b"\xef\xbb\xbf"
-_MOST_FILES = 1000
+_MAX_FILES = 1000
 _EXTENSIONS = (".stp", ".step", ".p21")
 
 _TOKEN = re.compile(rf"{QUOTED}|#\d+")
@@ -33,7 +33,7 @@ _LOCATION = re.compile(rf"=\s*+(?:{'|'.join(_NAMING)}|EXTERNAL_SOURCE)\s*+\({_AR
 
 
 def without_trailer(data: bytes) -> tuple[str, list[str]]:
-    """Return the text of a STEP file up to its end, with notes on its encoding and on what comes after it."""
+    """Return the text of a STEP file up to its end, with notes on its encoding and on trailing data."""
     data = data.removeprefix(_MARK)
     ends = [match.end() for match in _END.finditer(data)]
     if not ends:
@@ -60,9 +60,9 @@ def with_external_parts(text: str, path: str, notes: list[str]) -> str:
 
 @dataclass(slots=True)
 class _Merge:
-    """A file and those that it refers to, each once."""
+    """A file and the files that it refers to, each once."""
 
-    folder: Path  # beyond which nothing is read
+    folder: Path  # files outside are not read
     notes: list[str]
     last_number: int = 0
     open_paths: list[Path] = field(default_factory=list)
@@ -70,14 +70,14 @@ class _Merge:
     records: list[str] = field(default_factory=list)  # of the part files
 
     def merged(self, text: str, path: Path) -> str:
-        """The text with the records of part files, which have been numbered anew, before its own end."""
+        """Return the text with the renumbered records of part files before its end."""
         self.last_number = max(map(int, re.findall(r"#(\d+)", text)), default=0)
         text = self._with_roots(text, path)
         end = text.rindex("ENDSEC")
         return text[:end] + "\n".join(self.records) + "\n" + text[end:]
 
     def _with_roots(self, text: str, path: Path) -> str:
-        """The text in which the products of part files stand for those that refer to them."""
+        """Return the text with the products of part files in place of those that refer to them."""
         self.open_paths.append(path)
         source = StepText(text)
         products = products_of(source)
@@ -86,7 +86,7 @@ class _Merge:
         for product, name in _references(source):
             definition = products.shapes.get(product)
             if definition is None or products.has_bodies(product) or product in products.assemblies:
-                continue  # a drawing of what is there
+                continue  # a drawing of the same shape
             if product in renamed:
                 continue  # some programs refer to the file once for each use
             root = self._root(name, path)
@@ -100,13 +100,13 @@ class _Merge:
         return _with_references(text, lambda number: renamed.get(number, number)) if renamed else text
 
     def _root(self, name: str, path: Path) -> tuple[str, str, str]:
-        """The only product of a part file that is part of no other, after its records have been taken."""
+        """Return the root product of a part file, after its records have been read."""
         what = f"its part {shortened(name, 60)}"
         beside = (path.parent / name.replace("\\", "/")).resolve()
         if not beside.is_relative_to(self.folder):
             raise MeshFormatError(f"{what} is not in the folder of this file or below: it is not read")
-        if beside in self.open_paths or len(self.roots) >= _MOST_FILES:
-            raise MeshFormatError(f"{what} is part of itself, or one of more than {_MOST_FILES} files")
+        if beside in self.open_paths or len(self.roots) >= _MAX_FILES:
+            raise MeshFormatError(f"{what} is part of itself, or one of more than {_MAX_FILES} files")
         if beside not in self.roots:
             try:
                 with open_regular(beside) as file:
@@ -134,7 +134,7 @@ class _Merge:
 
 
 def _references(text: StepText) -> list[tuple[str, str]]:
-    """Products, and the names of part files that they refer to."""
+    """Return products, and the names of part files that they refer to."""
     found = list(text.records(*_REFERRING, *_NAMING))
     names: dict[str, str] = {}
     for record in found:

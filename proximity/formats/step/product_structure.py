@@ -1,8 +1,8 @@
-"""The products of a STEP file: their uses in assemblies are checked and counted, and their names found.
+"""Products of a STEP file: checks and counts their uses in assemblies, and finds their names.
 
-OpenCASCADE passes over a use whose place is missing, and puts a shape that belongs to no product at the
-origin, without a word. So the products and their uses are looked up here, which needs a few kinds of records
-only. Where a file places shapes in another way (mapped items), nothing is said.
+OpenCASCADE silently ignores a use without a placement, and puts a shape without a product at the origin. So
+the products and their uses are read here, from a few kinds of records. Files that place shapes in another way
+(mapped items) are not checked.
 """
 
 import graphlib
@@ -28,13 +28,13 @@ _OTHER_PLACEMENTS = ("MAPPED_ITEM", "INVISIBILITY")
 _PRODUCT = "PRODUCT_DEFINITION(?:_WITH_ASSOCIATED_DOCUMENTS)?"
 _KINDS = (_USE, _PLACEMENT, _SHAPE, _RELATION, *_OF, *_BODIES, _PRODUCT, r"\w*SHAPE_REPRESENTATION")
 _SHAPE_GIVING = ("SHAPE_DEFINITION_REPRESENTATION", "REPRESENTATION_RELATIONSHIP")
-"""Ends of the names of records that give products their shapes; shapes, colours and texts belong to them."""
+"""Endings of the names of records that give products shapes; shapes, colours and texts belong to them."""
 
 _NO_NAME = re.compile(
     r"((SOLID|COMPOUND|COMPSOLID|SHELL|FACE|ASSEMBLY|NAUO)?[_ ]?\d*|=>\[[\d:]*\]|"
     r"Open CASCADE STEP translator.*)"
 )
-"""Names that programs give where people gave none."""
+"""Default names that programs write."""
 
 
 @dataclass(slots=True)
@@ -42,9 +42,9 @@ class _Records:
     """Records of the file about products, by their numbers."""
 
     uses: dict[str, tuple[str, str]] = field(default_factory=dict)  # use -> definitions: assembly, part
-    placements: list[tuple[str, str]] = field(default_factory=list)  # relation of shapes, what it places
-    shapes: list[tuple[str, str]] = field(default_factory=list)  # what has it, representation
-    links: dict[str, str] = field(default_factory=dict)  # what has a shape -> record that says so
+    placements: list[tuple[str, str]] = field(default_factory=list)  # relation of shapes, placement
+    shapes: list[tuple[str, str]] = field(default_factory=list)  # owner, representation
+    links: dict[str, str] = field(default_factory=dict)  # owner of a shape -> record that links it
     products: set[str] = field(default_factory=set)
     owners: dict[str, str] = field(default_factory=dict)  # product definition shape -> its use or product
     relations: dict[str, list[str]] = field(default_factory=dict)  # relation -> two representations
@@ -53,7 +53,7 @@ class _Records:
 
 
 def count_bodies(text: StepText) -> int:
-    """Return how many meshes the assemblies of a file must give at least; 0 if that cannot be known."""
+    """Return the minimum number of meshes that the assemblies of a file must give; 0 if unknown."""
     if _USE not in text.blank or any(word in text.blank for word in _OTHER_PLACEMENTS):
         return 0
     records = _read(text)
@@ -81,17 +81,17 @@ def count_bodies(text: StepText) -> int:
 class Products:
     """Products of a file with a shape, by the numbers of their definitions."""
 
-    shapes: dict[str, tuple[str, str]]  # product -> what links it to its shape, representation
-    links: dict[str, str]  # what links it -> record that gives it the representation
+    shapes: dict[str, tuple[str, str]]  # product -> its link to the shape, representation
+    links: dict[str, str]  # link -> record that gives it the representation
     assemblies: set[str]
     roots: list[str]  # with a shape, and part of no other
     has_bodies: Callable[[str], bool]
 
 
 def products_of(text: StepText) -> Products:
-    """Return the products that a text has."""
+    """Return the products of a text."""
     records = _read(text)
-    # Properties, as the volume for a check, have shapes too: these belong to an aspect, not to a product.
+    # Properties, like the volume for a check, have shapes too: these belong to an aspect, not to a product.
     owners = {of: own for of, own in records.owners.items() if own in records.products}
     shapes = {owners[of]: (of, shape) for of, shape in records.shapes if of in owners}
     parts = {part for _, part in records.uses.values()}
@@ -150,7 +150,7 @@ def _read(text: StepText) -> _Records:
 
 
 def _count(records: _Records, shapes: dict[str, list[str]], children: dict[str, list[str]]) -> int:
-    """Expand the uses from the products that are part of no other."""
+    """Expand the uses from the root products."""
     try:
         order = list(graphlib.TopologicalSorter(children).static_order())  # parts first
     except graphlib.CycleError as reason:
@@ -168,7 +168,7 @@ def _count(records: _Records, shapes: dict[str, list[str]], children: dict[str, 
 
 
 def _linked(records: _Records) -> dict[str, list[str]]:
-    """Representations of one product: of its axes, of its solids. Relations that place a part are no such."""
+    """Return the representations of one product: axes and solids, without relations that place a part."""
     placements = {relation for relation, _ in records.placements}
     linked = defaultdict(list)
     for relation, (first, second) in records.relations.items():
@@ -192,10 +192,10 @@ def _has_body(records: _Records, linked: dict[str, list[str]], shapes: list[str]
 
 
 def with_names_of_products(header: bytes, text: StepText) -> bytes:
-    """Return the header of a GLB document in which nodes are named as people know them.
+    """Return the header of a GLB document with nodes named after products.
 
-    The name of its product goes before a node's own, and both before those of the nodes above it. An
-    assembly keeps its own name: two of one product differ in it.
+    The name of its product precedes a node's own, and those of the nodes above it precede both. An assembly
+    keeps its own name, as two of one product differ in it.
     """
     document: dict[str, Any] = json.loads(header)
     nodes, meshes = document.get("nodes", []), document.get("meshes", [])
@@ -221,7 +221,7 @@ def _is_name(name: Any) -> bool:
 
 
 def _products_of_uses(text: StepText) -> dict[str | None, str]:
-    """Names of products by the names of their uses in assemblies, where these differ."""
+    """Return names of products by the names of their uses in assemblies, where these differ."""
     above: dict[str, str] = {}  # definition -> formation -> product
     names: dict[str, str] = {}
     uses: list[tuple[str, str]] = []  # name, definition of the part

@@ -1,9 +1,9 @@
 """STEP: converted by cascadio (OpenCASCADE) into a GLB document, which is then read like any other.
 
-OpenCASCADE goes on where it should stop: it skips entities that it cannot resolve, says so on standard
-output, and hands over the rest. So its words are caught and taken for errors; the CAD faces that arrive are
-counted against those that the shells of the file list, and the parts against what its assemblies use.
-Positions come in single precision, 1e-7 of a part's size: no more than that can be had from cascadio.
+OpenCASCADE continues after errors: it skips entities that it cannot resolve, reports so on standard output,
+and returns the rest. So its output is captured and treated as errors; the CAD faces are counted against those
+listed by the shells of the file, and the parts against the uses in its assemblies. Positions have single
+precision, 1e-7 of a part's size: cascadio offers no more.
 """
 
 import re
@@ -29,7 +29,7 @@ _SI_PREFIXES = {
 _CONVERSIONS = {"INCH": "in", "FOOT": "ft", "YARD": "yd", "MILE": "mi", "MIL": "mil", "MILLIMETRE": "mm"}
 _CONTEXT = re.compile(r"GLOBAL_UNIT_ASSIGNED_CONTEXT\s*+\(\s*+\(([^)]*+)")
 _SI_METRE = re.compile(r"SI_UNIT\s*+\(\s*+(\$|\.\w++\.)\s*+,\s*+\.METRE\.")
-_ASSUMED_METRES = 1e-3  # what OpenCASCADE takes for a number without a unit
+_ASSUMED_METRES = 1e-3  # OpenCASCADE's default for a number without a unit
 
 
 def read_step(
@@ -81,9 +81,9 @@ def _units(text: StepText) -> list[str]:
 
 
 def _notes_on_faces(text: StepText, raw: RawFile) -> list[str]:
-    """Compare the CAD faces that arrived with those that shells list, and say which no product has."""
+    """Compare the meshed CAD faces with those that shells list, and note those without a product."""
     shells = {record.own: set(record.references) for record in text.records("CLOSED_SHELL", "OPEN_SHELL")}
-    # A product that stands in several places shares its arrays.
+    # A product with several placements shares its arrays.
     products = {id(mesh.source_faces): mesh.source_faces for mesh in raw.meshes}
     arrived = sum(len(np.unique(rows)) for rows in products.values())
     listed: set[str] = set().union(*shells.values())

@@ -1,7 +1,7 @@
-"""The text of a STEP file and its records, found in a time that grows with its length, whatever it holds.
+"""Text of a STEP file and its records, found in time linear in its length for any content.
 
-The patterns neither backtrack nor start again within what they have passed: quantifiers are possessive, and a
-string, a comment or a record that is not closed reaches to the end of the text.
+The patterns neither backtrack nor restart within matched text: quantifiers are possessive, and an unclosed
+string, comment or record extends to the end of the text.
 """
 
 import re
@@ -14,8 +14,8 @@ REFERENCE = re.compile(r"#\d+")
 QUOTED = r"'[^']*+(?:'|\Z)|/\*(?s:.*?)(?:\*/|\Z)"
 """Strings and comments; a doubled quote ends one string and begins the next."""
 
-_COMMON = {  # of an encoding: what most of the text is beyond ASCII, in bytes
-    "Shift-JIS": (  # kana, and kanji of which several follow one another or one is a whole string
+_COMMON = {  # of an encoding: most of the text beyond ASCII, in bytes
+    "Shift-JIS": (  # kana, and runs or whole strings of kanji
         "cp932", rb"\x81\x5b|\x82[\x9f-\xf1]|\x83[\x40-\x96]|(?:[\x88-\x9f\xe0-\xea][\x40-\xfc]){2}"
         rb"|'[\x88-\x9f][\x40-\xfc]'",
     ),

@@ -1,4 +1,4 @@
-"""One model file of a 3MF archive: its unit, objects and build items. Only arrays of numbers are kept."""
+"""Model file of a 3MF archive: its unit, objects and build items. Only arrays of numbers are kept."""
 
 import re
 from array import array
@@ -14,13 +14,13 @@ from proximity.formats.threemf.package import XmlFile, part_name, shown
 _UNITS = {"micron": "um", "millimeter": "mm", "centimeter": "cm", "inch": "in", "foot": "ft", "meter": "m"}
 _DEFAULT_UNIT = "millimeter"  # of the specification
 _CORE = re.compile(r"https?://schemas\.microsoft\.com/3dmanufacturing/(core/|\d{4}/\d{2}/?$)")
-"""Namespaces of the core; those of drafts before 1.0 have no word but the date."""
+"""Namespaces of the core; those of drafts before 1.0 have only the date."""
 _STRUCTURE = frozenset({"object", "mesh", "vertices", "triangles", "component", "item"})
 _NAMES = _STRUCTURE | {"model", "vertex", "triangle"}
 _HARMLESS_EXTENSIONS = ("/production/", "/material/", "/trianglesets/", "/slice/")
-"""They spread objects over files, colour them, name sets of triangles, and stand beside meshes."""
+"""Extensions that spread objects over files, colour them, name sets of triangles, or accompany meshes."""
 _LEFT_OUT_TYPES = ("support", "solidsupport", "other")
-"""Of the core: supports are broken off after printing, and "other" is never printed."""
+"""Types in the core: supports are broken off after printing, and "other" is never printed."""
 _IDENTITY = np.eye(4)
 
 
@@ -38,7 +38,7 @@ class Object:
     """An object of a model file: a mesh, or components."""
 
     name: str
-    kind: str = ""  # what it is if it is no part
+    kind: str = ""  # of an object that is not a part
     is_coarse: bool = False  # its mesh is a stand-in: the shape is in slices
     has_mesh: bool = False
     coordinates: array = field(default_factory=lambda: array("d"))  # x y z x y z ...
@@ -62,7 +62,7 @@ class ModelFile(XmlFile):
         self._lists: set[tuple[int, str]] = set()
 
     def start(self, uri: str | None, name: str, attributes: dict[str, str]) -> None:
-        """Take an element of the core; those of extensions are passed over."""
+        """Read an element of the core; those of extensions are ignored."""
         if uri is None and name in _NAMES:
             raise MeshFormatError(f"{self.line()}: the prefix of <{name}> is not declared")
         if uri is None or (uri and not _is_core(uri)):
@@ -127,7 +127,7 @@ class ModelFile(XmlFile):
 
     def _unit_of(self, attributes: dict[str, str]) -> str:
         needed = attributes.get("requiredextensions", "")
-        # Prefixes are the writer's choice: only what they stand for counts.
+        # Prefixes are the writer's choice: only their namespaces count.
         uris = [self.uri_of(prefix) or prefix.replace("/", "") for prefix in needed.split()]
         unread = [uri for uri in uris if not any(word in uri for word in _HARMLESS_EXTENSIONS)]
         if unread:

@@ -1,4 +1,4 @@
-"""The zip archive of a 3MF: its parts by name, each an XML file that is parsed as a stream.
+"""Zip archive of a 3MF: its parts by name, each an XML file parsed as a stream.
 
 The parser is Python's own (expat): linear in the size of the text, and a document type, through which XML can
 name other files or grow without end, is refused.
@@ -14,19 +14,20 @@ from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
 
 _BOMB_RATIO, _BOMB_BYTES = 200, 50_000_000
-"""What unpacks to so much more than it is holds no geometry: XML of real meshes shrinks to a tenth."""
+"""Ratio of unpacked to packed size beyond which a file has no geometry: XML of real meshes shrinks to a
+tenth."""
 _CHUNK_BYTES = 1 << 20
 _LEAVES = frozenset({"vertex", "triangle"})
-"""Elements of which there are millions; they declare no prefix."""
+"""Elements that occur by the million; they declare no prefix."""
 _RELATIONSHIPS, _USUAL_ROOT = "/_rels/.rels", "/3d/3dmodel.model"
 
 
 class XmlFile:
-    """Takes an XML file piece by piece and hands each element to `start`."""
+    """Parses an XML file in pieces and passes each element to `start`."""
 
     def __init__(self, file: str) -> None:
         self.file = file  # its name in the archive
-        # Prefixes are resolved here: expat would refuse undeclared ones in data that nobody reads, too.
+        # Prefixes are resolved here: expat would refuse undeclared ones also in unused data.
         self._uris: dict[str, list[str]] = {"": [""]}  # by prefix, the innermost last
         self._declared: list[dict[str, str]] = []  # one for each open element
         self._expat = expat.ParserCreate()
@@ -36,23 +37,23 @@ class XmlFile:
         self._expat.StartDoctypeDeclHandler = self._refuse_doctype
 
     def feed(self, data: bytes, *, is_last: bool = False) -> None:
-        """Parse the next bytes; raise MeshFormatError if they are not XML or not understood."""
+        """Parse the next bytes; raise MeshFormatError if they are not valid XML."""
         try:
             self._expat.Parse(data, is_last)
         except expat.ExpatError as reason:
             raise MeshFormatError(f"{shown(self.file)} is not XML ({reason})") from reason
 
     def start(self, uri: str | None, name: str, attributes: dict[str, str]) -> None:
-        """Take an element with the namespace of its prefix: "" without one, None where it is not declared."""
+        """Handle an element with the namespace of its prefix: "" without one, None if undeclared."""
         raise NotImplementedError
 
     def uri_of(self, prefix: str) -> str | None:
-        """Return the namespace that a prefix stands for at this place of the file."""
+        """Return the namespace of a prefix at the current position."""
         uris = self._uris.get(prefix)
         return uris[-1] if uris else None
 
     def line(self) -> str:
-        """Return the place of the current element, for a message."""
+        """Return the position of the current element, for a message."""
         return f"line {self._expat.CurrentLineNumber} of {shown(self.file)}"
 
     def _open(self, tag: str, attributes: dict[str, str]) -> None:
@@ -84,7 +85,7 @@ _File = TypeVar("_File", bound=XmlFile)
 
 
 class Package:
-    """The parts of an archive; no more of them is unpacked than the limit allows, counted over all."""
+    """Parts of an archive, unpacked up to a limit on their total size."""
 
     def __init__(self, archive: zipfile.ZipFile, packed: int, limit: float) -> None:
         self._archive, self._packed, self._unpacked, self._limit = archive, packed, 0, limit
@@ -115,11 +116,11 @@ class Package:
         return parsed
 
     def root(self) -> str:
-        """Return the name of the root model: what the relationships name, else the usual one."""
+        """Return the name of the root model: the one in the relationships, else the usual one."""
         named = self.read(_RELATIONSHIPS, _Relationships).models if _RELATIONSHIPS in self else set()
         if len(named) > 1 or not named <= self._entries.keys():
             raise MeshFormatError(
-                f"its _rels/.rels names the models {sorted(named)}, expected one that is there"
+                f"its _rels/.rels names the models {sorted(named)}, expected one in the archive"
             )
         if not named and _USUAL_ROOT not in self:
             raise MeshFormatError("the archive has no file 3D/3dmodel.model: it is not a 3MF file")
@@ -127,23 +128,23 @@ class Package:
 
 
 class _Relationships(XmlFile):
-    """The file that says what the parts of the archive are."""
+    """The file with the kinds of the archive's parts."""
 
     def __init__(self, file: str) -> None:
         super().__init__(file)
         self.models: set[str] = set()
 
     def start(self, uri: str | None, name: str, attributes: dict[str, str]) -> None:
-        """Take a relationship."""
+        """Read a relationship."""
         if name == "Relationship" and attributes["Type"].endswith("/3dmodel"):
             self.models.add(part_name(attributes["Target"]))
 
 
 def part_name(text: str) -> str:
-    """Return a name as it is compared: without case, with slashes between folders and one before all."""
+    """Return a name for comparison: without case, with slashes between folders and one at the start."""
     return posixpath.normpath("/" + unquote(text).strip().replace("\\", "/").strip("/")).lower()
 
 
 def shown(text: str) -> str:
-    """Return a name out of the file as messages quote it."""
+    """Return a name from the file as messages quote it."""
     return text_rows.shortened(text, 60)

@@ -1,7 +1,7 @@
-"""What slicers add to the shape of an object: volumes that are holes in it, or no part of it.
+"""Slicers' additions to the shape of an object: volumes that are holes in it, or not part of it.
 
 PrusaSlicer and SuperSlicer write all volumes of an object into one mesh, and name their runs of triangles.
-Bambu Studio and OrcaSlicer make each volume an object, and name it with the object that it is a component of.
+Bambu Studio and OrcaSlicer make each volume an object, named with the object that it is a component of.
 """
 
 from collections import Counter
@@ -23,12 +23,12 @@ _KINDS = {
     **dict.fromkeys(("SupportBlocker", "support_blocker"), "support blocker"),
     **dict.fromkeys(("SupportEnforcer", "support_enforcer"), "support enforcer"),
 }
-"""What slicers call volumes that are not parts."""
-_MOST_WORK, _WORK_OF_VOLUME = 5_000_000, 1000
-"""Faces that the subtractions for a file may meet, each as often as it is met: about ten seconds. A volume
-costs as much as so many faces by itself."""
+"""Slicers' names of volumes that are not parts."""
+_MAX_WORK, _WORK_OF_VOLUME = 5_000_000, 1000
+"""Limits of the subtractions for a file, in faces met, repetitions included: about ten seconds; and the cost
+of a volume in faces."""
 _ROUNDING = 1e-13
-"""Of the largest coordinate: rounding of a moved volume, by which it is still flush with the part."""
+"""Rounding of a moved volume flush with the part, as a share of the largest coordinate."""
 
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]  # vertices, faces, rows of the faces in the file
 
@@ -52,7 +52,7 @@ class SlicerSettings(XmlFile):
         self._object = ""
 
     def start(self, uri: str | None, name: str, attributes: dict[str, str]) -> None:
-        """Take an object, a volume of it, or what is said about the volume."""
+        """Read an object, a volume of it, or a property of the volume."""
         if name == "object":
             self._object = attributes["id"]
         elif name == "part":
@@ -74,11 +74,11 @@ def subtract(
 ) -> Arrays:
     """Return a part without negative volumes, each with its matrix; *done* counts "cut" and "failed"."""
     done["work"] += len(part[1]) + sum(len(held[1]) + _WORK_OF_VOLUME for held, _ in negatives)
-    solid = _solid(part, np.eye(4)) if done["work"] <= _MOST_WORK else None
+    solid = _solid(part, np.eye(4)) if done["work"] <= _MAX_WORK else None
     if solid is None:
         done["failed"] += 1
         return part
-    # Volumes in one mesh have one matrix: its inverse would move apart what is flush.
+    # Volumes in one mesh have one matrix: its inverse would separate flush faces.
     frames = [
         np.eye(4) if np.array_equal(other, matrix) else np.linalg.solve(matrix, other)
         for _, other in negatives

@@ -2,5 +2,5 @@
 
     file → subject → worst positions → measurement (ticks, loop) → verdict → report (text, JSON, picture)
 
-The search climbs on work, which is the same on every run; only the measurement at the end is time.
+The search maximises work, which is the same on every run; only the final measurement depends on time.
 """

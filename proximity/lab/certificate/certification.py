@@ -1,10 +1,10 @@
 """Certify a scene: search its worst positions, measure ticks, run the loop, compare with a period.
 
-A scene fits a period if the computing of 99.9 % of the ticks in every motion takes no longer: the processor's
-time for the thread, of each tick the shortest of three runs that are the same. So does a half of the ticks of
-the service's own loop at that period, where caches are colder, and a frame is made. All else is not the
-scene's but the machine's, and is reported beside it: interruptions, and how late it wakes the loop. A gate
-that failed because of them would fail good scenes on a noisy machine.
+A scene fits a period if computing 99.9 % of the ticks in every motion takes no longer: processor time of the
+thread, for each tick the shortest of three identical runs. The same must hold for half of the ticks of the
+service's loop at that period, where caches are colder and frames are made. The rest depends on the machine
+and is reported separately: interruptions, and the lateness of the loop's wake-ups. A gate on those would
+reject good scenes on a noisy machine.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from proximity.errors import ServiceError
 from proximity.lab.certificate.measurement import MotionTiming, measure, run_loop
 from proximity.lab.certificate.subject import Subject
 from proximity.lab.certificate.times import (
-    FEWEST_TICKS,
+    MIN_TICKS,
     Times,
     count_of,
     microseconds,
@@ -30,7 +30,7 @@ from proximity.service import Report
 
 TICKS, SECONDS, SEED = 20_000, 3.0, 0
 LONGEST_LOOP = 3600.0  # s
-MISSED = 1e-3  # share of the deadlines that a machine may miss and still keep a period
+MISSED = 1e-3  # maximum share of missed deadlines for a machine to keep a period
 TICKS_JUDGED = {"p999": "99.9 %", "p50": "half", "max": "all"}
 
 
@@ -39,7 +39,7 @@ class Load:
     """Processor time of ticks in one motion, or in the loop."""
 
     name: str
-    measure: str  # "p999", of the loop "p50"; "max" where so few ticks tell none
+    measure: str  # "p999", of the loop "p50"; "max" for too few ticks
     tail_ns: float  # that of the times
     over_count: int  # ticks that took longer than the period
     tick_count: int
@@ -51,19 +51,19 @@ class Certificate:
 
     subject: Subject
     seed: int
-    tick_count: int  # of each motion, as asked for
-    seconds: float  # of the loop, as asked for
+    tick_count: int  # of each motion, as requested
+    seconds: float  # of the loop, as requested
     found: dict[SearchGoal, SearchResult]
     timings: tuple[MotionTiming, ...]
     loop: Report
 
     def loads(self, period: float) -> list[Load]:
-        """Return what ticks took, in each motion that a service meets, and in its loop."""
+        """Return tick times in each motion of a service, and in its loop."""
         motions = [load(each.name, each.best_ns, period) for each in self.timings if each.counts]
         return [*motions, load("service", self.loop.compute, period, measure="p50")]
 
     def verdict(self, period: float) -> dict[str, Any]:
-        """Return whether the scene fits a period, s, and why: what it takes to compute, without delays."""
+        """Return whether the scene fits a period, s, and why: its computing time, without delays."""
         *motions, loop = loads = self.loads(period)
         slowest, worst = (max(some, key=lambda each: each.tail_ns) for some in (motions, loads))
         fits = worst.tail_ns <= 1e9 * period
@@ -82,7 +82,7 @@ class Certificate:
         }
 
     def machine_verdict(self) -> dict[str, Any]:
-        """Return whether the machine kept the deadlines of the loop, whatever the reason."""
+        """Return whether the machine kept the deadlines of the loop, for any reason."""
         period = 1e-9 * self.loop.period_ns
         missed, due = self.loop.missed, self.loop.ticks + self.loop.missed
         kept = missed <= MISSED * due
@@ -97,7 +97,7 @@ class Certificate:
 
 
 def load(name: str, times: Times, period: float, measure: str = "p999") -> Load:
-    """Return the load of ticks that were timed or counted, against a period, s."""
+    """Return the load of timed or counted ticks, against a period, s."""
     found = percentiles(times)
     value = found[measure]
     measure, value = tail(found) if value is None else (measure, value)
@@ -112,9 +112,9 @@ def certify(
     seed: int = SEED,
     progress: Progress = lambda _, __: None,
 ) -> Certificate:
-    """Return the certificate of a scene; it takes some ten seconds.
+    """Return the certificate of a scene; it takes about ten seconds.
 
-    *seed* decides all that is random: the positions found are the same on every run.
+    *seed*: of all random numbers; the positions found are the same on every run.
     """
     check_request(tick_count, seconds, seed)
     if all(part.is_hidden for part in subject.scene.parts):
@@ -127,9 +127,9 @@ def certify(
 
 
 def check_request(tick_count: int, seconds: float, seed: int) -> None:
-    """Refuse what cannot be measured, before it takes time."""
-    if tick_count < FEWEST_TICKS:
-        raise ServiceError(f"{tick_count} ticks are too few for p99.9, expected {FEWEST_TICKS} or more")
+    """Raise for an invalid request, before it takes time."""
+    if tick_count < MIN_TICKS:
+        raise ServiceError(f"{tick_count} ticks are too few for p99.9, expected {MIN_TICKS} or more")
     if not 0.0 < seconds <= LONGEST_LOOP:
         raise ServiceError(f"the loop cannot run for {seconds:g} s, expected up to {LONGEST_LOOP:g} s")
     if not 0 <= seed < 2**63:

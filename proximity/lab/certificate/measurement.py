@@ -1,8 +1,8 @@
-"""Tick times in motions from a recorded hand to the worst positions, and the service's own loop.
+"""Tick times in motions from a recorded hand to the worst positions, and the service's loop.
 
-Each tick is timed on its own: by the processor's time of the thread, and by the clock on the wall, which
-others on the machine share in. Where processors are lent by a host, the first has some of that as well.
-Nothing is subtracted of what the clocks themselves cost.
+Each tick is timed separately: by the processor time of the thread, and by wall-clock time, which includes
+other processes. On a virtual machine the former includes some of that as well. The cost of the clocks is not
+subtracted.
 """
 
 import gc
@@ -27,20 +27,21 @@ from proximity.system.memory import collector_paused
 from proximity.tracker.tracker import Tracker
 from proximity.transport import open_publisher
 
-TICKS_PER_UPDATE = 500  # ticks between two looks of who waits
+TICKS_PER_UPDATE = 500  # ticks between two progress reports
 REHEARSAL = 20  # ticks that are not counted
 REPEATS = 3
-"""Runs of a motion: every tick is the same in each, and its shortest time is what its work takes when nobody
-interrupts. The times that are reported are those of the first."""
+"""Runs of a motion: every tick is the same in each, and its shortest time is its cost without interruptions.
+The reported times are those of the first run."""
 EXACT_STEPS = 30_000_000
-"""Nodes and leaves that ticks without a budget may visit: some seconds, and fewer ticks of costly scenes."""
-FEWEST_EXACT = 20
+"""Nodes and leaves visited by ticks without a budget, at most: some seconds, and fewer ticks of costly
+scenes."""
+MIN_EXACT = 20
 PASSING, COLD_START, EXACT = "worst, passing", "worst, cold start", "worst, exact"
 ADDRESS = "mailbox:proximity-certificate"
-"""Where the loop publishes: inside this process, sealed as for others."""
+"""Address of the loop's frames: inside this process, with a checksum as for other processes."""
 
 Results = Mapping[SearchGoal, SearchResult]
-LOGGED_FINGERS = 50  # with more, what ticks say is looked at less often
+LOGGED_FINGERS = 50  # with more, the contents of ticks are logged less often
 
 
 @dataclass(slots=True, eq=False)
@@ -73,7 +74,7 @@ def tick_all(
 ) -> None:
     """Tick through positions, and velocities, (T, N, 3), as the service does, and time each call.
 
-    *before* is called with the number of each tick before it.
+    *before*: called before each tick with its number.
     """
     contacts, thread, wall = tracker.contacts, time.thread_time_ns, time.perf_counter_ns
     work, flags = contacts["work"], contacts["flags"]
@@ -102,7 +103,7 @@ def tick_all(
 
 @contextmanager
 def without_collector() -> Iterator[None]:
-    """Have no garbage collected while something is timed, as in a control loop."""
+    """Disable the garbage collector during a measurement, as in a control loop."""
     gc.collect()
     with collector_paused():
         yield
@@ -110,16 +111,16 @@ def without_collector() -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionTiming:
-    """A motion, and what its ticks took."""
+    """A motion and its tick times."""
 
     name: str
     fingers: int
     thread_ns: np.ndarray  # (T,) int64, of the processor for this thread
     wall_ns: np.ndarray  # (T,) int64, from call to answer
-    best_ns: np.ndarray  # (T,) int64, as `thread_ns`, of each tick the shortest of several runs
-    most_work: int  # nodes and leaves of the costliest tick, all fingers
+    best_ns: np.ndarray  # (T,) int64, as `thread_ns`: the shortest of several runs for each tick
+    max_work: int  # nodes and leaves of the costliest tick, all fingers
     shares: dict[str, float]  # of finger-ticks: exact, bounded, skipped
-    counts: bool = True  # False: to compare with; a service never does so
+    counts: bool = True  # False: for comparison only; a service never does so
 
 
 def measure(
@@ -129,7 +130,7 @@ def measure(
     seed: int,
     progress: Progress = lambda _, __: None,
 ) -> tuple[MotionTiming, ...]:
-    """Return what ticks take in each motion."""
+    """Return tick times in each motion."""
     rows = motion_rows(subject, found, tick_count, seed)
     total, done, timings = sum(map(len, rows.values())), 0, []
     for name, positions in rows.items():
@@ -164,7 +165,7 @@ def motion_rows(subject: Subject, found: Results, tick_count: int, seed: int) ->
     rows[PASSING] = worst_passing(subject, found, tick_count, seed)
     rows[COLD_START] = motions.resting(_positions(found, cold), fingers, tick_count)
     costliest = max(1, fingers * found[exact].positions[0].work)
-    exact_count = int(np.clip(EXACT_STEPS // costliest, FEWEST_EXACT, tick_count))
+    exact_count = int(np.clip(EXACT_STEPS // costliest, MIN_EXACT, tick_count))
     rows[EXACT] = motions.resting(_positions(found, exact), fingers, exact_count)
     return rows
 
@@ -196,7 +197,7 @@ def _timing(
             progress((begun + done) // repeats)
 
         logs.append(_run(partial(tick_all, tracker, **given), positions, show))
-    # A tick without a finger costs nothing, and would make the others look better.
+    # A tick without a finger costs nothing, and would distort the others' percentiles.
     counted = ~np.isnan(positions).any(axis=2).all(axis=1)
     kinds = (ContactFlag.EXACT, ContactFlag.BOUNDED, ContactFlag.SKIPPED)
     return MotionTiming(
@@ -214,7 +215,7 @@ def _timing(
 def _run(
     tick_through: Callable[..., None], positions: np.ndarray, progress: Callable[[int], None]
 ) -> TickLog:
-    """Times of all ticks of a motion, after a few that are not counted."""
+    """Return the times of all ticks of a motion, after a few that are not counted."""
     log, rehearsal = TickLog(), positions[: min(REHEARSAL, len(positions) // 10)]
     progress(0)
     with without_collector():
@@ -227,7 +228,7 @@ def _run(
 
 
 def run_loop(subject: Subject, found: Results, seconds: float, seed: int) -> Report:
-    """Return the report of the service's own loop, with fingers that pass through the worst positions."""
+    """Return the report of the service's loop, with fingers that pass through the worst positions."""
     ticks, period_ns = max(1, round(seconds / subject.period)), round(1e9 * subject.period)
     positions = worst_passing(subject, found, ticks + 1, seed)
     times_ns = np.arange(len(positions), dtype=np.int64) * period_ns

@@ -8,13 +8,13 @@ FINGERS_PER_HAND = 5  # fingers
 SPREAD = 0.05  # m, of the fingers of a hand
 PAUSE_TICKS = 10  # between two rounds of a motion
 PASSING_SPEED, PASSING_DISTANCE = 0.2, 0.005
-"""m/s at most, and m to either side, of fingers that go to and fro through a position."""
+"""m/s at most, and m to either side, of fingers that pass through a position back and forth."""
 
 
 def wandering_hands(
     scene: Scene, ticks: int, count: int = 2, *, seed: int = 5, rate: float = 1000.0
 ) -> np.ndarray:
-    """Return hands of five fingers that wander through a scene at some 0.3 m/s, (T, 5 count, 3)."""
+    """Return hands of five fingers that wander through a scene at about 0.3 m/s, (T, 5 count, 3)."""
     lower, upper = scene.bounds
     rng = np.random.default_rng(seed)
     t = np.arange(ticks)[:, None] / rate
@@ -40,7 +40,7 @@ def resting(positions: np.ndarray, fingers: int, ticks: int) -> np.ndarray:
 def passing(
     positions: np.ndarray, fingers: int, ticks: int, rng: np.random.Generator, *, rate: float = 1000.0
 ) -> np.ndarray:
-    """Return fingers that go to and fro through positions, each in a direction of its own, (T, N, 3)."""
+    """Return fingers that move back and forth through positions, each in a separate direction, (T, N, 3)."""
     directions = rng.normal(size=(fingers, 3))
     directions *= PASSING_DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
     beat, phases = PASSING_SPEED / PASSING_DISTANCE, rng.uniform(0.0, 2.0 * np.pi, fingers)
@@ -49,7 +49,7 @@ def passing(
 
 
 def repeated(positions: np.ndarray, ticks: int) -> np.ndarray:
-    """Return a motion over and over, (ticks, N, 3); from its end to its begin nobody is there for a while.
+    """Repeat a motion, (ticks, N, 3), with a pause without fingers between its end and its start.
 
     *positions*: (T, N, 3) m.
     """

@@ -1,7 +1,7 @@
 """A certificate as numbers for JSON, and as a picture.
 
-``schema`` is 2. It grows when a key goes away or changes its meaning. Times are nanoseconds, lengths metres,
-forces newtons, energies joules; null is a percentile that so few ticks do not support.
+``schema`` is 2. It grows when a key is removed or changes its meaning. Times are nanoseconds, lengths metres,
+forces newtons, energies joules; null is a percentile of too few ticks.
 """
 
 import json
@@ -40,7 +40,7 @@ MARKS = "osv^D*"
 
 
 def document(certificate: Certificate, gate: float | None = None, *, version: str = "") -> dict[str, Any]:
-    """Return all numbers of a certificate; its verdict is on *gate*, s, or the scene's period."""
+    """Return all numbers of a certificate; its verdict is for *gate*, s, or the scene's period."""
     subject, loop = certificate.subject, certificate.loop
     period = subject.period if gate is None else gate
     lower, upper = subject.scene.bounds
@@ -86,7 +86,7 @@ def document(certificate: Certificate, gate: float | None = None, *, version: st
 
 
 def _goal(found: SearchResult) -> dict[str, Any]:
-    """The costliest places of a goal, with work (nodes and leaves) and the bounds of the distance."""
+    """Return the costliest positions of a goal, with work (nodes and leaves) and bounds of the distance."""
     return {
         "manner": str(found.goal.mode),
         "within_budget": found.goal.has_budget,
@@ -108,13 +108,13 @@ def _goal(found: SearchResult) -> dict[str, Any]:
 
 
 def _case(timing: MotionTiming, period: float) -> dict[str, Any]:
-    """Processor's time of ticks, time on the wall, and the shortest of three runs."""
+    """Return processor time of ticks, wall-clock time, and the shortest of three runs."""
     return {
         "name": timing.name,
         "counts": timing.counts,
         "fingers": timing.fingers,
         "ticks": len(timing.thread_ns),
-        "most_work": timing.most_work,
+        "most_work": timing.max_work,
         "shares": timing.shares,
         "compute": _times(timing.thread_ns, period),
         "wall": percentiles(timing.wall_ns),
@@ -123,12 +123,12 @@ def _case(timing: MotionTiming, period: float) -> dict[str, Any]:
 
 
 def _times(times: Times, period: float) -> dict[str, Any]:
-    """Percentiles, ticks over the period, and times with how many took longer."""
+    """Return percentiles, ticks over the period, and a curve of times and counts."""
     return {**percentiles(times), "over_period": over_count(times, period), "tail": curve(times)}
 
 
 def _at_the_finger(certificate: Certificate) -> dict[str, Any]:
-    """The p99.9 of the slowest computing and of waking, added, and their price at some speeds."""
+    """Return the sum of the p99.9 of the slowest computing and of waking, and its effect at some speeds."""
     loop = certificate.loop
     times: list[Times] = [loop.compute, *(each.thread_ns for each in certificate.timings if each.counts)]
     slowest = max(tail(percentiles(each))[1] for each in times)
@@ -137,11 +137,11 @@ def _at_the_finger(certificate: Certificate) -> dict[str, Any]:
 
 
 def felt(delay: float, speed: float) -> dict[str, float]:
-    """Return penetration, m, force error, N, and energy error, J, of a delay for a finger of that speed.
+    """Return penetration, m, force error, N, and energy error, J, of a delay for a finger at a speed.
 
-    A simulated wall is entered by speed times delay before it answers. For a prescribed motion, the force at
-    rest is then too high, equation (10), and the operator's work too large, equation (15). The finger is the
-    paper's, the press assumed.
+    The finger enters a simulated wall by speed times delay before it reacts. For a prescribed motion, the
+    force at rest is then too high, equation (10), and the operator's work too large, equation (15). The
+    finger is the paper's, the press assumed.
     """
     penetration, press = speed * delay, Press(speed=speed)
     return {
@@ -153,7 +153,7 @@ def felt(delay: float, speed: float) -> dict[str, float]:
 
 
 def as_json(reported: dict[str, Any]) -> str:
-    """Return a document as text; a number that is not finite becomes null."""
+    """Return a document as text; a non-finite number becomes null."""
     return json.dumps(_plain(reported), allow_nan=False, indent=1, ensure_ascii=False) + "\n"
 
 
@@ -168,14 +168,14 @@ def _plain(value: Any) -> Any:
 
 
 def check_report(path: Path) -> None:
-    """Refuse a file that cannot be written, before the measurement."""
+    """Raise for a path that cannot be written, before the measurement."""
     form = path.suffix.lower().removeprefix(".")
     if path.suffix.lower() != NUMBERS and form not in style.FORMATS:
         raise ServiceError(
             f"{path} does not end in {NUMBERS} or {', '.join(f'.{one}' for one in style.FORMATS)}"
         )
     if not path.parent.is_dir():
-        raise ServiceError(f"{path}: there is no folder {path.parent}")
+        raise ServiceError(f"{path}: no folder {path.parent}")
     if path.suffix.lower() != NUMBERS:
         style.load_figure()
 
@@ -209,7 +209,7 @@ def _draw(figure: "Figure", reported: dict[str, Any], surface: np.ndarray) -> No
 
 
 def _draw_tails(panel: "Axes", reported: dict[str, Any]) -> None:
-    """Draw the share of ticks that took longer than a time, of each motion and of the loop."""
+    """Draw the share of ticks longer than a time, for each motion and for the loop."""
     loop = reported["loop"]
     rows = [(case["name"], case["compute"], case["ticks"]) for case in reported["cases"]]
     rows += [("service: computing", loop["compute"], loop["ticks"])]

@@ -1,8 +1,8 @@
 """Starting positions of the search for the worst positions.
 
-They lie at random in the box that a hand can reach, near surfaces, and where queries are known to be costly:
-at positions that are equally far from several faces. Those are the centres of balls that touch the surface at
-a sample and are shrunk until nothing is inside, middles of parts, and centres of balls fitted to parts.
+They are random in the box within reach of a hand, near surfaces, and at positions where queries are known to
+be costly, equally far from several faces: centres of balls that touch the surface at a sample and shrink
+until their inside is empty, middles of parts, and centres of balls fitted to parts.
 """
 
 import numpy as np
@@ -15,21 +15,21 @@ from proximity.scene.scene import Scene
 NEAR_DISTANCE = 0.02
 """m, of positions near the surface from it: normally distributed."""
 SHRINKS = 12
-"""Of a ball; it closes in on the medial axis like Newton's method, in four or five on curved surfaces."""
+"""Maximum shrinkings of a ball; it converges to the medial axis like Newton's method, in four or five."""
 CLOSE = 1e-9
-"""Share of a ball's radius by which it may still be too large."""
+"""Share of a ball's radius by which it may finally be too large."""
 SAME = 1e-9
 """Share of the scene's diagonal within which two points of the surface are one."""
-MOST_MIDDLES = 200
-"""Whose middles are looked at."""
+MAX_MIDDLES = 200
+"""Parts whose middles are used."""
 MEDIAL_BUDGET = 500
-"""For the nearest face of a ball's centre: near enough shrinks it as well."""
+"""Budget for the nearest face of a ball's centre: a nearby face shrinks it as well."""
 
 
 def starting_positions(
     subject: Subject, counts: tuple[int, int, int], rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return where to begin, (K, 3) m, and how each came about, (K,) text."""
+    """Return starting positions, (K, 3) m, and the origin of each, (K,) text."""
     scene, reach = subject.scene, subject.working_range
     lower, upper = scene.bounds
     random = rng.uniform(lower - reach, upper + reach, (counts[0], 3))
@@ -54,7 +54,7 @@ def surface_samples(scene: Scene, count: int, rng: np.random.Generator) -> tuple
 
 
 def medial_positions(subject: Subject, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Return centres of balls that touch the surface at points, on both sides, and hold none of it, (2 K, 3).
+    """Return centres of empty balls that touch the surface at points, on both sides, (2 K, 3).
 
     *points*, *normals*: (K, 3).
 
@@ -69,7 +69,7 @@ def medial_positions(subject: Subject, points: np.ndarray, normals: np.ndarray) 
         ends = touching + radii[:, None] * directions
         arms = nearest_points(subject, ends) - touching
         along, squares = 2.0 * (arms * directions).sum(axis=1), (arms**2).sum(axis=1)
-        # Who is nearest to its own point of the surface, but for rounding, holds nothing else.
+        # A ball is empty if its centre is nearest to its own surface point, within rounding.
         is_other = (along > 0.0) & (squares > (SAME * extent) ** 2)
         smaller = np.divide(squares, along, out=radii.copy(), where=is_other)
         is_less = (smaller < radii * (1.0 - CLOSE)) & (smaller > 0.0)
@@ -80,7 +80,7 @@ def medial_positions(subject: Subject, points: np.ndarray, normals: np.ndarray) 
 
 
 def nearest_points(subject: Subject, positions: np.ndarray) -> np.ndarray:
-    """Return points of the surface that are nearest, or nearly so where that is costly to know, (K, 3)."""
+    """Return nearest points of the surface, or nearly nearest where those are costly to find, (K, 3)."""
     tracker = subject.tracker(fingers=GROUP, budget=MEDIAL_BUDGET)
     found, tips = np.empty_like(positions), np.full((GROUP, 3), np.nan)
     for first in range(0, len(positions), GROUP):
@@ -94,7 +94,7 @@ def nearest_points(subject: Subject, positions: np.ndarray) -> np.ndarray:
 def centres(scene: Scene) -> np.ndarray:
     """Return middles of parts, means of their corners, and centres of balls fitted to them, (K, 3) m."""
     found = [np.mean(scene.bounds, axis=0)]
-    for part in _shown(scene)[:MOST_MIDDLES]:
+    for part in _shown(scene)[:MAX_MIDDLES]:
         corners = part.pose.point(part.solid.mesh.vertices)
         found += [
             0.5 * (corners.min(axis=0) + corners.max(axis=0)),
@@ -106,7 +106,7 @@ def centres(scene: Scene) -> np.ndarray:
 
 
 def _fitted_centre(corners: np.ndarray) -> np.ndarray:
-    """The centre of the ball of least squares: |p|^2 = 2 c p + (r^2 - |c|^2) is linear in what is unknown."""
+    """Return the centre of the least-squares ball: |p|^2 = 2 c p + (r^2 - |c|^2), linear in the unknowns."""
     middle = corners.mean(axis=0)
     arms = corners - middle
     terms = np.concatenate([2.0 * arms, np.ones((len(arms), 1))], axis=1)

@@ -1,6 +1,6 @@
 """The subject of a certificate: a scene, the settings of its ticks, and the recorded hand.
 
-It comes from a scene file of the service, whose settings hold, or from a file of parts, with the tracker's.
+It comes from a scene file of the service, with its settings, or from a file of parts, with the tracker's.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ from proximity.tracker.tracker import Tracker
 from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
 
 RADIUS, WORKING_RANGE = 0.007, 0.12
-"""m; as the tracker's own."""
+"""m; the tracker's defaults."""
 FINGER_COUNT = 5
 OF_TRACKER = (
     "radius", "budget", "working_range", "tolerance", "horizon", "max_speed", "max_acceleration",
@@ -41,28 +41,28 @@ SCENE_SUFFIX = ".toml"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Subject:
-    """A scene that is ticked so."""
+    """A scene and the settings of its ticks."""
 
     scene: Scene
     fingers: int = FINGER_COUNT
     period: float = 0.001  # s
     latency: float = 0.001  # s, from a tick until the controller acts
-    settings: dict[str, Any] = field(default_factory=dict)  # of a `Tracker`, where they are not its own
+    settings: dict[str, Any] = field(default_factory=dict)  # of a `Tracker`, if not its defaults
     recording: Recording | None = None  # placed, at the rate of the ticks
     files: tuple[str, ...] = ()  # that it came from
     real_time: bool = False  # whether the loop asks the system for priority
     core: int | None = None
-    not_measured: tuple[str, ...] = ()  # inputs of the scene file that make a tick dearer
+    not_measured: tuple[str, ...] = ()  # inputs of the scene file that make a tick costlier
 
     @property
     def budget(self) -> int:
-        """Nodes and leaves for a finger and tick."""
+        """Nodes and leaves per finger and tick."""
         budget = self.settings.get("budget")
         return DEFAULT_BUDGET if budget is None else int(budget)
 
     @property
     def working_range(self) -> float:
-        """Beyond it nothing is searched for, m."""
+        """Distance beyond which a tick does not search, m."""
         return float(self.settings.get("working_range", WORKING_RANGE))
 
     @property
@@ -71,9 +71,9 @@ class Subject:
         return sum(part.solid.mesh.face_count for part in self.scene.parts)
 
     def tracker(self, fingers: int | None = None, **settings: Any) -> Tracker:
-        """Return a tracker as the service would have it, for another number of fingers if given.
+        """Return the service's tracker, for another number of fingers if given.
 
-        Radii that are given one by one then do not fit: the largest holds for all.
+        Individual radii do not fit another number: the largest is then used for all.
         """
         count = self.fingers if fingers is None else fingers
         reported = {**self.settings, **settings}
@@ -93,13 +93,13 @@ def read_subject(
     real_time: bool | None = None,
     sample: Callable[[], Path] | None = None,
 ) -> Subject:
-    """Return what a scene file of the service (``.toml``), or a file of parts, describes.
+    """Return the subject of a scene file of the service (``.toml``), or of a file of parts.
 
-    What is given holds instead of what the scene file says. *sample* gives a recording where there is none.
+    Arguments override the scene file. *sample*: returns a recording if the file has none.
     """
     if fingers is not None and fingers < 1:
         raise ServiceError(f"{fingers} fingers cannot be tracked, expected 1 or more")
-    # Before the parts: a mistake here should not take as long as they do.
+    # Before the parts: mistakes here should be found before the slow reading.
     hand = None if recording is None else read_recording(recording)
     if Path(path).suffix.lower() == SCENE_SUFFIX:
         subject = _of_scene_file(read_scene_file(path), hand, period)
@@ -128,7 +128,7 @@ def _of_scene_file(settings: SceneFile, recording: Recording | None, period: flo
     scene = PartFiles().scene(settings)
     own = read_input(settings) if recording is None else None
     service, count = settings.service, finger_count(settings, own)
-    make_tracker(settings, scene, count)  # refuses, with the line, what no tracker takes
+    make_tracker(settings, scene, count)  # raises, with the line, for settings that the tracker refuses
     reported = {name: getattr(settings.fingers, name) for name in OF_TRACKER}
     ticks = service.period if period is None else period
     return Subject(
@@ -150,7 +150,7 @@ def _of_scene_file(settings: SceneFile, recording: Recording | None, period: flo
 
 
 def _more_inputs(settings: SceneFile) -> dict[str, bool]:
-    """Inputs besides poses, and whether the scene file has them."""
+    """Return the scene file's inputs besides poses, and whether it has them."""
     return {
         "paths of fingers": settings.input.poses is not None,
         "parts that move": settings.input.moves is not None,
@@ -159,7 +159,7 @@ def _more_inputs(settings: SceneFile) -> dict[str, bool]:
 
 
 def fingerprint(scene: Scene) -> str:
-    """Return the SHA-256 of all that a tick's answer and cost depend on, 64 hexadecimal digits.
+    """Return the SHA-256 of all that affects a tick's answer and cost, 64 hexadecimal digits.
 
     Corners, faces, poses and surfaces of the parts count; names, files and the order of the parts do not.
     """
@@ -172,7 +172,7 @@ def _part_digest(part: Part) -> bytes:
     rows = mesh.vertices, mesh.faces, part.pose.rotation, part.pose.translation, surface
     digest = hashlib.sha256()
     for array, kind in zip(rows, ("<f8", "<i4", "<f8", "<f8", "<f8"), strict=True):
-        # A zero has one sign here; lengths keep the arrays apart.
+        # A zero has one sign here; the lengths separate the arrays.
         plain = np.ascontiguousarray(np.asarray(array) + 0, dtype=kind)
         digest.update(np.int64(plain.size).tobytes() + plain.tobytes())
     return digest.digest()

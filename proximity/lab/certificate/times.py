@@ -14,7 +14,7 @@ from proximity.service.loop_memory import LONGEST_PERIOD, SHORTEST_PERIOD
 
 UNKNOWN = "–"
 SHARES = {"p50": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}
-FEWEST_TICKS = 1000  # that p99.9 asks for
+MIN_TICKS = 1000  # required for p99.9
 TAIL_POINTS = 120  # of a plot
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 RATES = {"hz": 1.0, "khz": 1e3}
@@ -25,12 +25,12 @@ Times = np.ndarray | Histogram
 
 
 def count_of(times: Times) -> int:
-    """Return how many durations there are."""
+    """Return the number of durations."""
     return times.count if isinstance(times, Histogram) else len(times)
 
 
 def percentiles(times: Times) -> dict[str, float | None]:
-    """Return p50, p99, p999 and max, ns; None for what so few ticks do not tell.
+    """Return p50, p99, p999 and max, ns; None for percentiles of too few ticks.
 
     Of a histogram to within a 32nd, never less.
     """
@@ -43,13 +43,13 @@ def percentiles(times: Times) -> dict[str, float | None]:
 
 
 def tail(times: dict[str, float | None]) -> tuple[str, float]:
-    """Return "p999" and its value, or "max" where so few times tell none."""
+    """Return "p999" and its value, or "max" for too few times."""
     value = times["p999"]
     return ("max", times["max"] or 0.0) if value is None else ("p999", value)
 
 
 def over_count(times: Times, period: float) -> int:
-    """Return how many durations are longer than a period, s; of a histogram to within the width of a bin."""
+    """Return the number of durations longer than a period, s; of a histogram within the width of a bin."""
     if isinstance(times, Histogram):
         rows = times.rows()
         return sum(count for _, upper_ns, count in rows if min(upper_ns, times.max_ns) > 1e9 * period)
@@ -57,7 +57,7 @@ def over_count(times: Times, period: float) -> int:
 
 
 def curve(times: Times) -> list[list[int]]:
-    """Return times, ns, and how many took longer: some hundred points, for a plot."""
+    """Return times, ns, and the number of longer ones: about a hundred points, for a plot."""
     if isinstance(times, Histogram):
         rows = list(times.rows())
         left = times.count - np.cumsum([0, *(count for _, _, count in rows)])
@@ -68,7 +68,7 @@ def curve(times: Times) -> list[list[int]]:
 
 
 def parse_period(text: str) -> float:
-    """Return a period, s, of a number with s, ms, us, Hz or kHz: ``1ms``, ``200us``, ``1kHz``."""
+    """Return a period, s, from a number with s, ms, us, Hz or kHz: ``1ms``, ``200us``, ``1kHz``."""
     found, seconds = WRITTEN.fullmatch(text), math.nan
     try:
         number = math.nan if found is None else float(found[1])
@@ -79,7 +79,7 @@ def parse_period(text: str) -> float:
         seconds = number * UNITS[unit]
     elif unit.lower() in RATES and number > 0.0:
         seconds = 1.0 / (number * RATES[unit.lower()])
-    # Room for what a period loses on its way through a rate.
+    # Tolerance for the rounding of a period given as a rate.
     if not SHORTEST_PERIOD * (1.0 - 1e-9) <= seconds <= LONGEST_PERIOD * (1.0 + 1e-9):
         raise ServiceError(
             f"{text!r} is not a period, expected a time or a rate such as 1ms, 200us or 1kHz, "
@@ -89,7 +89,7 @@ def parse_period(text: str) -> float:
 
 
 def shown_period(seconds: float) -> str:
-    """Return a period as people write it."""
+    """Return a period as text with its unit."""
     return f"{1e3 * seconds:g} ms" if seconds < 1.0 else f"{seconds:g} s"
 
 

@@ -1,7 +1,7 @@
 """Cost of a position: the nodes and leaves that a tick visits for a finger there.
 
-This counts work, not time, so that it is the same on every run and a search can maximise it. The work of
-predicting a moving finger's contact is included.
+It is work, not time, so that it is the same on every run and a search can maximise it. The work of predicting
+a moving finger's contact is included.
 """
 
 from dataclasses import dataclass
@@ -15,22 +15,22 @@ from proximity.message import ContactFlag
 GROUP = 5
 """Fingers of a probe: a hand's, so that each has the whole budget of a tick."""
 UNLIMITED = 2**31 - 1
-"""A budget that is never spent."""
+"""A budget that is never exhausted."""
 APPROACH_SPEED = 0.5
-"""m/s, of a finger that moves."""
+"""m/s, of a moving finger."""
 DIRECTION = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)
-"""Direction in which a moving finger comes: the same for all, so that each position has one cost."""
+"""Direction of a moving finger: the same for all, so that each position has one cost."""
 PERIOD_NS = 1_000_000
 NOWHERE = -1.0
-"""Worth of a position out of the working range: nothing is searched for there."""
+"""Worth of a position out of the working range, which costs no search."""
 
 
 class StartMode(StrEnum):
     """Motion of a finger before the tick at a position."""
 
-    COLD = "cold"  # the first tick: nothing is known of it
-    STAYS = "stays"  # it was there at the tick before
-    MOVES = "moves"  # it comes at 0.5 m/s
+    COLD = "cold"  # the first tick, without history
+    STAYS = "stays"  # it was there one tick earlier
+    MOVES = "moves"  # it approaches at 0.5 m/s
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class SearchGoal:
     """Quantity that the search maximises."""
 
     mode: StartMode
-    has_budget: bool  # as the ticks have it; otherwise what an exact answer costs
+    has_budget: bool  # that of the ticks; otherwise the cost of an exact answer
 
     def __str__(self) -> str:
         return f"{self.mode}, {'within the budget' if self.has_budget else 'exact'}"
@@ -48,13 +48,13 @@ GOALS = tuple(SearchGoal(mode, has_budget) for has_budget in (True, False) for m
 
 
 class Probe:
-    """Ticks fingers at positions, a group at a time, to learn what these cost."""
+    """Ticks fingers at positions, a group at a time, to measure the work of each position."""
 
     def __init__(self, subject: Subject, goal: SearchGoal) -> None:
         budget = subject.budget if goal.has_budget else UNLIMITED
         self._tracker = subject.tracker(fingers=GROUP, budget=budget)
         self._mode = goal.mode
-        self.steps = 0  # nodes and leaves visited so far, preparation included
+        self.steps = 0  # nodes and leaves visited, preparation included
 
     def contacts(self, positions: np.ndarray) -> np.ndarray:
         """Return the contacts of fingers at positions (K, 3), m, with the work of each, (K,)."""
@@ -82,7 +82,7 @@ def in_range(contacts: np.ndarray) -> np.ndarray:
 
 
 def worth(contacts: np.ndarray) -> np.ndarray:
-    """Return what the search maximises, (K,): work; at equal work (a spent budget), wider bounds."""
+    """Return the quantity to maximise, (K,): work; at equal work (an exhausted budget), wider bounds."""
     lower, upper = contacts["lower"], contacts["upper"]
     size = np.abs(lower) + np.abs(upper)
     share = np.divide(upper - lower, size, out=np.zeros_like(lower), where=size > 0.0)

@@ -1,8 +1,8 @@
-"""Search for the worst positions of a scene: where a tick visits the most nodes and leaves.
+"""Search for the worst positions of a scene, where a tick visits the most nodes and leaves.
 
-From the costliest of many starting positions, a random local search climbs: work is a sum of steps and has no
-slope. The same seed gives the same positions on every run. It is a search, not a proof: what it finds is a
-lower bound of the worst; within the budget, the budget is the upper one.
+A random local search climbs from the costliest of many starting positions: work is a sum of steps and has no
+gradient. The same seed gives the same positions on every run. The result is a lower bound of the worst case,
+not a proof; with a budget, the budget is the upper bound.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,29 +17,29 @@ from proximity.lab.certificate.work import GOALS, NOWHERE, Probe, SearchGoal, in
 START_COUNTS = (4000, 4000, 1000)
 """Positions at random, near surfaces, and samples for two medial positions each."""
 CLIMBS = 24  # for each goal
-FIRST_RADIUS = 0.02  # share of the scene's diagonal: where neighbours of a position are looked for first
-APART = 0.03  # share of the diagonal by which starts are apart at least: the costliest are often neighbours
-MOST_STEPS = 25_000_000
-"""Nodes and leaves visited for a goal, a few seconds; then the search for it ends with what it has."""
-POSITIONS_PER_CHECK = 100  # between two looks at how many steps are left
-NEIGHBOURS = 20  # that are looked at in a round of a climb
-SHRINK = 0.5  # of the ball in which they lie, after a round without a costlier one
+FIRST_RADIUS = 0.02  # share of the scene's diagonal: first radius of the search for neighbours
+APART = 0.03  # share of the diagonal: minimum distance of starts, as the costliest are often neighbours
+MAX_STEPS = 25_000_000
+"""Nodes and leaves visited for a goal, a few seconds; beyond, the search returns its best results."""
+POSITIONS_PER_CHECK = 100  # between two checks of the remaining steps
+NEIGHBOURS = 20  # in one round of a climb
+SHRINK = 0.5  # of the ball of neighbours, after a round without a costlier one
 ROUNDS = 60
-SMALLEST = 1e-7  # m: nothing that a hand does is smaller
+SMALLEST = 1e-7  # m: below any motion of a hand
 
 Progress = Callable[[str, float], None]
-"""Called with what is done, and which share of all is."""
+"""Called with the current activity and the finished share."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorstPosition:
-    """A position where a tick costs much, and what it costs."""
+    """A costly position and its cost."""
 
     position: np.ndarray  # (3,) m, scene's frame
     work: int  # nodes and leaves
     lower: float  # m, of the signed distance of the fingertip
     upper: float  # m
-    origin: str  # what the climb began at: "random", "near the surface", "medial", "centre"
+    origin: str  # start of the climb: "random", "near the surface", "medial", "centre"
     start_work: int  # there
 
 
@@ -49,9 +49,9 @@ class SearchResult:
 
     goal: SearchGoal
     positions: tuple[WorstPosition, ...]  # the costliest first; at least one
-    typical_work: float  # median over the random positions within the working range; nan if there was none
-    start_count: int  # positions that were looked at before climbing
-    is_complete: bool  # False: the steps were spent before all positions were looked at
+    typical_work: float  # median over the random positions within the working range; nan if there are none
+    start_count: int  # positions evaluated before climbing
+    is_complete: bool  # False: the steps were exhausted before all positions were evaluated
 
 
 def search(
@@ -59,7 +59,7 @@ def search(
     seed: int,
     *,
     counts: tuple[int, int, int] | None = None,
-    most_steps: float = MOST_STEPS,
+    max_steps: float = MAX_STEPS,
     progress: Progress = lambda _, __: None,
 ) -> dict[SearchGoal, SearchResult]:
     """Return the worst positions for each of `GOALS`, from *counts* starts, or `START_COUNTS`."""
@@ -69,8 +69,8 @@ def search(
     for number, goal in enumerate(GOALS):
         progress(f"searching: {goal}", number / len(GOALS))
         rng = np.random.default_rng([seed, 1 + number])
-        found[goal] = _search_one(subject, goal, positions, origins, rng, most_steps)
-        # What is costly in one mode may be in another.
+        found[goal] = _search_one(subject, goal, positions, origins, rng, max_steps)
+        # A costly position in one mode may be costly in another.
         worst = found[goal].positions
         positions = np.concatenate([positions, [each.position for each in worst]])
         origins = np.concatenate([origins, [each.origin for each in worst]])
@@ -83,17 +83,17 @@ def _search_one(
     positions: np.ndarray,
     origins: np.ndarray,
     rng: np.random.Generator,
-    most_steps: float,
+    max_steps: float,
 ) -> SearchResult:
     probe = Probe(subject, goal)
-    contacts, rows = _look(probe, positions, origins == "centre", rng, 0.5 * most_steps)
+    contacts, rows = _look(probe, positions, origins == "centre", rng, 0.5 * max_steps)
     work, begun = contacts["work"], origins[rows]
     typical = work[(begun == "random") & in_range(contacts)]
     diagonal = float(np.linalg.norm(np.diff(subject.scene.bounds, axis=0)))
     climbed = []
     for k in _apart(positions[rows], worth(contacts), APART * diagonal):
         start, radius = positions[rows[k]], FIRST_RADIUS * diagonal
-        position, gained = ascend(probe, start, radius, rng, most_steps=most_steps)
+        position, gained = ascend(probe, start, radius, rng, max_steps=max_steps)
         (at,) = probe.contacts(position[None])
         bounds = int(at["work"]), float(at["lower"]), float(at["upper"])
         climbed.append((gained[-1], WorstPosition(position, *bounds, str(begun[k]), int(work[k]))))
@@ -108,16 +108,16 @@ def _search_one(
 
 
 def ascend(
-    probe: Probe, start: np.ndarray, radius: float, rng: np.random.Generator, *, most_steps: float
+    probe: Probe, start: np.ndarray, radius: float, rng: np.random.Generator, *, max_steps: float
 ) -> tuple[np.ndarray, list[float]]:
-    """Return where a climb from a position (3,) ends, m, and its worth at the start and after each round.
+    """Return the end of a climb from a position (3,), m, and its worth at the start and after each round.
 
-    Neighbours are drawn in a ball that shrinks when none costs more, until the probe has made *most_steps*.
+    Neighbours are drawn in a ball that shrinks when none costs more, until the probe has made *max_steps*.
     """
     position = np.asarray(start, np.float64)
     gained = [float(worth(probe.contacts(position[None]))[0])]
     for _ in range(ROUNDS):
-        if radius < SMALLEST or probe.steps >= most_steps:
+        if radius < SMALLEST or probe.steps >= max_steps:
             break
         around = position + radius * _in_ball(NEIGHBOURS, rng)
         found = worth(probe.contacts(around))
@@ -131,21 +131,21 @@ def ascend(
 
 
 def _in_ball(count: int, rng: np.random.Generator) -> np.ndarray:
-    """Points in the unit ball, denser toward its centre: small steps are tried as well."""
+    """Return points in the unit ball, denser toward its centre, to include small steps."""
     directions = rng.normal(size=(count, 3))
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
     return np.asarray(directions / lengths * rng.uniform(0.0, 1.0, (count, 1)))
 
 
 def _look(
-    probe: Probe, positions: np.ndarray, is_centre: np.ndarray, rng: np.random.Generator, most_steps: float
+    probe: Probe, positions: np.ndarray, is_centre: np.ndarray, rng: np.random.Generator, max_steps: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Contacts at positions, and which these are: all, or as many as the steps allow, centres first."""
+    """Return contacts and their positions: all within the steps, centres first."""
     order = rng.permutation(len(positions))
     order = np.concatenate([order[is_centre[order]], order[~is_centre[order]]])
     found: list[np.ndarray] = []
     for first in range(0, len(order), POSITIONS_PER_CHECK):
-        if found and probe.steps >= most_steps:
+        if found and probe.steps >= max_steps:
             break
         found.append(probe.contacts(positions[order[first : first + POSITIONS_PER_CHECK]]))
     contacts = np.concatenate(found)
@@ -153,7 +153,7 @@ def _look(
 
 
 def _apart(positions: np.ndarray, worths: np.ndarray, distance: float) -> Iterator[int]:
-    """The costliest of some positions that lie apart, at most `CLIMBS`; at least one."""
+    """Return the costliest positions at a distance from each other, at most `CLIMBS`; at least one."""
     chosen: list[int] = []
     for k in np.argsort(-worths, kind="stable").tolist():
         if len(chosen) == CLIMBS or (chosen and worths[k] == NOWHERE):

@@ -1,11 +1,10 @@
-"""Press on a CAD part with the real engine in the loop, from hand to drum: its setup, and its simulation.
+"""Press on a CAD part with the real engine in the loop, from hand to drum: setup and simulation.
 
-The finger of the closed loop moves on its path before a part. At the service's rate its pose goes to a
-tracker, the answer becomes a frame, its bytes arrive after the service's latency, are examined, and the
-drum's controller acts at its own rate on what it then knows. Against it stands the wall that is truly there:
-by exact geometry, with the same hand. All in simulated time, the same on every run.
-
-Forces are along the finger's path, as its one degree of freedom has them.
+The finger of the closed loop moves on its path toward a part. Its pose enters a tracker at the service's
+rate, the answer becomes a frame, its bytes arrive after the service's latency and are validated, and the
+drum's controller acts on them at its rate. The reference is the real wall: exact geometry, with the same
+hand. Time is simulated, so every run is the same. Forces are along the finger's path, its one degree of
+freedom.
 """
 
 import math
@@ -46,21 +45,21 @@ from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import Tracker
 from proximity.transport import Counts, Subscriber
 
-FARTHEST = 0.100  # m, that a wall is known of; assumed
+FARTHEST = 0.100  # m, maximum distance at which a wall is known; assumed
 DRUM = with_random_phases(DRUMS[USUAL_GEAR], 1)[0]
 Spans = Sequence[tuple[float, float]]
-"""From, to; s from the touch."""
+"""Intervals; s from the touch."""
 
 
 class Distances(StrEnum):
     """Source of a controller's distances."""
 
     ENGINE = "engine"
-    """The tracker, at the service's rate, as late as the service."""
+    """The tracker, at the service's rate and latency."""
     IDEAL = "ideal"
-    """The true position of contact, at the servo's rate and at once: what drum and controller cost alone."""
+    """The true position of contact, at the servo's rate without delay: drum and controller alone."""
     SENSOR = "sensor"
-    """Teleoperation: a sensor at the far end, at the service's rate and as late."""
+    """Teleoperation: a sensor at the far end, at the service's rate and latency."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +72,13 @@ class EngineSetup:
     reading: Target | None = None  # a plain reading of distances instead of the controller
     drum: Drum = DRUM  # its servo runs at 3 kHz
     cable: TipCable | None = None  # between finger and link; None: the finger holds the link itself
-    stretch: Stretch = Stretch.LEFT  # of the cable, how it is made up for
-    far_force: float | None = None  # N, that the sensor measures; None: what the real wall does
-    corners: int = PATH_CORNERS  # of the polyline that a tracker takes as the finger's path
-    tolerance: float = 0.0  # of the tracker: share of a distance by which its bounds may be apart
-    budget: int | None = None  # of the tracker: nodes and leaves; None: its own
+    stretch: Stretch = Stretch.LEFT  # of the cable, and its compensation
+    far_force: float | None = None  # N, measured by the sensor; None: that of the real wall
+    corners: int = PATH_CORNERS  # of the tracker's polyline of the finger's path
+    tolerance: float = 0.0  # of the tracker: maximum difference of its bounds, as a share of the distance
+    budget: int | None = None  # of the tracker: nodes and leaves; None: its default
     phase: float = 0.5  # of a period, before the first tick
-    start_distance: float = FARTHEST  # m from the touch, where a scripted hand begins
+    start_distance: float = FARTHEST  # m from the touch, start of a scripted hand
     blind: Spans = field(default=())  # the finger is not tracked
     silent: Spans = field(default=())  # frames are lost
 
@@ -98,7 +97,7 @@ class EngineSetup:
 
     @property
     def expected_latency(self) -> float:
-        """For which a tracker predicts, s."""
+        """Latency that the tracker predicts for, s."""
         return float(max(self.latency)) if isinstance(self.latency, Sequence) else float(self.latency)
 
 
@@ -111,29 +110,29 @@ class EnginePress:
     response: Response
     real: Response  # on the real wall, at the same instants
     states: Counter[str]  # samples of the servo in each state of the controller
-    switched_at: float  # s, when the controller first served a force; nan: it did not
+    switched_at: float  # s, of the controller's first served force; nan: none
     counts: Counts  # frames, as the subscriber counts them
     reported_contact: (
         float  # m past the true surface, the position of contact in the last frame before the touch
     )
-    reported_error: float  # m, the bound that this frame gave for it, on the polyline that the tracker had
-    advances: int  # samples at which the drum was sent nearer although nothing fresh was known
+    reported_error: float  # m, bound in this frame, on the tracker's polyline
+    advances: int  # samples at which the drum moved nearer without fresh data
 
     @property
     def error(self) -> "ForceError":
-        """Against the real wall."""
+        """Error against the real wall."""
         return ForceError.of(self)
 
 
 @dataclass(frozen=True, slots=True)
 class ForceError:
-    """A press on a part against the same on the real wall, from the touch on."""
+    """A press on a part compared with the same on the real wall, from the touch on."""
 
     share: float  # rms of the difference of the forces over the rms of the real one
     rms: float  # N, of the difference
     largest: float  # N, of it
-    onset: float  # s, by how much the force begins later
-    penetration: float  # m, how far the pad's far side was past the real surface, before the release
+    onset: float  # s, later start of the force
+    penetration: float  # m, of the pad's far side past the real surface, before the release
     work: float  # J, of the finger until the release, less the real one
 
     @classmethod
@@ -208,11 +207,11 @@ class Engine:
 
     @property
     def counts(self) -> Counts:
-        """Frames that were received, lost and refused."""
+        """Frames received, lost and refused."""
         return self._frames.counts
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
-        """Make the frames that are due, take what has arrived, and have the drum informed."""
+        """Make the due frames, receive arrived ones, and update the drum."""
         while self._begin + self._ticks * self._period <= distance_sample.now + 1e-9:
             self._tick(self._begin + self._ticks * self._period)
             self._ticks += 1
@@ -234,7 +233,7 @@ class Engine:
         self._service.tick(self._now_ns, bend=bend, **self._measured(time, bend, speed))
 
     def _measured(self, time: float, bend: float, speed: float) -> dict[str, float]:
-        """Measurements of a sensor: rate of the finger's bend, 1/s, and the force on it, N."""
+        """Return a sensor's measurements: rate of the finger's bend, 1/s, and the force on it, N."""
         if self._setup.distances != Distances.SENSOR or not math.isfinite(bend):
             return {"bend_rate": math.nan, "force": math.nan}
         force = self._setup.far_force
@@ -243,7 +242,7 @@ class Engine:
         return {"bend_rate": speed / float(self._finger.glove.finger.speed(bend)), "force": force}
 
     def _note(self, bend: float, error: float) -> None:
-        """Keep what was reported of the contact last."""
+        """Store the last report of the contact."""
         if math.isfinite(bend):
             position = self._finger.path.position(bend)
             self.reported_contact = position - self._wall
@@ -270,7 +269,7 @@ def _feed(finger: PlacedFinger, setup: EngineSetup, period: float) -> Feed:
 
 
 def _glove(finger: PlacedFinger, setup: EngineSetup) -> Decaff:
-    """Drum, servo and cable; the drum waits where the controller's own is retracted."""
+    """Return drum, servo and cable; the drum waits where the controller's is retracted."""
     reach = min(setup.start_distance, finger.contact_position - LEAD)
     glove = Decaff(
         drum=setup.drum,

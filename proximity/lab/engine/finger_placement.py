@@ -1,7 +1,7 @@
 """A finger in front of a part: the pose of its hand, and its first contact, by exact geometry.
 
-That place is the truth of a simulation with the engine: the real wall stands there. It is found by asking the
-exact distance again and again along the finger's own curve, not along the polyline that a tracker is given.
+This contact is the truth of a simulation with the engine, the position of the real wall. It is found by
+repeated exact distances along the finger's curve, not along the polyline of the tracker.
 """
 
 import math
@@ -18,18 +18,18 @@ from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
 
-RETRACTION = 0.030  # m, from the contact to the drum farthest away; assumed
-MIN_FREE_PATH = 0.030  # m, that the finger must come freely before it touches; assumed
-FARTHEST_OFF = 0.020  # m, of the fingertip from where it was to touch: what is in its path is touched instead
+RETRACTION = 0.030  # m, from the contact to the drum's farthest position; assumed
+MIN_FREE_PATH = 0.030  # m, free path of the finger before it touches; assumed
+FARTHEST_OFF = 0.020  # m, of the touch from the intended one: beyond, another part is touched
 AS_ASKED = 1e-5  # m, likewise: no other attitude needs to be tried
-ROLLS = 24  # attitudes of the hand about the way at the touch that are tried, evenly
+ROLLS = 24  # attitudes of the hand about the direction at the touch, evenly spaced
 CONTACT_TOLERANCE = 1e-9  # m, at which the search for the touch ends
-MOST_APPROACH_STEPS = 20_000  # of that search: a finger that slides along a surface never gets there
+MAX_APPROACH_STEPS = 20_000  # of that search: a finger that slides along a surface never reaches it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedFinger:
-    """A finger of a hand that stands still before a scene, and its first touch."""
+    """A finger of a hand at rest before a scene, and its first touch."""
 
     scene: Scene
     glove: Glove
@@ -37,7 +37,7 @@ class PlacedFinger:
     world_from_hand: Pose
     contact_bend: float
     normal: np.ndarray  # (3,) unit, outward, of the surface there
-    part: int  # row of the part that is touched
+    part: int  # row of the touched part
 
     @property
     def contact_position(self) -> float:
@@ -46,7 +46,7 @@ class PlacedFinger:
 
     @property
     def retraction(self) -> float:
-        """Distance from the touch to where the drum waits, m."""
+        """Distance from the touch to the drum's waiting position, m."""
         return self.path.retracted - self.contact_position
 
     @property
@@ -55,7 +55,7 @@ class PlacedFinger:
         return -float(self.normal @ _direction(self.glove.finger, self.world_from_hand, self.contact_bend))
 
     def corners(self, count: int = PATH_CORNERS) -> np.ndarray:
-        """Return the way as a tracker takes it, (K, 3), m, scene's frame."""
+        """Return the path as a polyline for the tracker, (K, 3), m, scene's frame."""
         return self.glove.finger.path_world(self.world_from_hand, count)
 
     def point(self, bend: float) -> np.ndarray:
@@ -68,8 +68,8 @@ def place_finger(
 ) -> PlacedFinger:
     """Return a finger that touches a part head-on, 30 mm before its drum's farthest position.
 
-    Of the attitudes of the hand the first is taken that leaves the finger a free way; where none does, the
-    one that lets it touch nearest to the position that was meant.
+    It has the first attitude of the hand with a free path; if there is none, the one whose touch is nearest
+    to the intended position.
     """
     glove = glove or Glove()
     path, finger = FingerPath(glove), glove.finger
@@ -97,25 +97,25 @@ def place_finger(
 
 
 def placed(scene: Scene, glove: Glove, world_from_hand: Pose, touch: float | None = None) -> PlacedFinger:
-    """Return a finger of a hand that is held in some way."""
+    """Return a finger of a hand at a pose."""
     bend = first_touch(scene, glove.finger, world_from_hand) if touch is None else touch
     if not 0.0 < bend < 1.0:
-        raise ArgumentError("the finger touches nothing between flat hand and fist, expected one that does")
+        raise ArgumentError("the finger touches no part between flat hand and fist, expected one that does")
     hit = scene.closest(world_from_hand.point(glove.finger.point_hand(bend)))
     normal = np.asarray(hit.gradient, np.float64)
     return PlacedFinger(scene, glove, FingerPath(glove), world_from_hand, bend, normal, int(hit.part))
 
 
 def first_touch(scene: Scene, finger: Finger, world_from_hand: Pose) -> float:
-    """Return the bend at which the pad touches first; nan if not before the fist, or from the beginning.
+    """Return the bend at the first touch of the pad; nan if it never touches, or always.
 
     Notes
     -----
-    Cost: an exact distance a step. No step is longer than the distance, so that nothing is passed by.
+    Cost: an exact distance a step. No step is longer than the distance, so that no surface is skipped.
     """
     fastest = float(finger.speed(np.linspace(0.0, 1.0, 101)).max()) * 1.001
     bend = 0.0
-    for _ in range(MOST_APPROACH_STEPS):
+    for _ in range(MAX_APPROACH_STEPS):
         point = world_from_hand.point(finger.point_hand(bend))
         distance = float(scene.signed_distance(point)) - finger.pad_radius
         if distance <= CONTACT_TOLERANCE:
@@ -127,14 +127,14 @@ def first_touch(scene: Scene, finger: Finger, world_from_hand: Pose) -> float:
 
 
 def _viewpoint(scene: Scene) -> np.ndarray:
-    """Above the middle of all parts, by their height and a finger's length."""
+    """Return a point above the middle of all parts, by their height and a finger's length."""
     lower, upper = scene.bounds
     middle = 0.5 * (lower + upper)
     return np.array([middle[0], middle[1], upper[2] + (upper[2] - lower[2]) + 0.1])
 
 
 def _target(scene: Scene, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The surface point nearest to *at*, and the way to it, unit."""
+    """Return the surface point nearest to *at*, and the unit direction to it."""
     if at.shape != (3,) or not np.isfinite(at).all():
         raise ArgumentError(f"the position is {at.tolist()!r}, expected three coordinates in metres")
     hit = scene.closest(at)
@@ -143,7 +143,7 @@ def _target(scene: Scene, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _held(finger: Finger, bend: float, center: np.ndarray, direction: np.ndarray, roll: float) -> Pose:
-    """A hand whose fingertip is at *center* at a bend and moves along *direction*, rolled about it."""
+    """Return a hand whose fingertip is at *center* at a bend and moves along *direction*, rolled about it."""
     rate = finger.point_rate(bend)
     tangent = np.array([*(rate / np.hypot(*rate)), 0.0])
     hand = np.stack([tangent, np.cross([0.0, 0.0, 1.0], tangent), [0.0, 0.0, 1.0]], axis=1)
@@ -157,6 +157,6 @@ def _held(finger: Finger, bend: float, center: np.ndarray, direction: np.ndarray
 
 
 def _direction(finger: Finger, world_from_hand: Pose, bend: float) -> np.ndarray:
-    """Direction of the fingertip's motion as the finger bends, unit, (3,), scene's frame."""
+    """Return the direction of the fingertip as the finger bends, unit, (3,), scene's frame."""
     rate = finger.point_rate(bend)
     return world_from_hand.direction(np.array([*(rate / np.hypot(*rate)), 0.0]))

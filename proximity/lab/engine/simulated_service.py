@@ -1,8 +1,8 @@
 """The distance service inside a simulation, by the simulation's clock.
 
-All but the loop that keeps appointments is the service's own. What it is fed with is a finger of the closed
-loop: poses for a tracker, or what the sensor of a far end would measure there. Its messages arrive after a
-latency and do not overtake each other; who reads them examines their bytes as those of any other transport.
+All of it is the service's code except the loop that waits for deadlines. Its input is a finger of the closed
+loop: poses for a tracker, or measurements of a far end's sensor. Its messages arrive after a latency and in
+order; their bytes are validated like those of any transport.
 """
 
 import math
@@ -48,7 +48,7 @@ class TrackedFinger:
 
 
 class ExactAnswers(TrackedContacts):
-    """A tracker's contacts, with the position of contact as it truly is, known from the beginning."""
+    """A tracker's contacts, with the true position of contact, known from the start."""
 
     def __init__(self, tracker: Tracker, contact_bend: float) -> None:
         super().__init__(tracker)
@@ -61,7 +61,7 @@ class ExactAnswers(TrackedContacts):
 
 
 class MeasuredFinger:
-    """Measurements of a sensor at a far end where a finger moves as this one does: teleoperation."""
+    """Measurements of a sensor at a far end whose finger moves like this one: teleoperation."""
 
     def __init__(self, finger: PlacedFinger, latency: float) -> None:
         self.contact_source: ContactSource = SensedContacts(1, latency=latency)
@@ -91,21 +91,21 @@ Feed = TrackedFinger | MeasuredFinger
 
 
 class SimulatedService:
-    """Ticks when it is asked to, and publishes; clock and input of its loop are its own."""
+    """Ticks when called, and publishes; it is the clock and the input of its loop."""
 
     is_over, skipped_ns = False, 0
     address = "simulation"
 
     def __init__(self, feed: Feed, outlet: Outlet, period: float) -> None:
         source = feed.contact_source
-        source.is_ticked_by_loop = False  # paths have as many corners as one likes
+        source.is_ticked_by_loop = False  # paths may have any number of corners
         self._feed, self._now_ns = feed, 0
         self._known: dict[str, Any] = {}
         self.notes: list[str] = []
         self._loop = Service(source, self, [Publisher(outlet, self.address)], period=period, clock=self)
 
     def tick(self, now_ns: int, **known: Any) -> None:
-        """Make a frame of what is known now."""
+        """Make a frame from the given state."""
         self._now_ns, self._known = now_ns, known
         self._loop.step(now_ns)
 
@@ -114,21 +114,21 @@ class SimulatedService:
         return self._now_ns
 
     def sleep_until(self, due_ns: int) -> None:
-        """Do nothing: ticks come when they are asked for."""
+        """Return at once: ticks are triggered by calls."""
 
     def poll(self, now_ns: int) -> tuple[FingerPoses | Measurements]:
-        """Give what is known."""
+        """Return the known state."""
         return (self._feed.samples(now_ns, **self._known),)
 
     def close(self) -> None:
-        """Do nothing."""
+        """No-op."""
 
 
-DRAWS = 1024  # latencies that are drawn at once
+DRAWS = 1024  # latencies drawn together
 SEED = 7
 
 Latency = float | Sequence[float]
-"""s: one that is always the same, or a sample of measured ones, of which each message has one at random."""
+"""s: a constant, or a sample of measured ones, from which each message draws one."""
 
 
 class DelayedLink:
@@ -149,14 +149,14 @@ class DelayedLink:
         self._last_ns = -(2**62)
 
     def send(self, data: np.ndarray) -> None:
-        """Take one message."""
+        """Send one message."""
         now_ns = self._clock()
         self._last_ns = max(self._last_ns, now_ns + self._next_ns())
         if not any(first <= now_ns <= last for first, last in self._silences):
             self._in_flight.append((self._last_ns, data.copy()))
 
     def receive(self, buffer: np.ndarray) -> int:
-        """Hand over the oldest message that has arrived."""
+        """Copy the oldest arrived message into the buffer; return its size."""
         if not self._in_flight or self._in_flight[0][0] > self._clock():
             return NOTHING
         data = self._in_flight.popleft()[1]
@@ -165,11 +165,11 @@ class DelayedLink:
         return len(data)
 
     def wait(self, timeout: float) -> bool:
-        """Say whether anything is under way: in a simulation nobody waits."""
+        """Return whether a message is under way: a simulation does not wait."""
         return bool(self._in_flight)
 
     def close(self) -> None:
-        """Do nothing."""
+        """No-op."""
 
     def _next_ns(self) -> int:
         if len(self._latencies_ns) == 1:

@@ -1,7 +1,7 @@
 """Analysis of an experiment: exclusions, a score a participant and condition, and the planned comparisons.
 
 A score is the log10 of a threshold, or the log-odds of a share of right answers; `shown` returns it in the
-unit that people read.
+reported unit.
 """
 
 import math
@@ -56,7 +56,7 @@ class Findings:
 
     design: Design
     participants: tuple[str, ...]
-    simulated: int  # participants who are not people
+    simulated: int  # simulated participants
     kept: list[Row]
     excluded: list[str]  # sentences
     scores: dict[Key, float]
@@ -65,7 +65,7 @@ class Findings:
 
     @property
     def simulated_note(self) -> str:
-        """A sentence that says how many participants are simulated; empty: none."""
+        """Sentence with the number of simulated participants, or ""."""
         count, total = self.simulated, len(self.participants)
         who = f"All {count}" if count == total else f"{count} of {total}"
         return f"{who} participants are simulated observers." if count else ""
@@ -99,7 +99,7 @@ def analyse(design: Design, rows: Sequence[Row]) -> Findings:
 
 
 def exclude(design: Design, rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
-    """Return the trials that count, and a sentence for each participant or trial that does not."""
+    """Return the trials that count, and a sentence for each excluded participant or trial."""
     kept, sentences = [], []
     by_participant: dict[str, list[Row]] = defaultdict(list)
     for row in rows:
@@ -120,7 +120,7 @@ def exclude(design: Design, rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
 
 
 def _broken_rule(design: Design, own: Sequence[Row]) -> str:
-    """The rule that leaves a participant out, or nothing."""
+    """Return the rule that excludes a participant, or ""."""
     rules, largest = design.exclusions, {task.name: max(task.levels) for task in design.tasks}
     first = _share(row["answer"] == 1 for row in own if row["stage"] == Stage.CATCH and row["answer"])
     same = max(first, 1.0 - first)
@@ -148,7 +148,7 @@ def log_odds(right: np.ndarray, wrong: np.ndarray) -> np.ndarray:
 
 
 def compare(design: Design, task: Task, scores: dict[Key, float]) -> list[Comparison]:
-    """Return the planned comparisons of a task, as far as enough participants did both conditions."""
+    """Return the planned comparisons of a task with enough participants in both conditions."""
     found = []
     for first, second in design.pairs(task):
         values = {
@@ -192,12 +192,12 @@ def interval_of_mean(values: Sequence[float] | np.ndarray) -> Interval95:
 
 
 def shown(kind: Kind, value: float) -> float:
-    """Return a score in the unit that people read."""
+    """Return a score in the reported unit."""
     return float(10.0**value) if kind is Kind.STIFFER else float(expit(value))
 
 
 def _cells(task: Task, rows: Sequence[Row]) -> dict[Key, list[Row]]:
-    """Trials of a task by condition and participant."""
+    """Return trials of a task by condition and participant."""
     cells: dict[Key, list[Row]] = defaultdict(list)
     for row in rows:
         if row["task"] == task.name:
@@ -206,7 +206,7 @@ def _cells(task: Task, rows: Sequence[Row]) -> dict[Key, list[Row]]:
 
 
 def _counts(task: Task, cells: Sequence[Sequence[Row]]) -> tuple[np.ndarray, np.ndarray]:
-    """Right and wrong answers, each (levels, cells)."""
+    """Return right and wrong answers, each (levels, cells)."""
     counts = np.zeros((2, len(task.levels), len(cells)))
     for index, own in enumerate(cells):
         for row in own:

@@ -13,7 +13,7 @@ from typing import Any
 
 from proximity.lab.simulation.simulated_press import (
     LONGEST_LATENCY,
-    MOST_DAMPED,
+    MAX_DAMPED,
     SPEEDS_ALLOWED,
     STIFFEST,
     Wall,
@@ -26,14 +26,14 @@ COUNT = Range("", 1, 1000)
 NONE_OR_MORE = Range("", 0, 1000)
 LATENCY = Range("s", 0.0, LONGEST_LATENCY)
 STIFFNESS = Range("N/m", 0.0, STIFFEST, is_above=True)
-DAMPING = Range("N s/m", 0.0, MOST_DAMPED)
+DAMPING = Range("N s/m", 0.0, MAX_DAMPED)
 LEVEL = Range("", 0.0, 1e3, is_above=True)
 SHARE = Range("", 0.0, 1.0)
-FORCE = Range("N", 0.0, 20.0, is_above=True)  # no drum gives more, whatever a design says
+FORCE = Range("N", 0.0, 20.0, is_above=True)  # no drum gives more, for any design
 DURATION = Range("s", 0.1, 600.0)
 DEVIATION = Range("", 0.0, 2.0)
 AGAINST = " against "
-"""Between the two conditions of a comparison."""
+"""Separator of the two conditions of a comparison."""
 
 
 class Kind(StrEnum):
@@ -46,14 +46,14 @@ class Kind(StrEnum):
 
 
 class Varied(StrEnum):
-    """Stimulus that the levels of a task are of."""
+    """Stimulus that the levels of a task vary."""
 
     STIFFNESS = "stiffness"
-    """As a share beyond the task's stiffness."""
+    """Increase as a share of the task's stiffness."""
     DAMPING = "damping"
-    """As a share beyond the damping."""
+    """Increase as a share of the damping."""
     LATENCY = "latency"
-    """In seconds beyond the latency of the condition."""
+    """Increase of the condition's latency, s."""
 
 
 def _word(words: type[StrEnum], default: Any = REQUIRED) -> Any:
@@ -78,7 +78,7 @@ def _read_levels(table: Table, key: str, default: Any) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
-    """A wall that is compared with others, and the expected answers of simulated observers."""
+    """A wall to compare with others, and the expected answers of simulated observers."""
 
     name: str = key(_read_name, REQUIRED)
     wall: Wall = _word(Wall)
@@ -86,7 +86,7 @@ class Condition:
     stiffness: float = number(STIFFNESS, 1500.0)  # N/m, gain of a coupled wall for a rigid surface
     damping: float = number(DAMPING, 2.0)  # gain of a coupled wall; of a surface whose task gives none
     threshold: float = number(LEVEL, 0.2)  # expected: level half-way between chance and always right
-    correct: float = number(SHARE, 0.5)  # expected: probability to tell the wall from the real one
+    correct: float = number(SHARE, 0.5)  # expected: probability of telling the wall from the real one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +97,7 @@ class Task:
     kind: Kind = _word(Kind)
     varied: Varied = _word(Varied, Varied.STIFFNESS)
     levels: tuple[float, ...] = key(_read_levels, (0.0,))
-    stiffness: float | None = number(STIFFNESS, None)  # of the surface that is displayed; None: rigid
+    stiffness: float | None = number(STIFFNESS, None)  # of the displayed surface; None: rigid
     damping: float | None = number(DAMPING, None)  # of that surface; None: that of the condition
     trials: int = whole(COUNT)  # a condition, without practice and catch trials
     speed: float = number(Range("m/s", *SPEEDS_ALLOWED), 0.2)  # of the approach
@@ -111,7 +111,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Bounds of every interval, whatever the rest of the design says."""
+    """Bounds of every interval, which override the rest of the design."""
 
     force: float = number(FORCE, 5.0)  # N at the fingertip; beyond, the trial ends
     seconds: float = number(DURATION, 10.0)  # longest interval
@@ -119,7 +119,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Schedule:
-    """Times that a session is planned with, and its breaks."""
+    """Planned times of a session, and its breaks."""
 
     trial_seconds: float = number(DURATION, 8.0)
     break_minutes: float = number(Range("min", 0.0, 60.0), 1.0)
@@ -128,7 +128,7 @@ class Schedule:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exclusions:
-    """Rules by which data are left out, written before there are any."""
+    """Rules for excluding data, written before the data."""
 
     same_answer: float = number(SHARE, 1.0)  # largest share of one answer to equal pairs, else all is out
     largest_correct: float = number(SHARE, 0.0)  # smallest share right at the largest level, else all is out
@@ -142,7 +142,7 @@ class Observers:
 
     spread: float = number(DEVIATION, 0.1)  # standard deviation of a participant's log10 threshold
     interaction: float = number(DEVIATION, 0.0)  # the same, of each condition of a participant
-    # Deviation of the logarithm of what is felt, which answers follow; 0: they follow the thresholds.
+    # Deviation of the logarithm of the felt force, which answers follow; 0: they follow the thresholds.
     felt_noise: float = number(DEVIATION, 0.0)
     width: float = number(Range("", 0.01, 5.0), 0.6)  # log10 units, 5 to 95 % of the psychometric function
     lapse: float = number(Range("", 0.0, 0.2), 0.02)
@@ -151,7 +151,7 @@ class Observers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Design:
-    """An experiment, as its file has it."""
+    """An experiment, as in its file."""
 
     title: str = text("a title")
     seed: int = whole(Range("", 0, 2**31 - 1))

@@ -75,7 +75,7 @@ def read_design(path: str | os.PathLike[str]) -> Design:
 
 
 def _check_together(document: Document, design: Design) -> None:
-    """Complain of values that do not fit together."""
+    """Report values that do not fit together."""
     for name in LISTS:
         labels = [one.name for one in getattr(design, name)]
         for index, label in enumerate(labels):

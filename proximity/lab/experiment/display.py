@@ -11,7 +11,7 @@ from proximity.lab.simulation.metrics import ONSET_FORCE
 from proximity.lab.simulation.simulated_press import Wall
 
 FRAME = np.dtype([("time", "<f4"), ("finger", "<f4"), ("wall", "<f4"), ("force", "<f4")])
-"""s; m past the displayed surface, of the finger and of the wall that stops it; N on the finger."""
+"""s; m past the displayed surface, of the finger and of the wall; N on the finger."""
 
 
 class Interval(NamedTuple):
@@ -21,12 +21,12 @@ class Interval(NamedTuple):
     stiffness: float | None  # N/m; None: rigid
     damping: float  # N s/m
     latency: float  # s
-    gain: float  # N/m, by which a coupled wall displays a rigid surface
+    gain: float  # N/m, of a coupled wall that displays a rigid surface
     speed: float  # m/s, of the approach
 
     @property
     def spring(self) -> float:
-        """Stiffness by which a coupled wall displays the surface, N/m."""
+        """Stiffness of a coupled wall that displays the surface, N/m."""
         return self.gain if self.stiffness is None else self.stiffness
 
 
@@ -35,7 +35,7 @@ class Presentation:
     """Frames of one interval."""
 
     frames: np.ndarray  # (N,) FRAME
-    stopped: str = ""  # why it ended early; empty: it did not
+    stopped: str = ""  # reason of an early end; "": none
 
     @property
     def peak(self) -> float:
@@ -44,7 +44,7 @@ class Presentation:
 
     @property
     def onset(self) -> float:
-        """Time from the surface until the force is felt, s; nan: it was not."""
+        """Time from the surface until the force is felt, s; nan: never."""
         felt, there = self.frames["force"] >= ONSET_FORCE, self.frames["finger"] >= 0.0
         if not (felt.any() and there.any()):
             return float("nan")
@@ -64,7 +64,7 @@ class Apparatus(Protocol):
     name: str
 
     def present(self, interval: Interval, limit_force: float, limit_seconds: float) -> Presentation:
-        """Display an interval; it ends at once beyond either limit."""
+        """Display an interval; it ends immediately beyond either limit."""
 
 
 def intervals_of(trial: Trial) -> tuple[Interval, Interval]:
@@ -90,5 +90,5 @@ def interval_of(task: Task, condition: Condition, level: float) -> Interval:
 
 
 def stopped_by_force(force: float, limit: float) -> str:
-    """Return the sentence for an interval that a force ended, N."""
+    """Return the sentence for an interval ended by a force, N."""
     return f"{force:.1f} N are beyond the limit of {limit:g} N"

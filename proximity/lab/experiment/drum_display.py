@@ -37,17 +37,17 @@ from proximity.transport import Reading
 
 RELEASED_S = 0.4  # after which a touch is over
 TOUCHED_N = 0.1
-SIMULATED_WATCHDOG_NS = 200 * NS_PER_MS  # a simulated drum that a busy machine steps late hurts nobody
-SILENCE_S = 2.0  # beyond the longest interval, in which the drums must have ended it
+SIMULATED_WATCHDOG_NS = 200 * NS_PER_MS  # a simulated drum that a busy machine steps late is harmless
+SILENCE_S = 2.0  # beyond the longest interval, time for the drums to end it
 
 
 class CoupledController(FingerController):
-    """Coupled wall on a contact drum, what DECAFF is compared with: forces late, with gains of their own.
+    """Coupled wall on a contact drum, the reference for DECAFF: delayed forces with separate gains.
 
-    The drum waits at the surface, as for any deformable part; from the touch on it presses with a spring and
-    a damper on positions that are some latency old, whether or not that is passive. What a traditional device
-    has beside, its motor that the finger carries in free motion, is missing. Frames, faults, limits and the
-    emergency stop are the drum controller's own.
+    The drum waits at the surface, as for any deformable part; after the touch it presses with a spring and a
+    damper on delayed positions, passive or not. A traditional device also has a motor that the finger carries
+    in free motion, which is missing here. Frames, faults, limits and the emergency stop are those of the drum
+    controller.
     """
 
     def __init__(self, path: FingerPath, rate: float, limits: Limits, interval: Interval) -> None:
@@ -57,11 +57,11 @@ class CoupledController(FingerController):
         self._served = 0.0  # N, of the last sample
 
     def step(self, seen: Observation) -> DrumAction:
-        """Return what the drum shall do: where its own law would be served, the wall's force."""
+        """Return the drum's action: the wall's force where the drum's own law would serve one."""
         action = super().step(seen)
         if action.mode is DriveMode.FORCE:
             force = min(self._wall_force(seen.sample_ns), self._limits.continuous_force, action.force_cap)
-            # Where it is uncertain no force grows.
+            # An uncertain contact does not increase the force.
             self._served = force if self.trust is Trust.FRESH else min(force, self._served)
             action = replace(action, force=self._served, torque=self._drum.motor_torque(self._served))
         known = self.known
@@ -84,7 +84,7 @@ class CoupledController(FingerController):
 
 
 class DrumDisplay(DrumBench):
-    """The drums of a service, of which one displays surfaces."""
+    """Drums of a service, one of which displays surfaces."""
 
     name = "drum"
 
@@ -103,11 +103,11 @@ class DrumDisplay(DrumBench):
         self._is_over, self._why, self._is_new = threading.Event(), "", False
         self._frames: list[tuple[float, float, float, float]] = []
         self._began_ns = self._touched_ns = self._faults = 0
-        self._failure = self._stopped = ""  # why nothing moves any more
+        self._failure = self._stopped = ""  # why the drums no longer move
         self._readings: deque[tuple[int, Reading]] = deque()  # by the instant of their sample
 
     def check(self, design: Design) -> None:
-        """Refuse a design whose soft surfaces this drum would display softer than they are."""
+        """Raise for a design whose soft surfaces this drum would display softer."""
         law = SurfaceLaw(ControllerSettings(self._rate))
         for task in design.tasks:
             for condition in design.conditions:
@@ -119,12 +119,12 @@ class DrumDisplay(DrumBench):
                 if k < (1.0 - SOFTER) * stiffness or b < asked.damping:
                     raise ArgumentError(
                         f"task {task.name}, condition {condition.name}: {stiffness:g} N/m with "
-                        f"{asked.damping:g} N s/m are asked for, but at {self._rate:g} Hz this drum displays "
+                        f"{asked.damping:g} N s/m are requested, but at {self._rate:g} Hz this drum displays "
                         f"{k:.0f} N/m with {b:g} N s/m: expected a softer surface, or a higher --rate"
                     )
 
     def present(self, interval: Interval, limit_force: float, limit_seconds: float) -> Presentation:
-        """Display an interval, until the finger has touched and left, or a limit is passed."""
+        """Display an interval, until the finger has touched and left, or a limit is exceeded."""
         self._frames, self._why = [], ""
         self._limits_of_interval = (limit_force, limit_seconds)
         self._is_over.clear()
@@ -139,7 +139,7 @@ class DrumDisplay(DrumBench):
         return Presentation(np.array(self._frames, FRAME), self._why)
 
     def stop(self, why: str) -> None:
-        """Retract, and display nothing any more: the emergency stop. Any thread may call it."""
+        """Retract, and display no further surface: the emergency stop. Any thread may call it."""
         self._stopped = why
         self._end(why)
 
@@ -157,7 +157,7 @@ class DrumDisplay(DrumBench):
         self._is_over.set()
 
     def step(self, reading: Reading, sample_ns: int) -> None:
-        """Run a sample of every finger; only the one that displays is believed to be there."""
+        """Run a sample of every finger; only the displaying one is taken as present."""
         interval = None if self._stopped else self._interval
         if interval is not None and self.fingers and self._is_new:
             self._begin(interval, sample_ns)
@@ -166,7 +166,7 @@ class DrumDisplay(DrumBench):
             self._record(self.fingers[self._shown_by], reading, sample_ns)
 
     def _begin(self, interval: Interval, sample_ns: int) -> None:
-        """Give the drum the controller of an interval."""
+        """Start an interval's controller for the drum."""
         finger = self.fingers[self._shown_by]
         self._is_new, self._began_ns, self._touched_ns, self._faults = False, sample_ns, 0, finger.faults
         force = self._limits_of_interval[0]
@@ -178,7 +178,7 @@ class DrumDisplay(DrumBench):
             finger.controller = FingerController(finger.path, self._rate, limits=limits, cable=self._cable)
 
     def _displayed(self, reading: Reading, sample_ns: int, interval: Interval | None) -> Reading:
-        """The reading that the drums are given: late, with the surface of the interval, or nothing."""
+        """Return the drums' reading: delayed, with the surface of the interval, or without one."""
         contacts = reading.contacts.copy()
         header = None if reading.header is None else reading.header.copy()
         self._readings.append((sample_ns, replace(reading, contacts=contacts, header=header)))
@@ -191,7 +191,7 @@ class DrumDisplay(DrumBench):
         contacts = late.contacts.copy()
         is_shown = np.arange(len(contacts)) == self._shown_by
         if interval is None or interval.wall is Wall.REAL:
-            is_shown[:] = False  # a real surface is there, or nothing
+            is_shown[:] = False  # a real surface, or none
         contacts["flags"][~is_shown] &= ~np.uint32(ContactFlag.TRACKED)
         if interval is not None:
             stiffness = interval.spring if interval.wall is Wall.COUPLED else interval.stiffness
@@ -201,7 +201,7 @@ class DrumDisplay(DrumBench):
         return replace(late, now_ns=reading.now_ns, contacts=contacts)
 
     def _record(self, finger: FingerBench, reading: Reading, sample_ns: int) -> None:
-        """Write a frame, and end the interval where that is due."""
+        """Write a frame, and end the interval when due."""
         seconds, force = S_PER_NS * (sample_ns - self._began_ns), finger.plant.force
         position, wall = math.nan, math.nan
         if self._shown_by < len(reading.contacts):

@@ -43,7 +43,7 @@ def _draw(figure: "Figure", findings: Findings) -> None:
 
 
 def _draw_functions(panel: "Axes", findings: Findings, task: Task, name: str, colour: str) -> None:
-    """Each participant's function, their mean, and all answers together."""
+    """Draw each participant's function, their mean, and all answers together."""
     levels = np.geomspace(min(task.levels), max(task.levels), CURVE_POINTS)
     own = [one.at(levels) for key, one in sorted(findings.functions.items()) if key[:2] == (task.name, name)]
     for curve in own:
@@ -66,7 +66,7 @@ def _draw_functions(panel: "Axes", findings: Findings, task: Task, name: str, co
 
 
 def _draw_shares(panel: "Axes", findings: Findings, task: Task, names: list[str]) -> None:
-    """Each participant's share of right answers, and means with confidence intervals."""
+    """Draw each participant's share of right answers, and means with confidence intervals."""
     for index, name in enumerate(names):
         own = [shown(task.kind, v) for key, v in findings.scores.items() if key[:2] == (task.name, name)]
         at = index + np.linspace(-JITTER, JITTER, len(own))

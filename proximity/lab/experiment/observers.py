@@ -1,9 +1,8 @@
-"""Simulated participants: a hand that presses, and answers by what it feels.
+"""Simulated participants: a hand that presses, and answers by the felt force.
 
-Without `felt_noise` in the design they answer by a psychometric function with lapses instead.
-
-The answer to a trial depends on the design's seed, the slot and the number of the trial alone: a visit that
-continues after a crash is the same as one without a crash.
+Without `felt_noise` in the design they answer by a psychometric function with lapses. An answer depends only
+on the design's seed, the slot and the number of the trial: an interrupted visit continues as an uninterrupted
+one.
 """
 
 import math
@@ -30,14 +29,14 @@ from proximity.lab.stability import rests_on
 
 DISTANCE_RATE = 1000.0  # Hz, of forces and of distances
 FRAME_PERIOD = 1e-3  # s
-DEEP = 0.9  # of the deepest position: there a finger rests
+DEEP = 0.9  # of the deepest position, where a finger rests
 FASTER = (-1, 0, 1)  # speeds of a hand, in the observers' deviation of them: few, so that presses are shared
 
 
 class Observer:
     """One simulated participant: it answers, and its hand presses.
 
-    *seed*: of the answers, with the design's; another one is another participant in the same place.
+    *seed*: of the answers, with the design's; another seed is another participant in the same slot.
     """
 
     name = SIMULATED
@@ -73,7 +72,7 @@ class Observer:
         return cut_at_limits(frames, limit_force, limit_seconds)
 
     def answer(self, trial: Trial, felt: Sequence[Presentation]) -> int:
-        """Answer by the frames, or by the design's thresholds if there are none or no noise of them."""
+        """Answer by the frames, or by the design's thresholds without frames or noise."""
         rng = np.random.default_rng([*self._seeds, 2 + 2 * trial.number])
         noise = self._design.observers.felt_noise
         if noise > 0.0 and felt:
@@ -87,7 +86,7 @@ class Observer:
         """Continue."""
 
     def _probability(self, trial: Trial) -> float:
-        """Probability of the right answer to a trial."""
+        """Return the probability of the right answer to a trial."""
         if trial.task.kind is Kind.REAL:
             return trial.condition.correct
         shape = Shape(self._design.observers.width, self._design.observers.lapse)
@@ -96,7 +95,7 @@ class Observer:
 
 
 def cut_at_limits(frames: np.ndarray, limit_force: float, limit_seconds: float) -> Presentation:
-    """Return (N,) FRAME until a limit is passed."""
+    """Return (N,) FRAME until a limit is exceeded."""
     above = np.flatnonzero(~(frames["force"] <= limit_force))
     if len(above):
         force = float(frames["force"][above[0]])
@@ -105,7 +104,7 @@ def cut_at_limits(frames: np.ndarray, limit_force: float, limit_seconds: float) 
 
 
 def unstable_walls(design: Design) -> list[str]:
-    """Return a sentence for each task on a coupled wall that shakes under a simulated hand."""
+    """Return a sentence for each task on a coupled wall that is unstable under a simulated hand."""
     found = []
     for task in design.tasks:
         for condition in (one for one in design.compared(task) if one.wall is Wall.COUPLED):
@@ -121,10 +120,10 @@ def unstable_walls(design: Design) -> list[str]:
 
 
 def _impression(kind: Kind, shown: Presentation) -> float:
-    """Logarithm of the stiffness that a hand feels, or, where the real wall is sought, of the hardness.
+    """Return the logarithm of the felt stiffness, or of the hardness if the real wall is sought.
 
-    Stiffness is force over the way of the finger where it is deepest; hardness the steepest rise of the force
-    over the speed of the finger as it comes (the rate-hardness of Lawrence and others, 2000).
+    Stiffness is force over displacement of the finger at its deepest; hardness the steepest rise of the force
+    over the speed of the approaching finger (the rate-hardness of Lawrence and others, 2000).
     """
     time, finger, force = (shown.frames[name].astype(np.float64) for name in ("time", "finger", "force"))
     if not (force > 0.0).any() or not finger.max() > 0.0:
@@ -138,7 +137,7 @@ def _impression(kind: Kind, shown: Presentation) -> float:
 
 @lru_cache(maxsize=2000)
 def _pressed(interval: Interval) -> np.ndarray:
-    """Frames of a press; the same one is simulated once."""
+    """Return the frames of a press; equal presses are simulated once."""
     response = _response(interval)
     every = max(1, round(FRAME_PERIOD / response.step))
     frames = np.zeros(len(response.times[::every]), FRAME)

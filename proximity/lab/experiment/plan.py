@@ -1,7 +1,7 @@
 """Plan of a session: all texts and trials in order, known in advance.
 
 Conditions follow the rows of a Latin square in which each follows each other equally often (Williams 1949),
-tasks those of a second one; passes through the conditions go forth and back in turn.
+tasks those of a second one; passes through the conditions alternate in direction.
 """
 
 import itertools
@@ -20,7 +20,7 @@ class Stage(StrEnum):
     PRACTICE = "practice"
     MAIN = "main"
     CATCH = "catch"
-    """Two equal surfaces: no answer is right, and one that is always the same shows a bias."""
+    """Two equal surfaces: no answer is right, and a constant one shows a bias."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ Step = Text | Trial
 
 
 def latin_square(count: int) -> list[list[int]]:
-    """Return rows of the numbers below *count*, each follows each equally often; twice as many if odd."""
+    """Return rows of range(count) in which each follows each equally often; twice *count* rows if odd."""
     first = [(i + 1) // 2 if i % 2 else (count - i // 2) % count for i in range(count)]
     rows = [[(number + row) % count for number in first] for row in range(count)]
     return rows if count % 2 == 0 or count == 1 else rows + [row[::-1] for row in rows]
@@ -63,7 +63,7 @@ def latin_square(count: int) -> list[list[int]]:
 def plan(design: Design, slot: int) -> list[Step]:
     """Return the steps of a participant, in order.
 
-    *slot*: place among the participants, from 0: it chooses the orders and the random numbers.
+    *slot*: rank among the participants, from 0: it chooses the orders and the random numbers.
     """
     rng = np.random.default_rng([design.seed, slot])
     conditions, tasks = latin_square(len(design.conditions)), latin_square(len(design.tasks))
@@ -83,7 +83,7 @@ def trials_of(steps: list[Step]) -> list[Trial]:
 
 
 def minutes(design: Design, steps: list[Step]) -> float:
-    """Return how long steps take, as the design's schedule has it."""
+    """Return the duration of steps, by the design's schedule."""
     trial = design.schedule.trial_seconds
     return sum(step.seconds if isinstance(step, Text) else trial for step in steps) / 60.0
 
@@ -95,7 +95,7 @@ def _task_steps(
     rng: np.random.Generator,
     counters: tuple[Iterator[int], Iterator[int]],
 ) -> Iterator[Step]:
-    """Instructions, practice, trials and breaks of a task."""
+    """Return instructions, practice, trials and breaks of a task."""
     numbers, blocks = counters
     if task.instructions:
         yield Text("instructions", task.instructions)
@@ -115,7 +115,7 @@ def _task_steps(
 
 
 def _odd_intervals(task: Task, turn: int, rng: np.random.Generator) -> list[int]:
-    """Odd interval of each trial of a pass on one condition, shuffled; 0 of pairs of equal surfaces."""
+    """Return the odd interval of each trial of a pass on one condition, shuffled; 0 of equal surfaces."""
     catch = task.catch // task.blocks + (turn < task.catch % task.blocks)
     count = task.trials // task.blocks
     odds: list[int] = rng.permutation([0] * catch + [1 + i % 2 for i in range(count)]).tolist()

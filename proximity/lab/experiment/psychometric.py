@@ -1,10 +1,10 @@
 """Psychometric functions of answers in two intervals: a threshold each, width and lapse rate in common.
 
 psi(x) = 1/2 + (1/2 - lapse) Phi((x - threshold) / sigma), x the log10 of a level. The answers of one
-participant on one condition are too few to tell a wide function from lapses, and either mistake moves the
-threshold: width and lapse rate are those of all answers to a task together. Thresholds and their credible
-intervals are psignifit's. `threshold_means` is the same mean of the posterior for thousands of simulated
-participants.
+participant on one condition are too few to separate a wide function from lapses, and either mistake shifts
+the threshold: width and lapse rate are fitted to all answers to a task together. Thresholds and their
+credible intervals are psignifit's. `threshold_means` is the same mean of the posterior for thousands of
+simulated participants.
 """
 
 import warnings
@@ -27,7 +27,7 @@ THRESHOLD_COUNT = 201
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """Width and lapse rate, which the psychometric functions of a task have in common."""
+    """Width and lapse rate, shared by the psychometric functions of a task."""
 
     width: float  # log10 units, from 5 to 95 %
     lapse: float
@@ -53,7 +53,7 @@ def probability(above: np.ndarray, shape: Shape) -> np.ndarray:
 
 
 def shared_shape(levels: Sequence[float], right: np.ndarray, wrong: np.ndarray, expected: float) -> Shape:
-    """Return the likeliest width and lapse rate of all answers together.
+    """Return the maximum-likelihood width and lapse rate of all answers together.
 
     *right*, *wrong*: (levels, cells) counts; each cell has its own threshold, which is integrated out.
     """
@@ -74,7 +74,7 @@ def shared_shape(levels: Sequence[float], right: np.ndarray, wrong: np.ndarray, 
 def threshold_means(
     levels: Sequence[float], right: np.ndarray, wrong: np.ndarray, shape: Shape
 ) -> np.ndarray:
-    """Return (cells,) means of the posteriors of the log10 of the thresholds."""
+    """Return (cells,) posterior means of the log10 of the thresholds."""
     thresholds, prior = _thresholds(levels)
     logs = _log_likelihood(levels, thresholds, shape, right, wrong)
     posterior = prior[:, None] * np.exp(logs - logs.max(axis=0))
@@ -86,7 +86,7 @@ def fit(levels: Sequence[float], right: np.ndarray, wrong: np.ndarray, shape: Sh
     with needed("experiments need", "experiment"):
         fit = import_module("psignifit").psignifit
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a posterior as wide as the prior: its interval says so
+        warnings.simplefilter("ignore")  # of a posterior as wide as the prior: its interval shows that
         found = fit(
             np.stack([np.log10(levels), right, right + wrong], axis=1),
             experiment_type="2AFC",
@@ -106,16 +106,16 @@ def fit(levels: Sequence[float], right: np.ndarray, wrong: np.ndarray, shape: Sh
 def _log_likelihood(
     levels: Sequence[float], thresholds: np.ndarray, shape: Shape, right: np.ndarray, wrong: np.ndarray
 ) -> np.ndarray:
-    """(thresholds, cells) of (levels, cells) right and wrong answers."""
+    """Return (thresholds, cells) of (levels, cells) right and wrong answers."""
     chance = probability(np.log10(levels) - thresholds[:, None], shape)
     return np.asarray(np.log(chance) @ right + np.log(np.maximum(1.0 - chance, 1e-12)) @ wrong)
 
 
 def _thresholds(levels: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Thresholds of the grid, log10, and the prior of each.
+    """Return the thresholds of the grid, log10, and the prior of each.
 
-    Source: Schütt et al. 2016, "Painfree and accurate Bayesian estimation of psychometric functions": the
-    same anywhere among the levels, falling to nothing half their range beyond.
+    Source: Schütt et al. 2016, "Painfree and accurate Bayesian estimation of psychometric functions": uniform
+    among the levels, falling to 0 half their range beyond.
     """
     low, high = np.log10(min(levels)), np.log10(max(levels))
     spread = high - low

@@ -1,7 +1,7 @@
 """Visit of a participant: the plan of a session, a row of one CSV file after each trial.
 
-A row is on the disk before the next trial begins. What comes next follows from the design, the participant's
-slot and the number of rows, so a visit that was stopped or killed continues with the trial at hand.
+A row is on the disk before the next trial begins. The next step follows from the design, the participant's
+slot and the number of rows, so an interrupted visit continues with its current trial.
 """
 
 import csv
@@ -27,7 +27,7 @@ except ImportError:  # not a POSIX system
 
 PSEUDONYM = re.compile(r"[a-z]{0,3}[0-9]{1,4}")
 SIMULATED = "simulated observer"
-"""Apparatus of a participant who is not a person."""
+"""Apparatus of a simulated participant."""
 NUMBERS = {
     "slot": int, "number": int, "run": int, "odd": int, "answer": int, "is_right": int, "level": float,
     "response_s": float, "onset_1_s": float, "onset_2_s": float, "depth_1_m": float, "depth_2_m": float,
@@ -39,7 +39,7 @@ COLUMNS = (
     "depth_2_m", "peak_force_1_N", "peak_force_2_N", "at_s",
 )  # fmt: skip
 Row = dict[str, Any]
-"""A row of a visit: a number of `NUMBERS` is None if its cell is empty."""
+"""Row of a visit: a number of `NUMBERS` is None if its cell is empty."""
 
 
 class RefusedError(Exception):
@@ -68,7 +68,7 @@ class Respondent(Protocol):
 def run_visit(
     design: Design, folder: Path, pseudonym: str, apparatus: Apparatus, respondent: Respondent
 ) -> None:
-    """Do the remaining steps of a participant's session; the file appears once the participant agrees."""
+    """Run the remaining steps of a participant's session; the file appears once the participant agrees."""
     check_pseudonym(pseudonym)
     slot, done = place(design, read_visits(design, folder), pseudonym, apparatus.name, folder)
     path, started = folder / f"{pseudonym}.csv", time.monotonic()
@@ -104,7 +104,7 @@ def place(
 
 
 def remaining(steps: Sequence[Step], done: int) -> Sequence[Step]:
-    """Return the steps after so many trials; texts before the next trial are shown again."""
+    """Return the steps after *done* trials; texts before the next trial are shown again."""
     numbers = [i for i, step in enumerate(steps) if isinstance(step, Trial)]
     if done >= len(numbers):
         return ()
@@ -117,7 +117,7 @@ def read_visits(design: Design, folder: Path) -> list[Row]:
 
 
 def read_visit(design: Design, path: Path) -> list[Row]:
-    """Return the rows of a visit, without a last line that a crash left unfinished."""
+    """Return the rows of a visit, without a last line left unfinished by a crash."""
     lines = _whole(path).decode().splitlines()
     if lines and lines[0] != ",".join(COLUMNS):
         raise RecordingError(f"{path}: its first line is not that of a visit, expected {','.join(COLUMNS)}")
@@ -138,7 +138,7 @@ def read_visit(design: Design, path: Path) -> list[Row]:
 
 
 def check_pseudonym(pseudonym: str) -> None:
-    """Refuse a text that may be a name."""
+    """Raise for a text that may be a name."""
     if not PSEUDONYM.fullmatch(pseudonym):
         raise RecordingError(
             f"participant is {pseudonym!r}, expected a pseudonym such as p07: up to three small letters and "
@@ -147,7 +147,7 @@ def check_pseudonym(pseudonym: str) -> None:
 
 
 def _run_trial(design: Design, trial: Trial, apparatus: Apparatus, respondent: Respondent) -> Row:
-    """Display the intervals of a trial and ask for its answer; return its row."""
+    """Display the intervals of a trial and read its answer; return its row."""
     felt: list[Presentation] = []
     for index, interval in enumerate(intervals_of(trial)):
         respondent.wait_ready(trial, index)
@@ -175,7 +175,7 @@ def row_of(trial: Trial, felt: Sequence[Presentation], answer: int | None, respo
 
 @contextmanager
 def _opened(path: Path) -> Iterator[TextIO]:
-    """The file of a visit at its end, without an unfinished last line, locked for this program."""
+    """Open the file of a visit at its end, without an unfinished last line, locked for this program."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("a", encoding="utf-8", newline="") as stream:
@@ -196,7 +196,7 @@ def _append(stream: TextIO, row: Row) -> None:
 
 
 def _write(stream: TextIO, cells: Sequence[str]) -> None:
-    """Write a line; when this returns it is on the disk."""
+    """Write a line; it is on the disk on return."""
     line = io.StringIO()
     csv.writer(line, lineterminator="\n").writerow(cells)
     stream.write(line.getvalue())
@@ -211,7 +211,7 @@ def _cell(value: Any) -> str:
 
 
 def _whole(path: Path) -> bytes:
-    """The finished lines of a file."""
+    """Return the finished lines of a file."""
     try:
         content = path.read_bytes()
     except OSError as failed:

@@ -1,6 +1,6 @@
 """Catalogue of all figures by name: FIG 5a to 5h of the paper, and those of this project.
 
-A figure is a table of numbers and what draws it; both are written beside each other.
+A figure is a table of numbers and its drawing function; both are written to one folder.
 """
 
 import os
@@ -23,7 +23,7 @@ from proximity.lab.figures.style import AS_DESIGNED, Sheet, Table
 
 @dataclass(frozen=True, slots=True)
 class Plate:
-    """A figure: where its numbers are from, and how they are drawn."""
+    """A figure: the source of its numbers, and its drawing function."""
 
     title: str
     stem: str  # of its files
@@ -65,7 +65,7 @@ PLATES = {
 
 
 def chosen_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of figures that are asked for, each once: all where none is named."""
+    """Return the names of the requested figures, each once: all if none is named."""
     chosen = tuple(dict.fromkeys(names))
     for name in chosen:
         if name not in PLATES:
@@ -80,7 +80,7 @@ def write_figure(
     glove: Glove | None = None,
     sheet: Sheet = AS_DESIGNED,
 ) -> tuple[Path, Path]:
-    """Write a figure of a glove and its numbers, each at once and wholly; return both paths."""
+    """Write a figure of a glove and its numbers, each atomically; return both paths."""
     (name,) = chosen_names([name])
     plate, folder = PLATES[name], Path(folder)
     style.check_format(form)

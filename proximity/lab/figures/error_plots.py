@@ -23,8 +23,8 @@ OURS = Glove()
 RATE = 1000.0  # Hz, of walls and of distances
 SPEEDS = tuple(np.geomspace(0.1, 1.0, 11).tolist())  # m/s
 LATENCIES = tuple(1e-3 * np.array([0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5, 7, 10, 15, 20, 30, 40]))  # s
-STAIRS = 15  # of the servo's period, from half of one: drawn as they are; beyond, lines between points
-STAIR_SIDE = 1e-6  # s, from which a stair is looked at
+STAIRS = 15  # of the servo's period, from half of one: drawn as steps; beyond, lines between points
+STAIR_SIDE = 1e-6  # s, half the step between the two sides of a stair
 SPEED_PANELS = (0.001, 0.010)  # s of latency, in the figure against speed
 LATENCY_PANELS = (0.1, 0.5)  # m/s, in the figure against latency
 SIZE = (style.PAGE_WIDTH, 3.4)
@@ -80,8 +80,8 @@ def numbers_against_speed(glove: Glove = OURS) -> Table:
 def numbers_against_latency(glove: Glove = OURS) -> Table:
     """Return force errors at many latencies and two speeds.
 
-    A drum's error goes by stairs, since its servo takes a distance at its next sample: each stair has a row
-    at either side, in which the coupled wall, which is not tuned there, is nan.
+    A drum's error is a step function, since its servo reads a distance at its next sample: each stair has a
+    row at either side, where the coupled wall, which is not tuned there, is nan.
     """
     tuned = numbers(LATENCIES, LATENCY_PANELS, glove)
     hand, drum = Hand(), Decaff.of(glove)
@@ -102,7 +102,7 @@ def numbers_against_latency(glove: Glove = OURS) -> Table:
 
 
 def draw_against_speed(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
-    """Draw force errors over speed, a panel a latency, as of `numbers_against_speed`."""
+    """Draw force errors over speed, a panel a latency, from `numbers_against_speed`."""
     panels = style.panels_across(figure, len(SPEED_PANELS))
     for panel, latency in zip(panels, SPEED_PANELS, strict=True):
         rows = table.where(latency_s=latency)
@@ -113,7 +113,7 @@ def draw_against_speed(figure: "Figure", table: Table, glove: Glove = OURS) -> N
 
 
 def draw_against_latency(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
-    """Draw force errors over latency, a panel a speed, as of `numbers_against_latency`."""
+    """Draw force errors over latency, a panel a speed, from `numbers_against_latency`."""
     panels = style.panels_across(figure, len(LATENCY_PANELS))
     for panel, speed in zip(panels, LATENCY_PANELS, strict=True):
         rows = table.where(speed_m_per_s=speed)

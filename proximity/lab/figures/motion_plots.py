@@ -1,4 +1,4 @@
-"""Plot of the way of drums to a target."""
+"""Plot of the motion of drums to a target."""
 
 from typing import TYPE_CHECKING
 
@@ -14,21 +14,21 @@ from proximity.lab.figures.style import Table, caption, gears_words
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-TRAVEL = 0.030  # m, from where a drum waits
+TRAVEL = 0.030  # m, from the drum's waiting position
 ARRIVED_WITHIN = 1e-4  # m, from the target
-DURATION = 0.080  # s, of the ways shown
+DURATION = 0.080  # s, of the motions shown
 SIZE = (style.COLUMN_WIDTH, 2.8)
 OURS = Glove()
 STROKES = (style.COUPLED, style.TIME_STAMPED, style.LATCHED, style.NAIVE)  # of gears in their order
 
 
 def _placed(glove: Glove) -> dict[str, Drum]:
-    """Drums with the wall at random within a count of their encoder."""
+    """Return drums with the wall at random within a count of their encoder."""
     return {name: with_random_phases(drum, 1)[0] for name, drum in tip_drums(glove).items()}
 
 
 def numbers(glove: Glove = OURS) -> Table:
-    """Return how far each drum is from its position after it was sent there, and when it stays there."""
+    """Return the distance of each drum from its target over time, and when it settles."""
     instants = np.arange(round(DURATION / style.SAMPLING) + 1) * style.SAMPLING
     columns = {"time_s": instants}
     for name, drum in _placed(glove).items():
@@ -43,7 +43,7 @@ def numbers(glove: Glove = OURS) -> Table:
 
 
 def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
-    """Draw the ways of the drums, as of `numbers`."""
+    """Draw the motions of the drums, from `numbers`."""
     panel, drums = figure.subplots(), tip_drums(glove)
     for name, stroke in zip(drums, STROKES, strict=False):
         at_rest = float(table[f"{name}_settled_s"][0])

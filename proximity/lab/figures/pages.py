@@ -1,7 +1,7 @@
-"""Pages of one HTML file that opens anywhere: a template filled in by Jinja, with figures and style in it.
+"""Pages of one HTML file without external files: a Jinja template with figures and style included.
 
-Figures are SVG in the page's own colours: what is drawn in `INK` and `FAINT` takes the colour of the text
-around it, so that pictures can be read on light and on dark.
+Figures are SVG in the page's colours: strokes in `INK` and `FAINT` become the colour of the surrounding text,
+so that pictures are readable on light and on dark.
 """
 
 import re
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INK, FAINT = "#010203", "#040506"
-"""Stand for the page's colour of text, and a faint one of it."""
+"""Placeholders for the page's text colour, and a faint one of it."""
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", INK, INK)
 DASHES = ("-", "-", "--", "-.", (0, (4, 1, 1, 1)), ":", "-", (0, (1, 1)))
 WIDE, HIGH = 7.6, 3.4  # inches
@@ -50,7 +50,7 @@ def render_page(
 ) -> str:
     """Return a page."""
     with needed("pages need", "picture"):
-        import_module("jinja2")  # before anything is drawn
+        import_module("jinja2")  # before drawing
         markup = import_module("markupsafe").Markup
     sheet = markup(Path(__file__).with_name("page_style.css").read_text(encoding="utf-8"))
     pictures = {name: markup(picture) for name, picture in draw().items()}
@@ -64,7 +64,7 @@ def filled_in(
     *,
     is_html: bool = True,
 ) -> str:
-    """Return a template with values filled in; in HTML, with what they have of its signs escaped."""
+    """Return a template with values filled in; HTML escapes them."""
     with needed("pages need", "picture"):
         jinja = import_module("jinja2")
     environment = jinja.Environment(

@@ -1,12 +1,10 @@
-"""What all figures share: tables of what is drawn, strokes, captions, and how they are rendered and written.
+"""Shared parts of all figures: tables of plotted numbers, strokes, captions, rendering and writing.
 
-A figure is for a column or a page of a journal, readable without colours. What is drawn is read from a table,
-so that the file beside a figure holds exactly what the figure shows; columns are in SI units, which their
-names end in: ``time_s``, ``force_N``.
-
-A kind of wall has the same stroke in every figure. Colours are Okabe and Ito's, which people who are blind
-to some tell apart; dashes and marks tell the strokes apart in grey. Nothing here touches matplotlib's state
-beyond the block that draws. Matplotlib is imported when it is needed.
+A figure fits a column or a page of a journal and is readable without colours. It is drawn from a table, so
+that its CSV file holds exactly the plotted numbers; columns are in SI units, which their names end in:
+``time_s``, ``force_N``. A kind of wall has the same stroke in every figure. Colours are Okabe and Ito's,
+which are distinct for the colour-blind; dashes and marks distinguish the strokes in grey. Matplotlib's state
+is unchanged outside the block that draws. Matplotlib is imported on first use.
 """
 
 import csv
@@ -38,14 +36,14 @@ if TYPE_CHECKING:
 COLUMN_WIDTH = 3.4  # inches, the width of a journal's column
 SAMPLING = 1e-4  # s, of the curves
 PAGE_WIDTH = 7.0  # inches, of both columns
-PANEL_WIDTH, PANEL_HEIGHT = 2.25, 1.8  # inches: panels narrower than that stand below one another, so high
+PANEL_WIDTH, PANEL_HEIGHT = 2.25, 1.8  # inches: narrower panels are stacked, with this height
 FORMATS = ("png", "svg", "pdf")
 DOTS_PER_INCH = 300
 M_PER_INCH = 0.0254
 CAPTION_SIZE = 5.5  # points
 LETTERS_AN_INCH = 23  # of that size, about
-TITLE_LETTERS_AN_INCH = 17  # of titles of panels, about
-LABEL_WIDTH = 0.4  # inch: labels beside a panel
+TITLE_LETTERS_AN_INCH = 17  # of panel titles, approximately
+LABEL_WIDTH = 0.4  # inch: labels at the side of a panel
 CAPTION_COLOUR = "0.35"
 
 Stroke = dict[str, Any]
@@ -101,9 +99,9 @@ LOOK = {
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """How a figure is printed: text keeps its size, whatever the width."""
+    """Printed size of a figure; text keeps its size at any width."""
 
-    width: float | None = None  # m; None: as it is designed
+    width: float | None = None  # m; None: as designed
     has_caption: bool = True
 
 
@@ -121,7 +119,7 @@ class Table:
 
     @classmethod
     def of_rows(cls, names: Sequence[str], rows: Iterable[Sequence[float | str]]) -> "Table":
-        """Return a table of what was found row by row."""
+        """Return a table from rows."""
         return cls(dict(zip(names, zip(*rows, strict=True), strict=True)))
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -145,13 +143,13 @@ def load_figure() -> "type[Figure]":
     with needed("figures need", "sim"):
         try:
             figure: type[Figure] = import_module("matplotlib.figure").Figure
-        except ValueError as unfit:  # of MPLBACKEND, though nothing is shown
+        except ValueError as unfit:  # of MPLBACKEND, though no window is shown
             raise ArgumentError(f"figures need matplotlib, which cannot be used ({unfit})") from unfit
     return figure
 
 
 def check_format(form: str) -> None:
-    """Refuse what is no format of figures."""
+    """Raise for an unknown format of figures."""
     if form not in FORMATS:
         raise ArgumentError(f"no figures of format {form!r}, expected one of {', '.join(FORMATS)}")
 
@@ -188,25 +186,25 @@ def render(
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file, at once and wholly; one that is there is replaced."""
+    """Write a file atomically, replacing an existing one."""
     with whole_file(path) as stream:
         stream.write(content)
 
 
 def write_table(path: str | os.PathLike[str], table: Table) -> None:
-    """Write a table as CSV, at once and wholly; a file that is there is replaced."""
+    """Write a table as CSV atomically, replacing an existing file."""
     text = io.StringIO()
     table.write_csv(text)
     write_bytes(Path(path), text.getvalue().encode())
 
 
 def is_narrow(figure: "Figure", across: int = 2) -> bool:
-    """Return whether a figure has no space for so many panels side by side."""
+    """Return whether a figure is too narrow for *across* panels side by side."""
     return bool(figure.get_figwidth() < across * PANEL_WIDTH)
 
 
 def panels_across(figure: "Figure", count: int, *, share: bool = True) -> "list[Axes]":
-    """Return panels side by side, or below one another where a figure is too narrow for that."""
+    """Return panels side by side, or stacked if the figure is too narrow."""
     if not is_narrow(figure, max(count, 2)):
         return list(figure.subplots(1, count, sharex=share, sharey=share, squeeze=False).flat)
     figure.set_figheight(count * PANEL_HEIGHT)
@@ -214,17 +212,17 @@ def panels_across(figure: "Figure", count: int, *, share: bool = True) -> "list[
 
 
 def label_shared(panels: "Iterable[Axes]", x: str, y: str) -> None:
-    """Label the axes that panels share, at the outer ones alone."""
+    """Label the axes shared by panels, at the outer ones only."""
     for panel in panels:
         panel.set(xlabel=x, ylabel=y)
         panel.label_outer()
 
 
 def letter_panels(panels: "Iterable[Axes]", captions: Iterable[str]) -> None:
-    """Put (a), (b) and so on, and what they show, above panels."""
+    """Write (a), (b) and so on, and captions, above panels."""
     for letter, panel, title in zip("abcdefgh", panels, captions, strict=False):
         spec = panel.get_subplotspec()
-        assert spec is not None, "panels stand in a grid"
+        assert spec is not None, "panels are in a grid"
         grid = spec.get_gridspec()
         figure: Any = panel.get_figure()
         width = figure.get_figwidth() / grid.ncols - LABEL_WIDTH
@@ -233,12 +231,12 @@ def letter_panels(panels: "Iterable[Axes]", captions: Iterable[str]) -> None:
 
 
 def legend_above(figure: "Figure", panel: "Axes", columns: int) -> None:
-    """Put a panel's legend above all panels."""
+    """Draw a panel's legend above all panels."""
     legend_of(figure, *panel.get_legend_handles_labels(), columns)
 
 
 def legend_of(figure: "Figure", handles: Sequence[Any], names: Sequence[str], columns: int) -> None:
-    """Put a legend above all panels, in as many of *columns* as are wide enough."""
+    """Draw a legend above all panels, in up to *columns* columns."""
     for fewer in range(columns, 0, -1):
         legend = figure.legend(handles, names, loc="outside upper center", ncols=fewer)
         if fewer == 1 or legend.get_window_extent().width < figure.bbox.width:
@@ -247,14 +245,14 @@ def legend_of(figure: "Figure", handles: Sequence[Any], names: Sequence[str], co
 
 
 def caption(figure: "Figure", *lines: str) -> None:
-    """Put text below a figure."""
+    """Draw text below a figure."""
     most = int(LETTERS_AN_INCH * figure.get_figwidth())
     wrapped = [part for line in lines for part in _wrapped(line, most)]
     figure.supxlabel("\n".join(wrapped), fontsize=CAPTION_SIZE, color=CAPTION_COLOUR)
 
 
 def hand_words(hand: Hand) -> str:
-    """Return who presses: pad and finger, and the hand behind them."""
+    """Return a text about pad, finger and hand."""
     return (
         f"Pad {hand.pad_stiffness:g} N/m, {hand.pad_damping:g} N·s/m (Springer and Ferrier); finger "
         f"{1e3 * hand.finger_mass:g} g, hand {hand.stiffness:g} N/m, {hand.damping:g} N·s/m (ours)"
@@ -262,12 +260,12 @@ def hand_words(hand: Hand) -> str:
 
 
 def gears_words(drum: Drum) -> str:
-    """Return what drums have in common that differ in their gear, which is their name."""
+    """Return the shared properties of drums that differ in their gear, which is their name."""
     return f"{drum.motor.name}, total gear ratio as named, {1e3 * drum.lever:.0f} mm lever"
 
 
 def drum_words(drum: Drum) -> str:
-    """Return what a drum is, and how it acts at the fingertip."""
+    """Return a text about a drum and its effect at the fingertip."""
     return (
         f"drum {drum.words}: {1e3 * drum.mass:.0f} g, servo at {1e-3 * SERVO_RATE:g} kHz, encoder "
         f"{1e6 * drum.resolution:.1f} µm with the wall at random within a count (ours)"
@@ -275,13 +273,13 @@ def drum_words(drum: Drum) -> str:
 
 
 def _wrapped(text: str, most: int) -> list[str]:
-    """Lines of a text; a number and its unit stay together."""
+    """Return the lines of a text; a number and its unit stay together."""
     lines = textwrap.wrap(re.sub(r"(?<=\d) (?=[^\W\d])", "\u00a0", text), most, break_on_hyphens=False)
     return [line.replace("\u00a0", " ") for line in lines]
 
 
 def _heighten(figure: "Figure") -> None:
-    """Add what legend and caption take, so that panels keep their height."""
+    """Add the height of legend and caption, so that panels keep theirs."""
     texts = [*figure.legends, *figure.texts]
     taken = sum(each.get_window_extent().height for each in texts) / figure.dpi
     figure.set_figheight(figure.get_figheight() + taken)

@@ -1,7 +1,7 @@
 """FIG 5a to 5h of the paper as arrays: one press on a real wall and on simulated ones.
 
-Every function takes instants in seconds and gives forces in newtons. The paper's own curves are not known,
-only what it says of them; the press is assumed (docs/science/drum.md).
+Every function takes instants in seconds and returns forces in newtons. The paper describes its curves only in
+words; the press is assumed (docs/science/drum.md).
 """
 
 from collections.abc import Callable
@@ -17,11 +17,11 @@ from proximity.lab.paper.walls import FINGER, SpringDamper, TraditionalWall, con
 PRESS = Press()
 DELAY = 0.040  # s, the paper's 25 Hz
 END = 0.520  # s, of the curves
-PENETRATION = PRESS.speed * DELAY  # m; more than a finger that slows down goes in that time
+PENETRATION = PRESS.speed * DELAY  # m; more than a decelerating finger moves in that time
 PENETRATED = PRESS.deeper(PENETRATION)  # of the paper: "the xs+f data"
 SOFT = in_series(FINGER, SpringDamper(stiffness=200.0, damping=np.inf))  # 5g: 100 N/m
 LIGHTLY_DAMPED = in_series(FINGER, SpringDamper(stiffness=np.inf, damping=1.2))  # 5h: 1 N·s/m
-GAIN_SHARE = 1.5  # of the gain at which 5f becomes unstable; assumed: the paper gives none
+GAIN_SHARE = 1.5  # of the gain at which 5f becomes unstable; assumed, as the paper gives none
 
 SIMULATED = {
     "5b": TraditionalWall(FINGER, PENETRATION),
@@ -53,7 +53,7 @@ def simulated_wall(figure: str, times: np.ndarray) -> np.ndarray:
 
 
 def operator_reacts(times: np.ndarray, *, gain: float | None = None, step: float = DELAY) -> np.ndarray:
-    """Return FIG 5f: the operator draws back, from where 5b is, by the force of a step ago; held between."""
+    """Return FIG 5f: the operator draws back, from 5b, by the force one step ago; held in between."""
     gain = GAIN_SHARE * critical_gain(FINGER, step) if gain is None else gain
     reaction = react(PENETRATED, FINGER, gain, step, end=float(np.max(times, initial=0.0)) + step)
     felt = np.searchsorted(reaction.times, np.asarray(times), side="right") - 1
@@ -75,7 +75,7 @@ FIGURES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A simulated wall's force in numbers, beside the real wall's."""
+    """Measures of a simulated wall's force and the real wall's."""
 
     peak: float  # N
     peak_time: float  # s after the touch
@@ -90,9 +90,9 @@ ERROR_WINDOW = 0.080  # s
 
 
 def compare(times: np.ndarray, force: np.ndarray, real: np.ndarray, press: Press = PRESS) -> Comparison:
-    """Return what the paper's figure shows of a wall, in numbers."""
+    """Return the measures of a wall's force against the real wall's."""
     step = times[1] - times[0]
-    half = 0.5 * step  # an instant counts as the one it is nearest to
+    half = 0.5 * step  # an instant counts as its nearest sample
     is_after = times > press.loss_time - half
     is_judged = (times > press.touch_time - half) & (times < press.loss_time + ERROR_WINDOW + half)
     felt = np.flatnonzero(force > 0.0)
@@ -130,7 +130,7 @@ def critical_gain(finger: SpringDamper, step: float) -> float:
 def react(
     press: Press, finger: SpringDamper, gain: float, step: float, *, end: float, can_pull: bool = False
 ) -> Reaction:
-    """Return what happens when the operator draws back from the force that was felt a step ago."""
+    """Return the motion of an operator who draws back from the force felt one step ago."""
     step, gain = positive("step", step, "seconds"), not_negative("gain", gain, "metres a newton")
     times = np.arange(int(end / step * (1.0 + 1e-12)) + 1) * step
     now, last, before = _weights(finger, step)
@@ -148,6 +148,6 @@ def react(
 
 
 def _weights(finger: SpringDamper, step: float) -> tuple[float, float, float]:
-    """Weights of the present, the last and the position before it, in the force by backward differences."""
+    """Return the weights of the present and two earlier positions in the force, by backward differences."""
     damping, inertia = finger.damping / step, finger.mass / step**2
     return finger.stiffness + damping + inertia, -damping - 2.0 * inertia, inertia

@@ -1,9 +1,9 @@
 """Prescribed motions of a finger that presses on a wall and leaves it, in closed form.
 
 The paper shows such curves without numbers; those here are assumed (docs/science/drum.md). Pressing in is the
-polynomial of lowest degree that keeps the speed of the touch and stops at depth without a jump of the
-acceleration. A quintic is needed in general; in the time that is taken here, twice the depth over the
-speed, its fifth power vanishes.
+polynomial of lowest degree that keeps the speed of the touch and stops at depth with continuous acceleration.
+In general it is a quintic; for the duration used here, twice the depth over the speed, its fifth-degree term
+vanishes.
 """
 
 from dataclasses import dataclass, replace
@@ -26,44 +26,44 @@ class Motion:
 
 
 class Intent(Protocol):
-    """Intended motion of a hand in a closed loop: its position if there were no wall. It touches at 0."""
+    """Intended motion of a hand in a closed loop: its position without a wall. It touches at 0."""
 
     @property
     def release_time(self) -> float:
-        """Time at which it has pressed for long enough, s."""
+        """End of the hold, s."""
 
     @property
     def loss_time(self) -> float:
-        """Time at which it is over, s."""
+        """End of the contact, s."""
 
     def lead(self, start_distance: float) -> float:
-        """Return how long before the touch to begin, s; *start_distance*, m, is how far away that may be."""
+        """Return the start of the motion before the touch, s, for a *start_distance*, m, at most."""
 
     def at(self, times: ArrayLike) -> Motion:
-        """Return where the hand means to be."""
+        """Return the intended motion of the hand."""
 
     def as_array(self) -> np.ndarray:
-        """Return its numbers as the kernels read them."""
+        """Return its numbers in the layout of the kernels."""
 
 
 @dataclass(frozen=True, slots=True)
 class Press:
     """A finger that comes at constant speed, presses to a depth, holds it, and leaves at the same speed.
 
-    Refused where it would have to leave before it has stopped.
+    Raises if it would leave before it has stopped.
     """
 
     speed: float = 0.1  # m/s, at touch and at loss; assumed
     depth: float = 0.004  # m, the pad's deflection in the paper
     touch_time: float = 0.050  # s; assumed
-    release_time: float = 0.280  # s, when it begins to leave; assumed
+    release_time: float = 0.280  # s, start of leaving; assumed
 
     def __post_init__(self) -> None:
         positive("speed", self.speed, "metres a second")
         positive("depth", self.depth, "metres")
         not_negative("touch_time", self.touch_time, "seconds")
         not_negative("release_time", self.release_time, "seconds")
-        # As the times add up, in binary.
+        # Summed as the times are, in binary.
         if self.release_time < self.stop_time * (1.0 - 1e-12):
             raise ArgumentError(
                 f"release_time is {self.release_time:g} s, but the finger stops at {self.stop_time:g} s: "
@@ -86,11 +86,11 @@ class Press:
         return self.release_time + self.rise_time
 
     def deeper(self, penetration: float) -> "Press":
-        """Return the same press on a wall that gives way: same speed, same release, greater depth."""
+        """Return the same press on a soft wall: same speed, same release, greater depth."""
         return replace(self, depth=self.depth + not_negative("penetration", penetration, "metres"))
 
     def at(self, times: ArrayLike) -> Motion:
-        """Return where the finger is."""
+        """Return the motion of the finger."""
         times = np.asarray(times, np.float64)
         s = np.clip((times - self.touch_time) / self.rise_time, 0.0, 1.0)
         r = np.clip((times - self.release_time) / self.rise_time, 0.0, 1.0)
@@ -102,11 +102,11 @@ class Press:
         return Motion(position + self.speed * (before - after), velocity, acceleration)
 
     def lead(self, start_distance: float) -> float:
-        """Return how long before the touch the finger is so far away, s."""
+        """Return how long before the touch the finger is at a distance, s."""
         return start_distance / self.speed
 
     def as_array(self) -> np.ndarray:
-        """Return its numbers as the kernels of a closed loop read them."""
+        """Return its numbers in the layout of the closed loop's kernels."""
         if self.touch_time != 0.0:
             raise ArgumentError(f"press touches at {self.touch_time:g} s, expected one that touches at 0")
         return np.array([self.speed, self.depth, self.release_time])

@@ -1,8 +1,7 @@
 """Forces that a finger feels on a real wall, and on a traditional simulated wall.
 
-The motion of the finger is given in advance; what differs is the motion that the wall lets it make, when it
-answers, and with which spring and damper (equations 2 to 15). Numbers of equations are the
-paper's.
+The motion of the finger is given in advance; walls differ in the permitted motion, the delay, and the spring
+and damper (equations 2 to 15). Numbers of equations are the paper's.
 """
 
 from dataclasses import dataclass
@@ -15,12 +14,12 @@ from proximity.checks import not_negative
 from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Motion, Press
 
-TOUCHING = 1e-15  # m: nearer to the surface is at it but for rounding of the instant
+TOUCHING = 1e-15  # m: smaller distances are contact, within rounding of the instant
 
 
 @dataclass(frozen=True, slots=True)
 class SpringDamper:
-    """A spring and a damper side by side, with the mass that moves with them."""
+    """A spring and a damper in parallel, with the mass that moves with them."""
 
     stiffness: float  # N/m; inf: rigid
     damping: float  # N·s/m; inf: rigid
@@ -37,9 +36,9 @@ FINGER = SpringDamper(stiffness=200.0, damping=6.0, mass=0.010)
 
 
 def in_series(first: SpringDamper, second: SpringDamper) -> SpringDamper:
-    """Return the one spring-damper that the paper puts for two in a row, equation (8); mass of the first.
+    """Return the spring-damper that the paper puts for two in series, equation (8); mass of the first.
 
-    Exact only where damping over stiffness is the same in both; else right in stiffness only when slow.
+    Exact only if damping over stiffness is the same in both; else right in stiffness only when slow.
     """
     return SpringDamper(
         _harmonic(first.stiffness, second.stiffness), _harmonic(first.damping, second.damping), first.mass
@@ -51,10 +50,10 @@ def _harmonic(one: float, other: float) -> float:
 
 
 class Convention(StrEnum):
-    """Convention by which the paper's equation (2) is read: its signs fit no single one."""
+    """Convention of the paper's equation (2): its signs fit no single one."""
 
-    NEWTON = "newton"  # what the hand applies: m x'' + c x' + k x
-    PAD = "pad"  # what the skin and the wall exchange: c x' + k x
+    NEWTON = "newton"  # applied by the hand: m x'' + c x' + k x
+    PAD = "pad"  # exchanged by skin and wall: c x' + k x
     PRINTED = "printed"  # the magnitude of the printed form: -m x'' + c x' + k x
 
 
@@ -64,7 +63,7 @@ INERTIA_SIGN = {Convention.NEWTON: 1.0, Convention.PAD: 0.0, Convention.PRINTED:
 def contact_force(
     motion: Motion, contact: SpringDamper, convention: str = Convention.NEWTON, *, can_pull: bool = False
 ) -> np.ndarray:
-    """Return the force on a finger whose motion is known, equations (2) and (7), N."""
+    """Return the force on a finger with a given motion, equations (2) and (7), N."""
     inertia = contact.mass * _inertia_sign(convention) * motion.acceleration
     force = inertia + contact.damping * motion.velocity + contact.stiffness * motion.position
     return np.where(motion.position > TOUCHING, force if can_pull else np.maximum(force, 0.0), 0.0)
@@ -73,25 +72,25 @@ def contact_force(
 def steady_excess(
     deflection: float, penetration: float, finger: SpringDamper, equivalent: SpringDamper
 ) -> float:
-    """Return by how much a wall that is entered further is felt too strong at rest, equation (10), N."""
+    """Return the excess force at rest of a wall that is penetrated further, equation (10), N."""
     return equivalent.stiffness * (deflection + penetration) - finger.stiffness * deflection
 
 
 def spring_energy(stiffness: float, deflection: float) -> float:
-    """Return what a spring holds, J."""
+    """Return the energy of a spring, J."""
     return 0.5 * stiffness * deflection**2
 
 
 def damping_loss(damping: float, speed: float, depth: float, factor: float) -> float:
-    """Return what a damper takes while a finger stops, J."""
+    """Return the energy dissipated by a damper while a finger stops, J."""
     return factor * damping * speed * depth
 
 
 def energy_excess(press: Press, penetration: float, finger: SpringDamper, *, factor: float = 0.5) -> float:
-    """Return how much more energy a press takes on a wall that is penetrated, equations (13) to (15), J.
+    """Return the excess energy of a press on a penetrated wall, equations (13) to (15), J.
 
-    *factor*: the share of the speed that is left, in the mean over the way, which depends on how the finger
-    stops: 1/2 for an exponential approach, as in the paper, 2/3 for an even deceleration, 26/35 of a `Press`.
+    *factor*: mean share of the speed over the path, which depends on the deceleration: 1/2 for an exponential
+    approach, as in the paper, 2/3 for a constant deceleration, 26/35 for a `Press`.
     """
     depth, deep = press.depth, press.depth + penetration
     spring = spring_energy(finger.stiffness, deep) - spring_energy(finger.stiffness, depth)
@@ -102,16 +101,16 @@ def energy_excess(press: Press, penetration: float, finger: SpringDamper, *, fac
 
 
 def total_delay(sensing: float, display: float, period: float = 0.0) -> float:
-    """Return the delay of a simulated force, equation (11), and half the period for which it is held, s."""
+    """Return the delay of a simulated force, equation (11), plus half the period of its hold, s."""
     return sensing + display + 0.5 * period
 
 
 @dataclass(frozen=True, slots=True)
 class TraditionalWall:
-    """A wall that acts through a spring-damper, when it is penetrated, and late: FIG 3, (7) to (11)."""
+    """A wall that acts through a spring-damper after penetration, with a delay: FIG 3, (7) to (11)."""
 
     equivalent: SpringDamper = FINGER  # of finger and wall in series, (8)
-    penetration: float = 0.0  # m, x_s: by how much deeper the finger goes than on the real wall
+    penetration: float = 0.0  # m, x_s: additional depth of the finger beyond that on the real wall
     delay: float = 0.0  # s, see `total_delay`
 
     def __post_init__(self) -> None:

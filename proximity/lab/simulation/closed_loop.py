@@ -1,8 +1,8 @@
 """Closed-loop simulation of hand and finger on a real wall, a coupled wall, or a drum.
 
 The same hand presses on each, so that the forces compare. Times count from the contact: the instant at which
-the hand's intent reaches the surface, at 0. A drum learns of the wall by distances, late and now and then;
-who makes a target of them is one of `target_policies`, or any controller, asked at every sample of the servo.
+the hand's intent reaches the surface, at 0. A drum learns of the wall from delayed, sampled distances; its
+target comes from one of `target_policies`, or from a controller that is called at every sample of the servo.
 """
 
 import math
@@ -29,8 +29,8 @@ from proximity.lab.simulation.target_policies import (
 )
 from proximity.native import packed
 
-TAIL = 0.100  # s, looked at after the hand has left: forces that come late still count
-LEAD = 0.005  # s, or m beyond the reach: free motion before anything happens
+TAIL = 0.100  # s, recorded after the hand has left, to include delayed forces
+LEAD = 0.005  # s, or m beyond the reach: free motion at the start
 PHASE = 0.1  # of a period, from a coupled wall's sample to the contact; assumed
 CURVES = 8  # of a response, and that of the link's speed
 
@@ -46,10 +46,10 @@ class Response:
     force: np.ndarray  # (N,) N, of the pad on the finger
     finger: np.ndarray  # (N,) m
     finger_speed: np.ndarray  # (N,) m/s
-    link: np.ndarray  # (N,) m, of what meets the drum
-    link_speed: np.ndarray  # (N,) m/s; of a wall that is no device, nothing
-    thimble: np.ndarray  # (N,) m, of what the pad presses on: the cable's near end, or the link without one
-    drum: np.ndarray  # (N,) m; of a wall that is not a drum: its surface
+    link: np.ndarray  # (N,) m, of the link, which meets the drum
+    link_speed: np.ndarray  # (N,) m/s; 0 for a wall that is not a device
+    thimble: np.ndarray  # (N,) m, of the pad's far side: the cable's near end, or the link without one
+    drum: np.ndarray  # (N,) m; for a wall that is not a drum: its surface
     contact: np.ndarray  # (N,) N, of wall or drum on the link
 
     @property
@@ -68,7 +68,7 @@ def real_wall(
 def soft_wall(
     hand: Hand, press: Intent, stiffness: float, damping: float, *, like: Response | None = None
 ) -> Response:
-    """Return a press on a surface that gives way as a spring with a damper, without mass."""
+    """Return a press on a massless surface with a spring and a damper."""
     positive("stiffness", stiffness, "newtons a metre")
     not_negative("damping", damping, "newton seconds a metre")
     return _on_surface(hand, press, stiffness, damping, like, SIMULATION_STEP)
@@ -92,7 +92,7 @@ def coupled_wall(
     device: Link = COUPLED_DEVICE,
     step: float = SIMULATION_STEP,
 ) -> Response:
-    """Return a press on a traditional wall: finger and device are bound to each other by the pad."""
+    """Return a press on a traditional wall: the pad binds finger and device to each other."""
     every = steps_a_sample(wall.rate, step)
     response, arrays = _empty(hand, press, 1.0 / (wall.rate * every), LEAD, link=device)
     late, first = round(wall.latency / response.step), (response.zero - round(PHASE * every)) % every
@@ -103,7 +103,7 @@ def coupled_wall(
 
 
 def ideal_drum(hand: Hand, press: Intent, *, step: float = SIMULATION_STEP) -> Response:
-    """Return a press on a drum that stands at the wall and does not move: what a link alone costs."""
+    """Return a press on a fixed drum at the wall: the error of a link alone."""
     response, arrays = _empty(hand, press, step, LEAD)
     drum, drive = np.zeros(1, drum_kernels.DRUM), np.zeros(drum_kernels.DRIVE_SIZE)
     drum["mass"] = drum["speed_limit"] = drum["stop"] = math.inf
@@ -116,7 +116,7 @@ def ideal_drum(hand: Hand, press: Intent, *, step: float = SIMULATION_STEP) -> R
 def decaff(
     hand: Hand, press: Intent, glove: Decaff, target: Target | Controller = Target.TIME_STAMPED
 ) -> Response:
-    """Return a press on a drum that is sent to where the wall is said to be."""
+    """Return a press on a drum that is sent to the measured wall."""
     loop = DecaffLoop(hand, press, glove)
     controller = TargetPolicy(target, glove.holding) if isinstance(target, Target) else target
     if not callable(getattr(controller, "command", None)):
@@ -127,9 +127,9 @@ def decaff(
 
 
 class DecaffLoop:
-    """A glove with a drum, a sample of its servo at a time."""
+    """A glove with a drum, simulated one servo sample at a time."""
 
-    response: Response  # filled as far as the loop has come
+    response: Response  # filled up to the current sample
     drum: ServedDrum
 
     def __init__(self, hand: Hand, press: Intent, glove: Decaff) -> None:
@@ -153,7 +153,7 @@ class DecaffLoop:
 
     @property
     def is_over(self) -> bool:
-        """Whether the press has come to its end."""
+        """Whether the press has ended."""
         return self._first >= len(self.response.force)
 
     @property
@@ -162,7 +162,7 @@ class DecaffLoop:
         return (self._first - self.response.zero) * self.response.step
 
     def distance_sample(self) -> DistanceSample:
-        """Return what a controller knows at this sample."""
+        """Return the controller's state at this sample."""
         self._must_go_on()
         response, row = self.response, self._first
         return DistanceSample(
@@ -177,9 +177,9 @@ class DecaffLoop:
         )
 
     def _message(self, row: int) -> Message | None:
-        """The newest message that is delivered at a row; None if there is none, or nothing within reach."""
+        """Return the newest message delivered at a row; None without a message, or with nothing in reach."""
         response, sensing = self.response, self._sensing
-        # A millionth of a period decides nothing but ties.
+        # A millionth of a period decides only ties.
         asked = math.floor((row * response.step - sensing.latency) * sensing.rate - sensing.phase + 1e-6)
         if asked < 0:
             return None
@@ -193,17 +193,17 @@ class DecaffLoop:
         return Message(at, link, float(response.link_speed[then]), distance)
 
     def row(self, time: float) -> int:
-        """Return the row of the record that is nearest to an instant, of those that are filled."""
+        """Return the filled row of the record nearest to an instant."""
         last = min(self._first, len(self.response.force) - 1)
         return min(max(self.response.zero + round(time / self.response.step), 0), last)
 
     def link_at(self, time: float) -> tuple[float, float]:
-        """Return where the link was by the potentiometer, m, and how fast, m/s."""
+        """Return position, m, and speed, m/s, of the link by the potentiometer."""
         row = self.row(time)
         return self._read(float(self.response.link[row])), float(self.response.link_speed[row])
 
     def tick(self, command: DrumCommand) -> None:
-        """Serve a command for one sample, and move everything by it."""
+        """Apply a command for one sample, and advance the simulation."""
         self._must_go_on()
         self.drum.serve(command, self._back)
         last = min(self._first + self._steps, len(self.response.force))
@@ -211,13 +211,13 @@ class DecaffLoop:
         self._first, self._back = last, float(self.response.contact[last - 1])
 
     def _read(self, link: float) -> float:
-        """Position of the link as the potentiometer has it, m."""
+        """Return the position of the link by the potentiometer, m."""
         step = self._sensing.resolution
         return math.floor(link / step + 0.5) * step if step else link
 
     def _must_go_on(self) -> None:
         if self.is_over:
-            raise ArgumentError(f"the press is over at {self.now:g} s, expected one that goes on")
+            raise ArgumentError(f"the press is over at {self.now:g} s, expected one in progress")
 
 
 def _empty(
@@ -231,7 +231,7 @@ def _empty(
     cable: TipCable | None = None,
     like: Response | None = None,
 ) -> tuple[Response, PressArrays]:
-    """Room for a press: *lead* seconds before the contact, in whole samples of *multiple* steps.
+    """Return empty arrays of a press, from *lead* s before the contact, in whole samples of *multiple* steps.
 
     The arrays have no drum yet. *like*: a press with the same instants.
     """

@@ -1,8 +1,8 @@
-"""What takes part in a press: the hand, walls, links, the cable to them, and gloves with a drum.
+"""Bodies of a press: the hand, walls, links, the cable to them, and gloves with a drum.
 
-The hand's intent is a motion given in advance (`trajectories.Press`), through the wall's surface to a depth
-that no hand reaches: springs and dampers lie between intent and finger, and between finger and surface.
-Contact is at 0, at time 0; positions are positive into the wall.
+The hand's intent is a motion given in advance (`trajectories.Press`), through the wall's surface to an
+unreachable depth: springs and dampers connect intent and finger, and finger and surface. Contact is at 0, at
+time 0; positions are positive into the wall.
 """
 
 import math
@@ -22,7 +22,7 @@ STEADY_FORCE = 0.8  # N: a pad of 200 N/m pressed in by 4 mm
 HOLD_TIME = 0.2  # s; assumed
 FRICTION = 0.1  # of a cable in a lined sheath; assumed
 WRAP = 0.5 * math.pi  # rad, all bends of the sheath together; assumed
-PRELOAD = 1.0  # N, of both strands together, which keep it taut; assumed
+PRELOAD = 1.0  # N, of both strands together, which keeps it taut; assumed
 LOSS = 0.05  # of critical damping, of link and cable; assumed
 
 
@@ -57,13 +57,13 @@ class Hand:
 
 @dataclass(frozen=True, slots=True)
 class TipCable:
-    """A cable with what it costs at the fingertip: it stretches, and rubs in its sheath."""
+    """A cable and its effects at the fingertip: stretch, and friction in its sheath."""
 
     stiffness: float  # N/m
-    capstan: float = 0.0  # share of its tension by which it rubs
-    drag: float = 0.0  # N, by which it rubs where nothing pulls
+    capstan: float = 0.0  # friction as a share of its tension
+    drag: float = 0.0  # N, friction without tension
     loss: float = LOSS
-    play: float = 0.0  # m, that the finger goes back before the link follows
+    play: float = 0.0  # m, backlash of the finger before the link follows
 
     def __post_init__(self) -> None:
         positive("stiffness", self.stiffness, "newtons a metre")
@@ -83,7 +83,7 @@ class TipCable:
         return cls(float(glove.tip_stiffness(bend)), capstan, drag, play=play)
 
     def numbers(self, mass: float) -> tuple[float, ...]:
-        """Return stiffness, damping, share and force of rubbing, and play; *mass*, kg, is the link's."""
+        """Return stiffness, damping, share and force of friction, and play; *mass*, kg, is the link's."""
         damping = 2.0 * self.loss * math.sqrt(self.stiffness * mass)
         return self.stiffness, damping, self.capstan, self.drag, self.play
 
@@ -95,7 +95,7 @@ class Link:
     mass: float = 0.005  # kg, at the fingertip; assumed
     damping: float = 0.0  # N s/m
     contact_stiffness: float = 50_000.0  # N/m; assumed
-    contact_damping: float = 20.0  # N s/m; assumed: with it an ideal drum errs as docs/science/drum.md says
+    contact_damping: float = 20.0  # N s/m; assumed: gives the error of an ideal drum in docs/science/drum.md
 
     def __post_init__(self) -> None:
         positive("mass", self.mass, "kilograms")
@@ -105,14 +105,14 @@ class Link:
 
 
 COUPLED_MOTOR = DRUMS["gear14"]
-"""Of a traditional glove, which turns with the finger: with more gearing it would be felt more."""
+"""Motor of a traditional glove, which turns with the finger: more gearing would be felt more."""
 COUPLED_DEVICE = Link(mass=Link().mass + COUPLED_MOTOR.mass, damping=0.05)
-"""Link and rotor of a traditional glove, which hang on the finger; the damping is assumed."""
+"""Link and rotor of a traditional glove, carried by the finger; the damping is assumed."""
 
 
 @dataclass(frozen=True, slots=True)
 class CoupledWall:
-    """A traditional wall: a spring and a damper on sampled positions, late, held, never pulling."""
+    """A traditional wall: a spring and a damper on sampled positions, delayed, held, never pulling."""
 
     stiffness: float  # N/m
     damping: float  # N s/m, on the difference of two samples
@@ -134,9 +134,9 @@ class Sensing:
 
     rate: float = 1000.0  # Hz
     latency: float = 0.001  # s, from measurement to delivery
-    reach: float = 0.100  # m, farther distances are not reported
+    reach: float = 0.100  # m, maximum reported distance
     bias: float = 0.0  # m, added to each
-    scale_error: float = 0.0  # share, by which each is too large
+    scale_error: float = 0.0  # relative error of each distance
     noise: float = 0.0  # m, rms
     wall_speed: float = 0.0  # m/s, positive away from the finger
     resolution: float = 0.0  # m, of the potentiometer's reading of the link; 0: none
@@ -157,7 +157,7 @@ class Sensing:
         whole("seed", self.seed, 0)
 
     def noises(self, duration: float) -> np.ndarray:
-        """Return the error of each distance that is measured in so many seconds, m; the same on every run."""
+        """Return the error of each distance measured in *duration* seconds, m; the same on every run."""
         if self.noise == 0.0:
             return np.zeros(1)
         count = math.ceil(duration * self.rate) + 1
@@ -166,18 +166,18 @@ class Sensing:
 
 @dataclass(frozen=True, slots=True)
 class Holding:
-    """Distances at which a target is held, and the position where the drum waits otherwise."""
+    """Distances at which a target is held, and the drum's waiting position otherwise."""
 
     retracted: float = 0.030  # m; assumed
     touch_gap: float = TOUCH_GAP  # m, of link and drum: nearer is touching
     release_gap: float = RELEASE_GAP  # m, farther is released
     compliance: float = (
-        0.0  # m/N, of a cable whose stretch is made up for while a target is held; 0: it is not
+        0.0  # m/N, of a cable whose stretch is compensated while a target is held; 0: it is not
     )
     smoothing: float = (
         2.0  # Hz, of the force that stretches it; from 10 Hz on, the motor's makes the drum swing
     )
-    has_force_sensor: bool = False  # between link and drum; without one the motor's force is taken
+    has_force_sensor: bool = False  # between link and drum; else the motor's force is used
 
     def __post_init__(self) -> None:
         positive("retracted", self.retracted, "metres")
@@ -189,7 +189,7 @@ class Holding:
 
 @dataclass(frozen=True, slots=True)
 class Decaff:
-    """A glove with a contact drum: what it is made of, and what it is given."""
+    """A glove with a contact drum: its parts and settings."""
 
     drum: Drum = DRUMS[USUAL_GEAR]
     servo: Servo = None  # type: ignore[assignment]  # None: the one that suits the drum, at 3 kHz

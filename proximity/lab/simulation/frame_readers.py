@@ -1,7 +1,7 @@
-"""Readers that move the drum of the closed loop: its controller, or one of the plain readings of a distance.
+"""Readers that move the drum of the closed loop: its controller, or a plain reading of a distance.
 
 The loop's wall is at 0; on the finger's path it is at the position of contact. A reader converts between the
-two. It is given frames of a service, or makes them of the loop's own distances.
+two. It receives frames of a service, or makes them from the loop's distances.
 """
 
 import math
@@ -28,7 +28,7 @@ from proximity.message.contact import ContactFlag
 from proximity.system.time_units import S_PER_NS
 
 START_NS = 1_000_000_000_000  # the loop's 0 on the clock of frames: its times are negative before the contact
-ADVANCE = 1e-9  # m: a target that comes nearer by less than that stays
+ADVANCE = 1e-9  # m: smaller advances of a target are ignored
 
 
 class ControllerReader:
@@ -43,13 +43,13 @@ class ControllerReader:
         self._has_force_sensor = has_force_sensor
         self._target, self.action = path.retracted, None
         self.states: Counter[str] = Counter()  # samples of the servo, by state
-        self.switched_at = math.nan  # s, when a force was served first; nan: never
-        self.advances = 0  # samples at which the drum was sent nearer although nothing fresh was known
+        self.switched_at = math.nan  # s, of the first served force; nan: never
+        self.advances = 0  # samples at which the drum moved nearer without fresh data
 
     def read(
         self, sample: DistanceSample, now_ns: int, state: State, contact: Any, frame: FrameMark | None
     ) -> DrumCommand:
-        """Return what the controller wants of the drum until the next sample."""
+        """Return the controller's command for the drum until the next sample."""
         path, wall = self._path, self._wall
         action = self.controller.step(
             Observation(
@@ -76,10 +76,10 @@ class ControllerReader:
 
 
 class ControllerInLoop(ControllerReader):
-    """The controller as `closed_loop.decaff` asks one: distances of the loop become frames.
+    """Controller as called by `closed_loop.decaff`: distances of the loop become frames.
 
-    The loop's drum waits at some distance from its wall; the finger's path is laid so that this is where the
-    controller's drum is retracted.
+    The loop's drum waits at a distance from its wall; the finger's path is placed so that the controller's
+    drum is retracted there.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class ControllerInLoop(ControllerReader):
             self._contact["stiffness"], self._contact["damping"] = surface
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
-        """Return what the drum shall do."""
+        """Return the drum's command."""
         now_ns, message = START_NS + round(1e9 * distance_sample.now), distance_sample.message
         if message is None:
             return self.read(distance_sample, now_ns, State.STALE, None, self._frame)
@@ -110,7 +110,7 @@ class ControllerInLoop(ControllerReader):
         return self.read(distance_sample, now_ns, State.OK, self._contact, self._frame)
 
     def _write(self, message: Message) -> None:
-        """Write a distance as a frame would have it: with the position of contact on the finger's path."""
+        """Write a distance like a frame: with the position of contact on the finger's path."""
         reported, path = self._contact, self._path
         pose_ns = START_NS + round(1e9 * message.at)
         if self._frame is None or pose_ns != self._frame.start_ns:
@@ -123,21 +123,21 @@ class ControllerInLoop(ControllerReader):
 
 
 class PolicyReader:
-    """One of the plain readings of a distance, with the distances of frames along the way."""
+    """A plain reading of a distance, with the distances of frames along the path."""
 
-    switched_at, advances = math.nan, 0  # no force is served, and nothing is fresh or not
+    switched_at, advances = math.nan, 0  # no force is served, and no data are fresh or stale
 
     def __init__(self, policy: TargetPolicy, path: FingerPath, wall: float) -> None:
         self.states: Counter[str] = Counter()
         self._policy, self._path, self._wall = policy, path, wall
-        self._last = (0, 0.0)  # ns, m: of the frame before
+        self._last = (0, 0.0)  # ns, m: of the previous frame
         self._speed = 0.0
         self._message: Message | None = None
 
     def read(
         self, sample: DistanceSample, now_ns: int, state: State, contact: Any, frame: FrameMark | None
     ) -> DrumCommand:
-        """Return where the drum shall go until the next sample."""
+        """Return the drum's target until the next sample."""
         del now_ns, state, frame
         if contact is not None:
             self._take(contact)

@@ -1,8 +1,7 @@
-"""Difference of a force from that of a real wall: as a whole, at its onset, at rest, and in work.
+"""Difference of a force from that of a real wall: in total, at its onset, at rest, and in work.
 
-A real wall's force begins with a step, c v. When that step is shifted by 0.1 ms, the error as a whole changes
-by 1.5 points at 0.25 m/s and by 5 points at 1 m/s; our own first analysis, of forces every 0.1 ms, has
-that spread.
+A real wall's force begins with a step, c v. When that step is shifted by 0.1 ms, the total error changes by
+1.5 points at 0.25 m/s and by 5 points at 1 m/s, the spread of an analysis of forces every 0.1 ms.
 """
 
 import math
@@ -12,8 +11,8 @@ import numpy as np
 
 from proximity.lab.simulation.closed_loop import Response, real_wall
 
-FELT_SWING = 0.005  # N, p-p: about the least that is felt at 250 Hz, 1 µm of a fingertip; assumed
-ONSET_FORCE = 0.1  # N, from which on a finger feels a wall; assumed
+FELT_SWING = 0.005  # N, p-p: about the threshold at 250 Hz, 1 µm of a fingertip; assumed
+ONSET_FORCE = 0.1  # N, minimum force of a felt wall; assumed
 REST_TIME = 0.090  # s of the hold, that count as rest
 REST_END = 0.010  # s before the release, where they end
 
@@ -23,18 +22,18 @@ class Deviation:
     """A press compared with the same press on a real wall."""
 
     error: float  # rms of the difference of the forces over the rms of the real one, from contact on
-    onset: float  # s, by how much the force begins later
-    penetration: float  # m, how far what the pad presses on went past the wall, before the release
+    onset: float  # s, delay of the start of the force
+    penetration: float  # m, of the pad's far side past the wall, before the release
     steady_error: float  # N, mean force at rest less the real one
     ripple: float  # N, standard deviation of the force at rest
-    swing: float  # N, of the force at rest, from least to largest
+    swing: float  # N, of the force at rest, minimum to maximum
     peak: float  # N, largest force
     peak_error: float  # N, that less the largest of the real one
     work_error: float  # J, of the finger until the release, less the real one; negative: the wall feeds it
 
 
 def deviation(response: Response, reference: Response | None = None) -> Deviation:
-    """Return how a press differs from the same press on a real wall."""
+    """Return the differences of a press from the same press on a real wall."""
     real = reference or real_wall(response.hand, response.press, like=response)
     before_release = response.times < response.press.release_time
     is_rest = rest(response)
@@ -59,7 +58,7 @@ def force_error(response: Response, reference: Response) -> float:
 
 
 def onset(response: Response, threshold: float = ONSET_FORCE) -> float:
-    """Return when the force is first felt after the contact, s; inf if it never is."""
+    """Return the time after the contact at which the force is first felt, s; inf if never."""
     is_felt = response.force[response.zero :] >= threshold
     return float(np.argmax(is_felt)) * response.step if is_felt.any() else math.inf
 
@@ -71,14 +70,14 @@ def rest(response: Response) -> np.ndarray:
 
 
 def work(response: Response) -> float:
-    """Return the work that the finger does on pad and wall until the release, J."""
+    """Return the work of the finger on pad and wall until the release, J."""
     last = response.zero + round(response.press.release_time / response.step)
     part = slice(response.zero, last + 1)
     return float(np.trapezoid(response.force[part] * response.finger_speed[part], dx=response.step))
 
 
 def drum_offset(response: Response, wall_speed: float = 0.0) -> float:
-    """Return how far past the wall the drum is when the link meets it, m; nan if they never meet."""
+    """Return the drum's distance past the wall when the link meets it, m; nan if they never meet."""
     met = np.flatnonzero(response.contact > 0.0)
     if not len(met):
         return math.nan
@@ -87,6 +86,6 @@ def drum_offset(response: Response, wall_speed: float = 0.0) -> float:
 
 
 def drum_lag(response: Response) -> float:
-    """Return where the drum is when the link meets it or reaches the wall, m past the wall: 0 is in time."""
+    """Return the drum's position, m past the wall, when the link meets it or the wall: 0 is in time."""
     arrived = np.flatnonzero((response.contact > 0.0) | (response.link >= 0.0))
     return float(response.drum[arrived[0]]) if len(arrived) else math.nan

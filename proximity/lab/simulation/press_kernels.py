@@ -1,12 +1,10 @@
-"""Kernels of a press: hand, finger and pad against a wall, a device or a drum, in one loop with a plug.
+"""Kernels of a press: hand, finger and pad against a wall, a device or a drum, in one loop with a plug-in.
 
-What answers the finger is a kernel that writes force and contact of a row, and where what it moves is in the
-next row. There are three: a surface without mass, rigid or soft; a device that hangs on the finger and is
-pushed back by sampled forces, late; and a link that is free until it meets a drum.
-
-Steps are semi-implicit: speeds first, positions with the new speeds. The contact is at row *zero* of the
-curves; row i is the instant (i - zero) step. Positions are positive into the wall, in one coordinate for
-finger, link and drum.
+The plug-in is a kernel that writes force and contact of a row, and the positions in the next row. There are
+three: a massless surface, rigid or soft; a device carried by the finger and pushed back by delayed, sampled
+forces; and a link that is free until it meets a drum. Steps are semi-implicit: speeds first, positions with
+the new speeds. The contact is at row *zero* of the curves; row i is the instant (i - zero) step. Positions
+are positive into the wall, in one coordinate for finger, link and drum.
 """
 
 from collections.abc import Callable
@@ -19,8 +17,8 @@ from proximity.decaff.drum import drum_kernels as drums
 from proximity.decaff.drum.drum_kernels import push_drum, rounded
 from proximity.native import bundle, entry, inlined, record
 
-LEAST_DAMPING = 1.0  # N s/m, of a surface that goes back: its spring alone would be there at once
-TOUCHING = 1e-9  # m; so near is touching: the positions of an approach add up with rounding
+MIN_DAMPING = 1.0  # N s/m, of a returning surface: its spring alone would return it instantly
+TOUCHING = 1e-9  # m; nearer is touching, as the positions of an approach add up with rounding
 
 BODY = record(
     "PressBody",
@@ -29,32 +27,32 @@ BODY = record(
     finger_mass="f8",  # kg
     pad_stiffness="f8",  # N/m
     pad_damping="f8",  # N s/m
-    link_mass="f8",  # kg, of what moves with the pad's far side
+    link_mass="f8",  # kg, of the parts that move with the pad's far side
     link_damping="f8",  # N s/m
     contact_stiffness="f8",  # N/m, of link on drum
     contact_damping="f8",  # N s/m
     cable_stiffness="f8",  # N/m, at the fingertip; 0: the pad presses on the link itself
     cable_damping="f8",  # N s/m
-    capstan="f8",  # share of its tension by which the cable rubs in its sheath, as the tension grows
-    drag="f8",  # N, by which it rubs at least
-    play="f8",  # m at the fingertip, of the cable's backlash: so far the finger goes back without the link
+    capstan="f8",  # share of the tension lost to friction in the sheath, as the tension grows
+    drag="f8",  # N, minimum friction
+    play="f8",  # m at the fingertip, of the cable's backlash: motion of the finger back without the link
     step="f8",  # s, of the loop
     zero="i8",  # row of the contact
 )
 WALL = record(
     "PressWall",
-    stiffness="f8",  # N/m; inf: of a surface that is rigid
+    stiffness="f8",  # N/m; inf: a rigid surface
     damping="f8",  # N s/m
     resolution="f8",  # m, of a device's encoder; 0: none
     every="i8",  # steps from one sample of a device to the next
     late="i8",  # steps of its delay
     first="i8",  # row of its first sample
-    before="f8",  # m, what it read a sample ago; written by the loop
+    before="f8",  # m, the previous reading; written by the loop
 )
 
 
 class PressArrays(NamedTuple):
-    """All that a press reads and writes; curves have N rows and one more, for where the last step leads."""
+    """Input and output of a press; curves have N rows, plus one for the result of the last step."""
 
     body: np.ndarray  # (1,) BODY
     intent: np.ndarray  # (3,) float64: speed, m/s, depth, m, and release, s
@@ -67,8 +65,8 @@ class PressArrays(NamedTuple):
     finger_speed: np.ndarray  # m/s
     link: np.ndarray  # m
     link_speed: np.ndarray  # m/s
-    thimble: np.ndarray  # m, of what the pad presses on: the cable's near end
-    where: np.ndarray  # m, of the drum; of a wall that is none: its surface
+    thimble: np.ndarray  # m, of the pad's far side: the cable's near end, or the link without one
+    where: np.ndarray  # m, of the drum; of a wall without one: its surface
     contact: np.ndarray  # N, on the link
 
 
@@ -80,7 +78,7 @@ bundle(
 
 @inlined
 def intent(press: np.ndarray, t: float) -> tuple[float, float]:
-    """Intended position and speed of the hand at *t*: `trajectories.Press`, touching at 0."""
+    """Return intended position and speed of the hand at *t*: `trajectories.Press`, touching at 0."""
     speed, depth, release = press[0], press[1], press[2]
     rise = 2.0 * depth / speed
     if t < 0.0:
@@ -98,7 +96,7 @@ def intent(press: np.ndarray, t: float) -> tuple[float, float]:
 
 @inlined
 def contact_force(body: np.record, link: float, link_speed: float, drum: float, drum_speed: float) -> float:
-    """Force of the drum on the link, N; never pulls."""
+    """Return the force of the drum on the link, N; never pulls."""
     if not link > drum:
         return 0.0
     force = body.contact_stiffness * (link - drum) + body.contact_damping * (link_speed - drum_speed)
@@ -109,22 +107,22 @@ def contact_force(body: np.record, link: float, link_speed: float, drum: float, 
 def cable_forces(
     body: np.record, finger: float, speed: float, thimble: float, link: float, link_speed: float
 ) -> tuple[float, float, float]:
-    """Force of the pad and tension of the cable, N at the fingertip, and speed of the thimble between them.
+    """Return the pad's force and the cable's tension, N at the fingertip, and the speed of the thimble.
 
-    The thimble has no mass: it goes as fast as pad, cable and the friction in the sheath, which is where the
-    cable leaves the hand, let it. Without a cable it is the link.
+    The thimble has no mass: pad, cable and the friction in the sheath, at the cable's exit from the hand,
+    determine its speed. Without a cable it is the link.
     """
     stiffness, damping = body.pad_stiffness, body.pad_damping
     if not body.cable_stiffness > 0.0:
         force = stiffness * (finger - thimble) + damping * (speed - link_speed)
         return force, force, link_speed
     slack, own = thimble - link, body.cable_damping
-    if slack < 0.0 and body.play > 0.0:  # the finger goes back: first through the backlash
+    if slack < 0.0 and body.play > 0.0:  # the finger moves back: first through the backlash
         slack = min(0.0, slack + body.play)
         own = own if slack < 0.0 or not damping > 0.0 else 0.0
     stretch = body.cable_stiffness * slack
     free = stiffness * (finger - thimble) + damping * speed - stretch + own * link_speed
-    # Capstan: e^(mu angle) - 1 where the tension grows, 1 - e^(-mu angle) where it falls.
+    # Capstan: e^(mu angle) - 1 for growing tension, 1 - e^(-mu angle) for falling.
     share = body.capstan / (1.0 if free * stretch > 0.0 else 1.0 + body.capstan)
     rubbing = max(body.drag, share * abs(stretch))
     left = free - rubbing if free > rubbing else (free + rubbing if free < -rubbing else 0.0)
@@ -135,7 +133,7 @@ def cable_forces(
 
 @inlined
 def step_finger(press: PressArrays, i: int) -> None:
-    """Where the finger is in the next row, driven by the hand against the pad's force."""
+    """Compute the finger's state in the next row, driven by the hand against the pad's force."""
     body, finger, speed = press.body[0], press.finger[i], press.finger_speed[i]
     wanted, wanted_speed = intent(press.intent, (i - body.zero) * body.step)
     push = body.hand_stiffness * (wanted - finger) + body.hand_damping * (wanted_speed - speed)
@@ -144,7 +142,7 @@ def step_finger(press: PressArrays, i: int) -> None:
 
 
 def pressed_on(answer: Callable[[PressArrays, int], None]) -> Callable[[PressArrays, int, int], None]:
-    """Return the loop over rows, from one to before another, with what answers the finger."""
+    """Return the loop over rows, from one to before another, with a kernel for the wall."""
 
     @inlined
     def advance(press: PressArrays, first: int, last: int) -> None:
@@ -157,21 +155,21 @@ def pressed_on(answer: Callable[[PressArrays, int], None]) -> Callable[[PressArr
 
 @inlined
 def begin(press: PressArrays) -> None:
-    """The first row: hand, finger and link move together, at the hand's speed."""
+    """Initialise the first row: hand, finger and link move together, at the hand's speed."""
     body = press.body[0]
     where, speed = intent(press.intent, -body.zero * body.step)
     press.finger[0] = press.link[0] = press.thimble[0] = where
     press.finger_speed[0] = press.link_speed[0] = speed
 
 
-# --- what answers ---
+# --- walls ---
 
 
 @inlined
 def meet_surface(press: PressArrays, i: int) -> None:
-    """A surface without mass, rigid, or held by a spring and a damper of its own; it never pulls.
+    """A massless surface, rigid or with a spring and a damper; it never pulls.
 
-    Pad and surface are in a row: the same force is on both, which tells how fast the surface gives way.
+    Pad and surface are in series: the same force acts on both, which gives the speed of the surface.
     """
     body, wall, surface = press.body[0], press.wall[0], press.where[i]
     finger, speed, is_soft = press.finger[i], press.finger_speed[i], wall.stiffness < inf
@@ -182,9 +180,9 @@ def meet_surface(press: PressArrays, i: int) -> None:
         if is_soft:
             sink = (pad - wall.stiffness * surface) / (body.pad_damping + wall.damping)
         force = pad - body.pad_damping * sink
-    if not force > 0.0:  # it goes back by itself
+    if not force > 0.0:  # it returns on its own
         force = 0.0
-        sink = -wall.stiffness * surface / max(wall.damping, LEAST_DAMPING) if is_soft else 0.0
+        sink = -wall.stiffness * surface / max(wall.damping, MIN_DAMPING) if is_soft else 0.0
     press.force[i] = press.contact[i] = force
     press.link[i] = press.thimble[i] = max(surface, min(finger, 0.0)) if is_soft else min(finger, 0.0)
     press.where[i + 1] = surface + sink * body.step
@@ -192,7 +190,7 @@ def meet_surface(press: PressArrays, i: int) -> None:
 
 @inlined
 def pull_link(press: PressArrays, i: int, back: float) -> None:
-    """The link, which the finger moves through pad and cable, and which a force pushes *back*, N."""
+    """Move the link, driven by the finger through pad and cable, against a force *back*, N."""
     body, link, link_speed, thimble = press.body[0], press.link[i], press.link_speed[i], press.thimble[i]
     force, tension, thimble_speed = cable_forces(
         body, press.finger[i], press.finger_speed[i], thimble, link, link_speed
@@ -206,7 +204,7 @@ def pull_link(press: PressArrays, i: int, back: float) -> None:
 
 @inlined
 def meet_device(press: PressArrays, i: int) -> None:
-    """A device that a sampled spring and damper push back, late; the force is held, and never pulls."""
+    """A device pushed back by a sampled, delayed spring and damper; the force is held, and never pulls."""
     wall = press.wall[0]
     since = i - wall.first
     if since >= 0 and since % wall.every == 0:
@@ -233,14 +231,14 @@ advance_surface, advance_device, advance_drum = map(pressed_on, (meet_surface, m
 
 @entry(PressArrays)
 def press_surface(press: PressArrays) -> None:
-    """A whole press on a surface."""
+    """Compute a whole press on a surface."""
     begin(press)
     advance_surface(press, 0, press.force.shape[0] - 1)
 
 
 @entry(PressArrays)
 def press_device(press: PressArrays) -> None:
-    """A whole press with a device that hangs on the finger."""
+    """Compute a whole press with a device carried by the finger."""
     begin(press)
     press.wall[0].before = rounded(press.link[0], press.wall[0].resolution)
     advance_device(press, 0, press.force.shape[0] - 1)
@@ -248,11 +246,11 @@ def press_device(press: PressArrays) -> None:
 
 @entry(PressArrays)
 def begin_press(press: PressArrays) -> None:
-    """The first row."""
+    """Initialise the first row."""
     begin(press)
 
 
 @entry(PressArrays, "int, int")
 def press_drum(press: PressArrays, first: int, last: int) -> None:
-    """A press on a drum from row *first* to before row *last*; its servo does nothing meanwhile."""
+    """Compute rows *first* to *last*, exclusive, of a press on a drum whose servo is idle."""
     advance_drum(press, first, last)

@@ -1,4 +1,4 @@
-"""Simulation of one press on one wall, compared with the same press on a real wall."""
+"""Simulation of a press on one wall, compared with the same press on a real wall."""
 
 import math
 from dataclasses import asdict, dataclass, field, replace
@@ -22,12 +22,12 @@ from proximity.lab.simulation.sweeps import (
 )
 from proximity.lab.simulation.target_policies import Target
 
-SPEEDS_ALLOWED = (0.01, 10.0)  # m/s; slower presses are long, and need much memory
+SPEEDS_ALLOWED = (0.01, 10.0)  # m/s; slower presses take long, and much memory
 RATES_ALLOWED = (5.0, 50_000.0)  # Hz
 LONGEST_LATENCY = 1.0  # s
 CABLES_ALLOWED = (10.0, 1e6)  # N/m at the fingertip
 IMPULSE_TIME = 0.005  # s after the touch
-STIFFEST, MOST_DAMPED = 1e6, 1e4  # N/m and N s/m, of a coupled wall; beyond, what is unstable overflows
+STIFFEST, MAX_DAMPED = 1e6, 1e4  # N/m and N s/m, of a coupled wall; beyond, unstable walls overflow
 POLICIES = {
     "naive": Target.NAIVE,
     "latched": Target.LATCHED,
@@ -43,12 +43,12 @@ class Wall(StrEnum):
     COUPLED = "coupled"
     """A traditional wall: a spring and a damper, by a motor that the finger carries."""
     DECAFF = "decaff"
-    """A drum that stands where the wall is said to be."""
+    """A drum at the measured wall."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """Setup of a simulated press; what does not concern its wall is not looked at."""
+    """Setup of a simulated press; settings of other walls are ignored."""
 
     wall: Wall = Wall.DECAFF
     speed: float = 0.1  # m/s
@@ -59,8 +59,8 @@ class Setup:
     policy: str = "time-stamped"  # of `POLICIES`
     stiffness: float | None = None  # N/m, of a coupled wall; None: the best of a grid, as is the damping
     damping: float | None = None  # N s/m
-    cable: float | None = None  # N/m at the fingertip, of the cable to the drum; None: there is none
-    stretch: str = "left"  # of `Stretch`: how the cable's stretch is made up for
+    cable: float | None = None  # N/m at the fingertip, of the cable to the drum; None: no cable
+    stretch: str = "left"  # of `Stretch`: compensation of the cable's stretch
 
     def __post_init__(self) -> None:
         _within("speed", self.speed, SPEEDS_ALLOWED, "metres a second")
@@ -74,21 +74,23 @@ class Setup:
         if self.cable is not None:
             _within("cable", self.cable, CABLES_ALLOWED, "newtons a metre")
         elif self.stretch != Stretch.LEFT:
-            raise ArgumentError(f"stretch is {self.stretch!r}, but there is no cable: expected its stiffness")
+            raise ArgumentError(
+                f"stretch is {self.stretch!r}, but the cable is missing: expected its stiffness"
+            )
         if (self.stiffness is None) != (self.damping is None):
             raise ArgumentError("stiffness and damping belong together: expected both or neither")
         if self.stiffness is not None and self.damping is not None:
             _within("stiffness", self.stiffness, (0.0, STIFFEST), "newtons a metre")
-            _within("damping", self.damping, (0.0, MOST_DAMPED), "newton seconds a metre")
+            _within("damping", self.damping, (0.0, MAX_DAMPED), "newton seconds a metre")
 
     @property
     def drum(self) -> Drum:
-        """Of the glove, with the wall at random within a count of its encoder."""
+        """Drum of the glove, with the wall at random within a count of its encoder."""
         return Decaff.of(self.glove).drum
 
     @property
     def tip_cable(self) -> TipCable | None:
-        """The glove's cable with the stiffness that is given."""
+        """The glove's cable with the given stiffness."""
         return None if self.cable is None else replace(TipCable.of(self.glove), stiffness=self.cable)
 
 
@@ -100,14 +102,14 @@ class Felt:
     peak: float  # N
     steady: float  # N, mean at rest
     ripple: float  # N, standard deviation at rest
-    penetration: float  # m, by which the wall gives way before the release, at most
+    penetration: float  # m, maximum displacement of the wall before the release
     work: float  # J, of the finger until the release
     impulse: float  # N s, of the force in the first `IMPULSE_TIME`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation:
-    """A press that was simulated."""
+    """A simulated press."""
 
     setup: Setup
     response: Response
@@ -126,7 +128,7 @@ class Simulation:
 
     @property
     def drum_offset(self) -> float:
-        """Distance of the drum past the wall when the link meets it, m; nan where there is none."""
+        """Distance of the drum past the wall when the link meets it, m; nan without a drum."""
         return drum_offset(self.response) if self.setup.wall == Wall.DECAFF else math.nan
 
 
@@ -180,7 +182,7 @@ def _one_of(name: str, value: str, known: tuple[str, ...]) -> None:
 
 
 def describe(simulation: Simulation) -> str:
-    """Return a wall in words."""
+    """Return a description of a wall."""
     setup = simulation.setup
     late = f"{1e3 * setup.latency:g} ms of latency at {setup.rate:g} Hz"
     if setup.wall == Wall.COUPLED:
@@ -194,12 +196,12 @@ def describe(simulation: Simulation) -> str:
 
 
 def cable_words(stiffness: float, stretch: str) -> str:
-    """Return a cable in words."""
+    """Return a description of a cable."""
     return f"{stiffness:.4g} N/m at the fingertip, {Stretch(stretch).words}"
 
 
 def document(simulation: Simulation) -> dict[str, Any]:
-    """Return all that is reported of a press, as plain values in SI units."""
+    """Return the reported values of a press, as plain values in SI units."""
     setup, coupled = simulation.setup, simulation.coupled
     reported: dict[str, Any] = {"wall": str(setup.wall), "speed": setup.speed}
     if setup.wall != Wall.REAL:

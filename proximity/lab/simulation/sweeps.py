@@ -1,7 +1,7 @@
 """Sweeps of presses: walls against speed, latency, rate and drum (docs/science/drum.md).
 
-A coupled wall is given the best stiffness and damping of a grid for its rate and latency: the most favourable
-tuning there is, one for all speeds.
+A coupled wall has the best stiffness and damping of a grid for its rate and latency: the most favourable
+tuning, one for all speeds.
 """
 
 import math
@@ -27,15 +27,15 @@ from proximity.lab.simulation.metrics import Deviation, deviation, force_error
 from proximity.lab.simulation.target_policies import Controller, Target
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0)  # m/s
-# N/m: six to a decade, from softer than the hand to stiffer than any sampled wall here can be.
+# N/m: six to a decade, from softer than the hand to stiffer than any stable sampled wall.
 STIFFNESSES = tuple(50.0 * 10.0 ** (k / 6.0) for k in range(16))
-# Damping over stiffness, in units of latency and period together; assumed.
+# Damping over stiffness, in units of latency plus period; assumed.
 DAMPING_RATIOS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.5, 3.0)
 TUNING_STEP = 2e-5  # s, of the simulation
-HOPELESS = 3.0  # an error from which on a stiffer wall is not tried
-SENSOR_SMOOTHING = 10.0  # Hz, of the force that is measured, not taken from the motor's torque
-CABLE_STIFFNESSES = (100.0, 1e6)  # N/m at the fingertip, between which one is looked for
-HALVINGS = 14  # of that, in its logarithm: to a thousandth
+HOPELESS = 3.0  # an error beyond which stiffer walls are not tried
+SENSOR_SMOOTHING = 10.0  # Hz, of the measured force, not the one from the motor's torque
+CABLE_STIFFNESSES = (100.0, 1e6)  # N/m at the fingertip, bounds of the search
+HALVINGS = 14  # of that range, in its logarithm: to a thousandth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +60,7 @@ def best_coupled_wall(
     device: Link = COUPLED_DEVICE,
     speeds: Sequence[float] = SPEEDS,
 ) -> CoupledWall:
-    """Return the wall of the grid whose force errors, averaged over the speeds, are least."""
+    """Return the wall of the grid with the least force error, averaged over the speeds."""
     presses = [hand.press(speed) for speed in speeds]
     references: list[Response] = []
     best, best_error = CoupledWall(0.0, 0.0, rate, latency), np.inf
@@ -83,7 +83,7 @@ def best_coupled_wall(
 def coupled_row(
     hand: Hand, wall: CoupledWall, *, device: Link = COUPLED_DEVICE, speeds: Sequence[float] = SPEEDS
 ) -> Row:
-    """Return how far a coupled wall is from a real one at several speeds."""
+    """Return the errors of a coupled wall at several speeds."""
     deviations = (deviation(coupled_wall(hand, hand.press(speed), wall, device=device)) for speed in speeds)
     return Row(wall, tuple(speeds), tuple(deviations))
 
@@ -95,30 +95,30 @@ def drum_row(
     *,
     speeds: Sequence[float] = SPEEDS,
 ) -> Row:
-    """Return how far a drum is from a real wall at several speeds."""
+    """Return the errors of a drum at several speeds."""
     deviations = (deviation(decaff(hand, hand.press(speed), glove, target)) for speed in speeds)
     return Row(glove, tuple(speeds), tuple(deviations))
 
 
 def with_latency(glove: Decaff, latency: float, rate: float | None = None) -> Decaff:
-    """Return the same glove, reported later."""
+    """Return the same glove with another latency."""
     sensing = replace(glove.sensing, latency=latency, rate=rate or glove.sensing.rate)
     return replace(glove, sensing=sensing)
 
 
 class Stretch(StrEnum):
-    """Ways to make up for the stretch of the cable while the finger is on the drum."""
+    """Compensations of the cable's stretch while the finger is on the drum."""
 
     LEFT = "left"
     """None: the finger sinks in."""
     TORQUE = "torque"
-    """By the motor's torque, smoothed: slowly, since the torque moves the drum as well."""
+    """By the motor's torque, smoothed: slowly, since the torque also moves the drum."""
     SENSOR = "sensor"
     """By a force sensor between link and drum."""
 
     @property
     def words(self) -> str:
-        """What becomes of the stretch, in words."""
+        """Description of the compensation."""
         return {
             "left": "its stretch left",
             "torque": "its stretch made up for by the motor's torque",
@@ -144,7 +144,7 @@ def with_transmission(glove: Decaff, cable: TipCable, stretch: Stretch = Stretch
 
 
 def needed_cable(hand: Hand, glove: Decaff, speed: float, error: float, stretch: Stretch) -> float:
-    """Return the stiffness of the cable at the fingertip with which a force error is reached, N/m."""
+    """Return the stiffness of the cable at the fingertip that reaches a force error, N/m."""
     usual, press = TipCable.of(Glove()), hand.press(speed)
 
     def is_enough(stiffness: float) -> bool:

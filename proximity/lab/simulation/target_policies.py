@@ -1,8 +1,8 @@
-"""Policies that make a drum's target of a distance: four readings, and an interface for a controller.
+"""Policies that turn a distance into a drum's target: four readings, and an interface for a controller.
 
-A distance is old when it arrives. What it is combined with decides everything (science/drum.md): with the
-link's present position it is wrong by the distance moved since; with the position at the same instant it is a
-position in the world.
+A distance is old when it arrives, and its reference decides its meaning (science/drum.md): with the link's
+present position it is wrong by the displacement since; with the position at the same instant it is a position
+in the world.
 """
 
 import math
@@ -18,18 +18,18 @@ class Target(IntEnum):
     """Position that a distance is combined with."""
 
     NAIVE = 0
-    """Where the link is now, in contact too: the paper's "proportionate position", taken at its word."""
+    """The link's present position, also in contact: the paper's "proportionate position", taken literally."""
     LATCHED = 1
-    """Where the link is now; held from touch to release."""
+    """The link's present position; held from touch to release."""
     FEED_FORWARD = 2
-    """Where the link is now, the distance less the way gone since at the old speed; held."""
+    """The link's present position, the distance less the displacement since at the old speed; held."""
     TIME_STAMPED = 3
-    """Where the link was when the distance was measured; held."""
+    """The link's position when the distance was measured; held."""
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A distance, with what was known of the link at the same instant."""
+    """A distance, with the state of the link at the same instant."""
 
     at: float  # s, of the measurement
     link: float  # m
@@ -39,23 +39,23 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class DistanceSample:
-    """State that a controller knows at a sample of the servo."""
+    """State known to a controller at a sample of the servo."""
 
     now: float  # s
     link: float  # m, by the potentiometer
     speed: float  # m/s, of the link
-    finger_speed: float  # m/s, behind the pad: where the link is stopped, the finger still goes on
+    finger_speed: float  # m/s, behind the pad: when the link is stopped, the finger still moves
     drum: float  # m, where it is
     force: float  # N, between link and drum
     applied: float  # N, of the motor during the last sample, positive away from the finger
-    message: Message | None  # the newest delivered; None: none, or nothing within reach
+    message: Message | None  # the newest delivered; None: no message, or no surface within reach
 
 
 class Controller(Protocol):
-    """Whatever decides, every sample, what the drum does: a policy here, or a real controller."""
+    """Interface of drum controllers, called at every sample: a policy here, or a real controller."""
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
-        """Return what the drum shall do until the next sample."""
+        """Return the drum's command until the next sample."""
         ...
 
 
@@ -68,7 +68,7 @@ class TargetPolicy:
         self._now = self._once = self._twice = 0.0  # s, of the last sample; N, smoothed once and twice
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
-        """Return where the drum shall go: retracted, or to the contact; while it is touched, where it was."""
+        """Return the drum's target: retracted, or the contact; while it is touched, the held one."""
         return DrumCommand(DriveMode.POSITION, self._position(distance_sample))
 
     def _position(self, sample: DistanceSample) -> float:
@@ -86,14 +86,14 @@ class TargetPolicy:
         return self._held
 
     def _contact(self, sample: DistanceSample, message: Message) -> float:
-        """Where the contact is, m."""
+        """Return the position of the contact, m."""
         if self._target == Target.TIME_STAMPED:
             return message.link + message.distance
         gone = message.speed * (sample.now - message.at) if self._target == Target.FEED_FORWARD else 0.0
         return sample.link + message.distance - gone
 
     def _stretch(self, sample: DistanceSample) -> float:
-        """Stretch of the cable, m, by the smoothed force on the drum; 0 if none is made up for."""
+        """Return the stretch of the cable, m, by the smoothed force on the drum; 0 without compensation."""
         holding, elapsed, self._now = self._holding, sample.now - self._now, sample.now
         share = -math.expm1(-2.0 * math.pi * holding.smoothing * max(elapsed, 0.0))
         self._once += share * ((sample.force if holding.has_force_sensor else -sample.applied) - self._once)

@@ -1,4 +1,4 @@
-"""The job ``certificate``: the latency certificate of one scene, in a few numbers."""
+"""The job ``certificate``: the latency certificate of a scene, in a few numbers."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -25,10 +25,10 @@ def certificate(
     loop_seconds: float = 0.2,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """Return whether ticks in a scene hold their period, and the worst place.
+    """Return whether ticks in a scene keep their period, and the worst position.
 
     ``slowest``: the largest 99.9th percentile of a tick's computing, s. ``worst_work`` of an exact search;
-    ``bounds_width`` that the budget leaves open at the worst place.
+    ``bounds_width`` within the budget, at the worst position.
     """
     settings = {"radius": radius, "budget": budget, "working_range": working_range}
     loaded, period = _loaded(scene, units), 1.0 / rate
@@ -56,5 +56,5 @@ def certificate(
 
 @lru_cache(maxsize=2)
 def _loaded(path: Path, units: str) -> Scene:
-    """A scene that conditions share; those of one scene follow each other."""
+    """Return a scene that successive conditions share."""
     return load(path, units=units)

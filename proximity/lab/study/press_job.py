@@ -18,7 +18,7 @@ from proximity.lab.simulation.devices import HOLD_TIME, CoupledWall, Decaff, Han
 from proximity.lab.simulation.metrics import deviation
 from proximity.lab.simulation.simulated_press import (
     LONGEST_LATENCY,
-    MOST_DAMPED,
+    MAX_DAMPED,
     POLICIES,
     RATES_ALLOWED,
     SPEEDS_ALLOWED,
@@ -35,7 +35,7 @@ RANGES = {
     "latency": Range("s", 0.0, LONGEST_LATENCY),
     "rate": Range("Hz", *RATES_ALLOWED),
     "stiffness": Range("N/m", 0.0, STIFFEST),
-    "damping": Range("N s/m", 0.0, MOST_DAMPED),
+    "damping": Range("N s/m", 0.0, MAX_DAMPED),
     "encoder_counts": Range("a turn", 1, 10**9),
     "motor_friction": Range("N m", 0.0, 10.0),
     "servo_rate": Range("Hz", 100.0, 50_000.0),
@@ -52,7 +52,7 @@ WORDS = {"wall": tuple(Wall), "drum": tuple(GEARS), "policy": tuple(POLICIES), "
 class PressFactors:
     """Factors of the job, with their defaults; SI units.
 
-    None: the best gains of a coupled wall, no integral, a rigid cable. *seed*: where the wall lies between
+    None: the best gains of a coupled wall, no integral, a rigid cable. *seed*: of the wall's position between
     two counts of the drum's encoder.
     """
 
@@ -86,7 +86,10 @@ class PressFactors:
 
 
 def press(**values: Any) -> dict[str, Any]:
-    """Return the measures of one press, as of `metrics.Deviation`; SI units. *values*: of `PressFactors`."""
+    """Return the measures of one press, as in `metrics.Deviation`; SI units.
+
+    *values*: of `PressFactors`.
+    """
     factors = PressFactors(**values)
     hand, coupled = Hand(), None
     motion = hand.press(factors.speed, hold=factors.hold)

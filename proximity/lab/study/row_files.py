@@ -3,7 +3,7 @@
     DIR/rows/20260131T120000-1a2b-00000.parquet   rows of one run, a file every few seconds
     DIR/rows.csv                                  the newest row of each condition
 
-A file appears when it is whole. Rows that a killed run had not written are computed again, no others.
+A file appears when it is complete. Only rows that a killed run had not written are computed again.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ from proximity.system.whole_file import whole_file
 
 try:
     import fcntl
-except ImportError:  # not a POSIX system: two runs of one study are not noticed
+except ImportError:  # not a POSIX system: two concurrent runs of one study are not detected
     fcntl = None  # type: ignore[assignment]
 
 FLUSH_SECONDS = 2.0
@@ -40,7 +40,7 @@ class RowFiles:
         self._due = time.monotonic() + FLUSH_SECONDS
 
     def add(self, row: dict[str, Any]) -> None:
-        """Take a row, and write the waiting rows if it is time."""
+        """Append a row, and write the waiting rows when due."""
         self._rows.append(row)
         if time.monotonic() >= self._due:
             self.flush()
@@ -60,7 +60,7 @@ class RowFiles:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep a second run out of a folder while the block runs."""
+    """Exclude a second run from a folder while the block runs."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = (folder / ".lock").open("ab")

@@ -22,7 +22,7 @@ MAX_PANELS, MAX_LINES, ACROSS = 4, 8, 2
 WITHOUT_X = (":", "--")
 """Strokes of level lines, for conditions without x: one for each wall."""
 LOG_RATIO = 10.0
-"""From smallest to largest, from which on an axis is logarithmic."""
+"""Ratio of largest to smallest value from which an axis is logarithmic."""
 
 Row = dict[str, Any]
 
@@ -40,7 +40,7 @@ def write_figure(study: Study, rows: Sequence[Row], path: Path) -> None:
 
 
 def chosen_axes(study: Study, rows: Sequence[Row]) -> dict[str, str]:
-    """Return the columns of measure, x, lines and columns: as the file says, else the first that vary."""
+    """Return the columns of measure, x, lines and columns: from the file, else the first that vary."""
     factors = list(study.conditions[0].values)
     measures = [name for name in rows[0] if name not in (*factors, "seconds") and _is_number(rows, name)]
     chosen = {key: name for key, name in study.plot.items() if name}
@@ -78,7 +78,7 @@ def _draw(figure: "Figure", rows: Sequence[Row], chosen: dict[str, str]) -> None
 
 
 def _draw_line(panel: "Axes", rows: Sequence[Row], chosen: dict[str, str], label: str, stroke: Row) -> None:
-    """Median or worst of the conditions at each x, with a band from least to largest."""
+    """Draw the median or worst of the conditions at each x, with a band from minimum to maximum."""
     middle = max if chosen["points"] == "worst" else statistics.median
     values: dict[Any, list[float]] = defaultdict(list)
     for row in rows:
@@ -98,7 +98,7 @@ def _draw_line(panel: "Axes", rows: Sequence[Row], chosen: dict[str, str], label
 
 
 def _scale(panel: "Axes", rows: Sequence[Row], chosen: dict[str, str]) -> None:
-    """Make axes of wide positive numbers logarithmic."""
+    """Scale axes of wide positive numbers logarithmically."""
     for axis, key in (("x", "x"), ("y", "measure")):
         numbers = [row[chosen[key]] for row in rows if isinstance(row[chosen[key]], int | float)]
         if numbers and min(numbers) > 0.0 and max(numbers) > LOG_RATIO * min(numbers):
@@ -106,7 +106,7 @@ def _scale(panel: "Axes", rows: Sequence[Row], chosen: dict[str, str]) -> None:
 
 
 def _grouped(rows: Sequence[Row], name: str | None, most: int) -> dict[str, list[Row]]:
-    """Rows by the level of a column, in words; without a column all rows."""
+    """Return rows by the level of a column, as text; without a column all rows."""
     if name is None:
         return {"": list(rows)}
     levels = sorted({row[name] for row in rows}, key=lambda one: (one is None, one))

@@ -1,4 +1,4 @@
-"""Reader of study files: from TOML to the conditions of a study, with every mistake named by its line.
+"""Reader of study files: from TOML to the conditions of a study, with the line of every mistake.
 
 A job is a function of keyword arguments: its parameters are the factors, its dictionary the measures.
 """
@@ -27,7 +27,7 @@ TABLES = ("study", "factors", "conditions", "plot")
 PLOT_KEYS = ("measure", "x", "lines", "columns", "points")
 POINTS = ("median", "worst")
 KEY_BYTES = 10
-"""Of a key: two of a million conditions share one with a probability of 4e-13."""
+"""Size of a key: two of a million conditions share one with a probability of 4e-13."""
 Job = Callable[..., dict[str, Any]]
 EXPECTED = {
     float: "a number",
@@ -63,7 +63,7 @@ class Study:
 
 
 def read_study(path: Path, jobs: Mapping[str, Job]) -> Study:
-    """Return a study; *jobs*: by the names that its file may have besides ``module:function``."""
+    """Return a study; *jobs*: by the names that its file may use besides ``module:function``."""
     document = read_document(path, "a study")
     Table(document, (), document.data, TABLES)  # complains of others
     table = Table(document, ("study",), document.data.get("study", {}), ("name", "job"))
@@ -81,7 +81,7 @@ def read_study(path: Path, jobs: Mapping[str, Job]) -> Study:
 
 
 def _imported(table: Table, name: str, jobs: Mapping[str, Job]) -> Job:
-    """The function that ``module:function`` names."""
+    """Return the function that ``module:function`` names."""
     module, _, function = name.partition(":")
     try:
         found: Job = getattr(import_module(module), function)
@@ -93,7 +93,7 @@ def _imported(table: Table, name: str, jobs: Mapping[str, Job]) -> Job:
 
 
 def _conditions(document: Document, folder: Path, job_name: str, job: Job) -> Iterator[Condition]:
-    """Every combination of [factors], with each of [[conditions]]; each condition once."""
+    """Return every combination of [factors], with each of [[conditions]]; each condition once."""
     rows = document.data.get("conditions", [{}])
     if not isinstance(rows, list):
         document.complain(("conditions",), "conditions are not tables, expected [[conditions]] above each")
@@ -120,7 +120,7 @@ def _conditions(document: Document, folder: Path, job_name: str, job: Job) -> It
 
 
 def _levels(document: Document, folder: Path, path: KeyPath, content: Any, job: Job) -> dict[str, list[Any]]:
-    """The values of each factor in a table."""
+    """Return the values of each factor in a table."""
     parameters = inspect.signature(job).parameters
     Table(document, path, content, list(parameters))
     levels = {}
@@ -140,7 +140,7 @@ def _levels(document: Document, folder: Path, path: KeyPath, content: Any, job: 
 def _read(
     document: Document, folder: Path, path: KeyPath, value: Any, accepted: tuple[type, ...]
 ) -> list[Any]:
-    """The values of an item: several of a pattern of files, none of an invalid one."""
+    """Return the values of an item: several for a pattern of files, none for an invalid one."""
     if value == NONE and types.NoneType in accepted:
         return [None]
     if Path in accepted and isinstance(value, str):
@@ -159,7 +159,7 @@ def _read(
 
 
 def _digest(path: Path, known: dict[str, str]) -> str:
-    """SHA-256 of a file, read once."""
+    """Return the SHA-256 of a file, read once."""
     if str(path) not in known:
         with path.open("rb") as stream:
             known[str(path)] = hashlib.file_digest(stream, "sha256").hexdigest()
@@ -167,7 +167,7 @@ def _digest(path: Path, known: dict[str, str]) -> str:
 
 
 def _key(job: str, values: Mapping[str, Any], digests: Mapping[str, str]) -> str:
-    """Hash of a condition; a file counts by its content."""
+    """Return the hash of a condition; a file counts by its content."""
     plain = {
         name: digests.get(str(one), str(one)) if isinstance(one, Path) else one
         for name, one in values.items()

@@ -1,6 +1,6 @@
-"""Run of a study on Ray: a task a condition, a bounded number of them at once, rows as they come.
+"""Run of a study on Ray: a task a condition, a bounded number in parallel, rows as they finish.
 
-A condition that fails, or takes its worker with it, becomes a row that says why; the next run tries it again.
+A condition that fails, or crashes its worker, becomes a row with the reason; the next run tries it again.
 """
 
 import atexit
@@ -29,19 +29,19 @@ from proximity.system.table_text import table_text
 
 LONGEST_FAILURE = 500  # characters
 TASKS_A_CORE = 8
-"""In flight: short jobs would wait for the next one else."""
+"""Number of tasks in flight per core: short jobs would otherwise wait for the next one."""
 RETRIES = 2
-"""Of a task whose worker or node was lost."""
+"""Number of retries of a task whose worker or node was lost."""
 WAIT_SECONDS = 0.5
 NO_CLUSTER = "no Ray cluster at"
 CONNECT_SECONDS = 5.0
 OBJECT_STORE_BYTES = 128 << 20
-"""Of Ray on this machine: rows are small, and scenes are files."""
+"""Memory of Ray on this machine: rows are small, and scenes are files."""
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a study is."""
+    """Progress of a study."""
 
     total: int
     earlier: int  # of them done by earlier runs
@@ -61,7 +61,7 @@ class Progress:
 
 
 def run_condition(job: Job, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the cells of a condition's row besides its factors: measures, failure, duration, versions."""
+    """Return the cells of a condition's row after its factors: measures, failure, duration, versions."""
     started = time.perf_counter()
     results: dict[str, Any] = {"failure": None}
     try:
@@ -82,10 +82,10 @@ def run_study(
     cores: int | None = None,
     watch: Callable[[Progress], None] = lambda _: None,
 ) -> Progress:
-    """Do the job for every condition without a row, or whose row is a failure; return the last progress.
+    """Run the job for every condition without a row, or with a failed one; return the last progress.
 
     *address*: of a Ray cluster; without it, and unless Ray runs in this process, this machine is used.
-    *watch*: given the progress now and then, and at the end, also if that is Ctrl-C.
+    *watch*: called with the progress regularly, and at the end, also after Ctrl-C.
     """
     with locked(out):
         kept = {row["key"] for row in read_rows(out, study.conditions) if row["failure"] is None}
@@ -106,7 +106,7 @@ def _run(
     progress: Progress,
     watch: Callable[[Progress], None],
 ) -> Progress:
-    """Send all conditions; the rows that are in are written, whatever ends the run."""
+    """Send all conditions; finished rows are written, for any end of the run."""
     task = ray.remote(run_condition).options(num_cpus=1, max_retries=RETRIES, retry_exceptions=False)
     limit = TASKS_A_CORE * max(1, int(ray.cluster_resources().get("CPU", 1)))
     waiting, flying = iter(pending), dict[Any, Condition]()
@@ -146,7 +146,7 @@ def _row(ray: Any, condition: Condition, landed: Any) -> dict[str, Any]:
 
 
 def _check_reachable(address: str) -> None:
-    """Refuse an address where nobody listens: Ray itself would try for minutes."""
+    """Raise for an address without a listener: Ray itself would try for minutes."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not (host and port.isdecimal()):
         raise ServiceError(f"{NO_CLUSTER} {address!r}, expected HOST:PORT as ray start --head prints it")
@@ -158,16 +158,16 @@ def _check_reachable(address: str) -> None:
 
 @cache
 def _own_ray_folder() -> str:
-    """Folder of the Ray that this process starts; what starts it then listens on loopback, with a token.
+    """Return the folder of the Ray that this process starts, which then listens on loopback, with a token.
 
     Call it before `ray` is imported, which reads the environment once.
     """
-    folder = tempfile.mkdtemp(prefix="proximity-ray-")  # mode 0700; Ray opens its own folder to everybody
+    folder = tempfile.mkdtemp(prefix="proximity-ray-")  # mode 0700; Ray opens its folder to all users
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     token = Path(folder, "token")
     token.touch(0o600)
     token.write_text(secrets.token_hex(32))
-    for name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN"):  # without a mode, Ray asks for a token where it starts
+    for name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN"):  # without a mode, Ray requires a token at its start
         os.environ.pop(name, None)
     os.environ["RAY_AUTH_TOKEN_PATH"] = str(token)
     os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # on Linux, too: only 127.0.0.1 is bound
@@ -176,8 +176,8 @@ def _own_ray_folder() -> str:
 
 @contextlib.contextmanager
 def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
-    """Ray, begun where it is not running in this process, and then ended again."""
-    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # nothing is sent to its makers
+    """Yield Ray, started if it is not running in this process, and then stopped again."""
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # no usage statistics
     folder = "" if address else _own_ray_folder()
     with needed("a study needs", "study"):
         import ray
@@ -193,7 +193,7 @@ def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
         started |= {"include_dashboard": False, "_temp_dir": os.path.join(folder, "ray")}
     try:
         ray.init(**started, log_to_driver=False, logging_level=logging.ERROR, configure_logging=False)
-    except Exception as failed:  # of any kind: Ray starts programs of its own
+    except Exception as failed:  # of any kind: Ray starts other programs
         where = f"{NO_CLUSTER} {address}" if address else "Ray cannot be started here"
         raise ServiceError(f"{where} ({str(failed).strip().partition(chr(10))[0]})") from failed
     try:

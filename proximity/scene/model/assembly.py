@@ -151,8 +151,8 @@ def assemble(
 ) -> Model:
     """Return the model of parts at poses, in new memory.
 
-    *sources*: at least one; models of one part alone. *dynamic*, *hidden*: rows of parts that are going to move,
-    and of those that no query finds.
+    *sources*: at least one; models of one part alone. *dynamic*, *hidden*: rows of parts that are going to
+    move, and of those that no query finds.
     """
     count = len(sources)
     parts, frames = np.zeros(count + 1, layout.PART), np.zeros(count + 1, layout.FRAME)
@@ -180,7 +180,7 @@ def assemble(
 
 
 def adopt(source: Model, pose: Pose, *, is_hidden: bool = False, name: str = "") -> Model:
-    """Return the model of the part of *source* at a pose, in the memory of *source*, which nobody else may use."""
+    """Return the model of the part of *source* at a pose, in the memory of *source*, which it takes over."""
     frames, parts = source.frames.copy(), source.parts.copy()
     place_part(source.packed, 0, frames, parts, 0, pose.matrix, EXACT_ENOUGH)
     parts["is_hidden"][0] = is_hidden

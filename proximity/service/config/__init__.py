@@ -1,7 +1,7 @@
-"""The scene file of a service: parts, fingers, the source of poses and the addresses of frames.
+"""Scene file of a service: parts, fingers, the source of poses and the addresses of frames.
 
-TOML, with every mistake named by its line; ``meshes/demo.toml`` explains each key. `read_scene_file` checks
-what can be checked without opening parts; what the file describes is then made of it.
+TOML, with the line of every mistake; ``meshes/demo.toml`` explains each key. `read_scene_file` validates
+without opening parts; the objects are then built from the settings.
 """
 
 from proximity.service.config.scene_builder import (

@@ -19,7 +19,7 @@ def address(default: Any = REQUIRED) -> Any:
 
 
 def addresses(default: Any = REQUIRED) -> Any:
-    """Declare one address, or several that differ."""
+    """Declare one address, or several different ones."""
     return key(_read_addresses, default)
 
 
@@ -49,7 +49,7 @@ def unit(default: str) -> Any:
 
 
 def read_file(table: Table, name: str, meaning: str) -> str:
-    """Return the path of an existing file; an empty one if the key is missing."""
+    """Return the path of an existing file; "" if the key is missing."""
     named = table.text(name, REQUIRED, meaning=meaning)
     return "" if named is REQUIRED else _existing(table, name, named, meaning)
 

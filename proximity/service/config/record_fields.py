@@ -1,4 +1,4 @@
-"""Fields of a dataclass as keys of a TOML table: each says how it is read, and its default.
+"""Fields of a dataclass as keys of a TOML table, with reader and default.
 
 ``rate_hz: float = number(Range("Hz", 1.0, 1e5), 1000.0)`` declares key, type, range and default in one place.
 """
@@ -38,7 +38,7 @@ def truth(default: bool = False) -> Any:
 
 
 def text(meaning: str, default: Any = REQUIRED) -> Any:
-    """Declare a text that is not empty; *meaning* is what messages expect."""
+    """Declare a non-empty text; *meaning* is the expectation in messages."""
     return key(lambda table, name, default: table.text(name, default, meaning=meaning), default)
 
 
@@ -53,17 +53,17 @@ def word(words: Sequence[str], default: Any = REQUIRED) -> Any:
 
 
 def keys_of(*records: Any) -> tuple[str, ...]:
-    """Return the keys that tables of these records may have."""
+    """Return the permitted keys of tables of these records."""
     return tuple(one.name for record in records for one in fields(record) if one.metadata)
 
 
 def read_fields(record: Any, table: Table) -> dict[str, Any]:
-    """Return the fields of a record, by name, as a table has them."""
+    """Return the fields of a record, by name, from a table."""
     return {one.name: one.metadata["read"](table, one.name) for one in fields(record) if one.metadata}
 
 
 def read_table(record: Any, document: Document, name: str) -> Any:
-    """Return the record that a table of the document describes; its defaults if there is no table."""
+    """Return the record of a table in the document; its defaults without a table."""
     content = document.data.get(name, {})
     return record(**read_fields(record, Table(document, (name,), content, keys_of(record))))
 
@@ -71,7 +71,7 @@ def read_table(record: Any, document: Document, name: str) -> Any:
 def read_tables(
     record: Any, document: Document, name: str, *, is_needed: bool = False
 ) -> Iterator[tuple[Table, Any]]:
-    """Yield each table of a list with the record that it describes."""
+    """Yield each table of a list with its record."""
     listed: Any = document.data.get(name, [])
     if not isinstance(listed, list):
         verb = "are" if name.endswith("s") else "is"

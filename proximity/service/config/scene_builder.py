@@ -1,6 +1,6 @@
-"""Build what a scene file describes: the scene, the tracker, and the recording placed in the scene.
+"""Build the objects of a scene file: the scene, the tracker, and the recording placed in the scene.
 
-What cannot be made is an error with the line that asked for it.
+Errors name the line of the invalid setting.
 """
 
 import math
@@ -22,13 +22,13 @@ from proximity.tracker.tracker import Tracker
 
 DEFAULT_FINGERS = 5
 NOT_OF_TRACKER = ("count", "names")
-"""Settings of fingers that no tracker is given."""
+"""Settings of fingers that are not passed to a tracker."""
 _Kept = dict[tuple[str, str], tuple[Any, tuple[Part, ...], tuple[str, ...], float]]
 """Stamp, parts, notes and approximation, m, of files, by name and unit."""
 
 
 class PartFiles:
-    """The files that parts came from, kept: an edited scene reads only those that have changed.
+    """Cache of the files of parts: a reloaded scene reads only the changed ones.
 
     *options*: of `load`, for every file.
     """
@@ -39,7 +39,7 @@ class PartFiles:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on files whose parts have an unlikely size, as of the last scene."""
+        """Sentences on files whose parts have an unlikely size, of the last scene."""
         return tuple(note for _, _, notes, _ in self._kept.values() for note in notes)
 
     def scene(self, settings: SceneFile) -> Scene:
@@ -84,10 +84,10 @@ class PartFiles:
 
 
 def stamp_of(path: str) -> tuple[int, ...] | None:
-    """Return what changes when a file does; None where there is none.
+    """Return a value that changes with a file; None if it is missing.
 
-    Not its date and size alone: of unpacked archives all files may have one date, and of parts with as many
-    faces one size.
+    Date and size are not enough: the files of an unpacked archive may share a date, and parts with equal face
+    counts have equal sizes.
     """
     try:
         status = os.stat(path)
@@ -97,7 +97,7 @@ def stamp_of(path: str) -> tuple[int, ...] | None:
 
 
 def finger_count(settings: SceneFile, recording: Recording | None) -> int:
-    """Return how many fingers there are: as the file says, as a recording has, or five."""
+    """Return the number of fingers: from the file, a recording, or five."""
     count = settings.fingers.count
     if recording is None:
         return DEFAULT_FINGERS if count is None else count
@@ -110,7 +110,7 @@ def finger_count(settings: SceneFile, recording: Recording | None) -> int:
 
 
 def finger_names(settings: SceneFile, recording: Recording | None, count: int) -> tuple[str, ...]:
-    """Return the names of fingers: as the file says, as a recording has them, or their numbers."""
+    """Return the names of fingers: from the file, a recording, or their numbers."""
     names = settings.fingers.names
     if names is not None:
         return names
@@ -120,13 +120,13 @@ def finger_names(settings: SceneFile, recording: Recording | None, count: int) -
 
 
 def finger_radii(settings: SceneFile, count: int) -> tuple[float, ...]:
-    """Return the radii of fingertips, m; nan where a sensor measures."""
+    """Return the radii of fingertips, m; nan for a sensor."""
     radius = math.nan if settings.input.sensor is not None else settings.fingers.radius
     return radius if isinstance(radius, tuple) else (radius,) * count
 
 
 def make_tracker(settings: SceneFile, scene: Scene, count: int) -> Tracker:
-    """Return the tracker that a scene file asks for."""
+    """Return the tracker of a scene file."""
     reported = {one.name: getattr(settings.fingers, one.name) for one in fields(FingerSettings)}
     reported = {
         name: value for name, value in reported.items() if value is not None and name not in NOT_OF_TRACKER
@@ -139,7 +139,7 @@ def make_tracker(settings: SceneFile, scene: Scene, count: int) -> Tracker:
 
 
 def read_input(settings: SceneFile) -> Recording | None:
-    """Return the recording that is the input, as it was recorded; None where it is another."""
+    """Return the input's recording as recorded; None for other inputs."""
     entry = settings.input.recording
     if entry is None:
         return None
@@ -150,7 +150,7 @@ def read_input(settings: SceneFile) -> Recording | None:
 
 
 def place_recording(settings: SceneFile, recording: Recording, scene: Scene) -> Recording:
-    """Return a recording in the scene's frame: where the file says, or fitted to the parts."""
+    """Return a recording in the scene's frame: at the file's pose, or fitted to the parts."""
     entry = settings.input.recording
     if entry is None:
         raise ServiceError(f"{settings.path}: the input is not a recording")
@@ -167,9 +167,9 @@ def place_recording(settings: SceneFile, recording: Recording, scene: Scene) -> 
 
 
 def placed_parts(loaded: Sequence[Part], name: str | None, world_from_file: Pose) -> list[Part]:
-    """Return the parts of a file under their names, where they are put.
+    """Return the parts of a file with their names and poses.
 
-    *name*: of the only part, or before those of several; None: as in the file.
+    *name*: of the only part, or prefix of several; None: as in the file.
     """
     parts = []
     for part in loaded:
@@ -187,7 +187,7 @@ def placed_parts(loaded: Sequence[Part], name: str | None, world_from_file: Pose
 
 
 def _placed(entry: PartEntry, loaded: tuple[Part, ...]) -> list[Part]:
-    """The parts of an entry's file, as it says."""
+    """Return the parts of an entry's file, with its settings."""
     parts = placed_parts(loaded, entry.name, Pose(turn_about_axes(entry.turn_degrees), entry.position))
     if entry.kind is None:
         return parts

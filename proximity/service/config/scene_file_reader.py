@@ -1,6 +1,6 @@
-"""Reader of scene files: from text to settings, with every mistake named by its line.
+"""Reader of scene files: from text to settings, with the line of every mistake.
 
-The keys, with types and ranges, are the fields of `settings`; here is what holds among several keys.
+The keys, with types and ranges, are the fields of `settings`; constraints between keys are checked here.
 """
 
 import os
@@ -35,9 +35,9 @@ KEYS = {
 """The keys of each table."""
 SOURCES = ("recording", "poses", "sensor")
 EITHER = "recording, poses or sensor"
-WITHOUT_GEOMETRY = "cannot be used: distances are measured by input.sensor, there is no geometry"
-MOST_NAMES = 12
-"""Of parts, in a message."""
+WITHOUT_GEOMETRY = "cannot be used: distances come from input.sensor, without geometry"
+MAX_NAMES = 12
+"""Maximum number of parts named in a message."""
 
 
 def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
@@ -65,7 +65,7 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
 def override(settings: SceneFile, overrides: dict[str, Any]) -> SceneFile:
     """Return settings with other values of [service].
 
-    *overrides*: by key; None keeps the value of the file. A path is relative to the present folder.
+    *overrides*: by key; None keeps the value of the file. A path is relative to the working directory.
     """
     document = Document("", "")
     given = {key: _as_in_toml(value) for key, value in overrides.items() if value is not None}
@@ -95,7 +95,7 @@ def _read_fingers(document: Document, is_measured: bool) -> FingerSettings:
 
 
 def _read_parts(document: Document, is_measured: bool) -> tuple[PartEntry, ...]:
-    """The parts, in the order of the file."""
+    """Read the parts, in the order of the file."""
     if is_measured and document.data.get("parts"):
         document.complain(("parts", 0), f"[[parts]] {WITHOUT_GEOMETRY}")
         return ()
@@ -113,7 +113,7 @@ def _read_parts(document: Document, is_measured: bool) -> tuple[PartEntry, ...]:
 
 
 def _read_input(document: Document) -> InputSettings:
-    """The source of poses."""
+    """Read the source of poses."""
     if "input" not in document.data:
         document.complain((), f"[input] is missing, expected it to have {EITHER}")
         return InputSettings()
@@ -135,7 +135,7 @@ def _as_in_toml(value: Any) -> Any:
 
 
 def _check_together(settings: SceneFile) -> None:
-    """Complain of what does not fit together, though each of it could be."""
+    """Report valid values that contradict each other."""
     inputs, complain = settings.input, settings.document.complain
     for key in ("moves", "changes"):
         if getattr(inputs, key) is not None and inputs.sensor is not None:
@@ -155,9 +155,9 @@ def _check_together(settings: SceneFile) -> None:
 
 
 def _check_held(settings: SceneFile) -> None:
-    """Complain of held parts that do not fit the rest of the file."""
+    """Report tracked parts that contradict the rest of the file."""
     inputs = settings.input
-    parts: dict[str, str] = {}  # and where they are held
+    parts: dict[str, str] = {}  # and their [[held]] entries
     used = dict.fromkeys(settings.service.publish, "service.publish")
     for key in ("poses", "sensor", "moves", "changes"):
         used.setdefault(getattr(inputs, key), f"input.{key}")
@@ -180,11 +180,11 @@ def _check_held(settings: SceneFile) -> None:
 
 
 def check_held(settings: SceneFile, scene: Scene) -> None:
-    """Raise if a part that is to be held is not in the scene."""
+    """Raise if a tracked part is missing in the scene."""
     names = scene.snapshot().names
     for row, entry in enumerate(settings.held):
         for name in entry.part:
             if name not in names:
-                known = ", ".join(names[:MOST_NAMES]) + (", …" if len(names) > MOST_NAMES else "")
+                known = ", ".join(names[:MAX_NAMES]) + (", …" if len(names) > MAX_NAMES else "")
                 sentence = f"held[{row}].part is {name!r}, expected one of {known}"
                 raise settings.error(("held", row, "part"), sentence)

@@ -1,7 +1,7 @@
-"""Settings of a scene file, in metres and seconds; each field is a key and declares how it is read.
+"""Settings of a scene file, in metres and seconds; each field is a key and declares its reader.
 
-``meshes/demo.toml`` explains every key. Paths are complete: those in the file are relative to it. Whether
-files can be loaded is not known yet.
+``meshes/demo.toml`` explains every key. Paths are absolute: those in the file are relative to it. The files
+they name have not been loaded yet.
 """
 
 # ruff: noqa: RUF009 -- the calls make fields
@@ -30,7 +30,7 @@ from proximity.service.config.toml_document import Document, Path
 from proximity.tracker.tracker_arguments import LARGEST_RADIUS, LARGEST_WORKING_RANGE, length_error
 
 USUAL_PUBLISH = ("shm://proximity",) if sys.platform == "linux" else ("udp://127.0.0.1:9100",)
-"""Where frames go unless the file says otherwise."""
+"""Default address of frames."""
 Vector = tuple[float, float, float]
 ORIGIN: Vector = (0.0, 0.0, 0.0)
 SHARE = Range("", 0.0, 1.0)
@@ -55,15 +55,15 @@ class ServiceSettings:
 
     rate_hz: float = number(Range("Hz", 1.0, 100_000.0), 1000.0)
     latency: float = number(Range("s", 0.0, 1.0), 0.001)  # from a tick until the controller acts
-    valid_for: float = number(Range("s", 1e-5, 0.1), 0.020)  # from a pose on; one of 100 ms is worth nothing
+    valid_for: float = number(Range("s", 1e-5, 0.1), 0.020)  # after a pose; 100 ms or more are useless
     publish: tuple[str, ...] = place.addresses(USUAL_PUBLISH)
     log: str | None = place.new_file("the file to write")  # of all frames
-    real_time: bool = truth()  # whether the system is asked for priority, locked memory and a core
+    real_time: bool = truth()  # requests priority, locked memory and a core from the system
     core: int | None = whole(Range("", 0, 4095), None)  # with real_time; None: the service chooses
 
     @property
     def period(self) -> float:
-        """Between ticks, s."""
+        """Time between ticks, s."""
         return 1.0 / self.rate_hz
 
 
@@ -92,9 +92,9 @@ def _count_of(table: Table) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class FingerSettings:
-    """The fingertips, and what a tracker is given besides; None: its own default."""
+    """The fingertips, and further options of the tracker; None: its default."""
 
-    # None: as many as there are names, as a recording has, else five
+    # None: the number of names, that of a recording, else five
     count: int | None = key(lambda table, name, default: _count_of(table), None)
     radius: float | tuple[float, ...] = key(_read_radius, 0.007)  # m, one for all or one each
     budget: int | None = whole(STEPS, None)
@@ -103,17 +103,17 @@ class FingerSettings:
     horizon: float | None = number(HORIZON, None)
     max_speed: float | None = number(Range("m/s", 0.0, 1e6, is_above=True), None)
     max_acceleration: float | None = number(Range("m/s²", 0.0, 1e9, is_above=True), None)
-    names: tuple[str, ...] | None = texts("what a finger is called", None)  # None: as a recording has them
+    names: tuple[str, ...] | None = texts("what a finger is called", None)  # None: those of a recording
 
 
 def _deformable(accepted: Range, needed: Any, default: Any) -> Any:
-    """Declare a number that only deformable parts have; *needed*: their default."""
+    """Declare a number of deformable parts only; *needed*: their default."""
 
     def read(table: Table, name: str, default: Any) -> Any:
         if table.value("kind") == "deformable":
             return table.number(name, needed, accepted)
         if table.has(name):
-            table.complain(name, 'is of a deformable part, expected kind = "deformable" beside it')
+            table.complain(name, 'is for deformable parts, expected kind = "deformable" with it')
         return default
 
     return key(read, default)
@@ -121,7 +121,7 @@ def _deformable(accepted: Range, needed: Any, default: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class PartEntry:
-    """A file of one part or several, where it is put, and how it answers a touch."""
+    """A file of one or several parts, with its pose and its response to contact."""
 
     file: str = place.file("a file of parts")
     units: str = place.unit("mm")
@@ -135,12 +135,12 @@ class PartEntry:
 
 @dataclass(frozen=True, slots=True)
 class RecordingEntry:
-    """A recorded hand, and where it is put."""
+    """A recorded hand and its pose."""
 
     file: str
     repeat: bool = truth()
     fast: bool = truth()  # as fast as possible instead of in real time
-    fit: bool = truth()  # so that it touches; *position* means nothing then
+    fit: bool = truth()  # so that it touches; *position* is ignored then
     position: Vector = _position()  # of its origin
     turn_degrees: Vector = _turn()
     scale: float = number(Range("", 1e-6, 1e6), 1.0)
@@ -164,16 +164,16 @@ class InputSettings:
 
     recording: RecordingEntry | None = key(_read_recording, None)
     poses: str | None = place.address(None)
-    sensor: str | None = place.address(None)  # distances are measured, there is no geometry
+    sensor: str | None = place.address(None)  # measured distances, without geometry
     moves: str | None = place.address(None)  # parts move
     changes: str | None = place.address(None)  # parts are hidden, shown, removed, added, deformed
-    # folders that parts may be added from; none: they may not be added
+    # folders of parts that may be added; none: no part may be added
     parts_from: tuple[str, ...] = place.folders("a folder of parts that messages may add")
 
 
 @dataclass(frozen=True, slots=True)
 class GloveSettings:
-    """Calibrations of the gloves on the hand whose poses come in."""
+    """Calibrations of the gloves on the hand that sends poses."""
 
     calibration: tuple[str, ...] = place.files("a calibration of a glove")  # one for all fingers, or one each
     max_age_days: float | None = number(Range("days", 0.0, 36_500.0, is_above=True), None)
@@ -181,9 +181,9 @@ class GloveSettings:
 
 @dataclass(frozen=True, slots=True)
 class HeldEntry:
-    """A part that is followed, or a rigid group of them, and where its connections go."""
+    """A tracked part, or a rigid group of them, and the addresses of its connections."""
 
-    part: tuple[str, ...] = texts("the name of a part")  # the first is the one whose moves count
+    part: tuple[str, ...] = texts("the name of a part")  # the first one's moves count
     publish: tuple[str, ...] = place.addresses()
     connections: int = whole(Range("", 1, 16), 1)
     working_range: float | None = number(LENGTH, None)  # None: any distance
@@ -193,21 +193,21 @@ class HeldEntry:
 
     @property
     def tracker_settings(self) -> dict[str, Any]:
-        """What a `PartTracker` is given besides; what is None is its own default."""
+        """Options of the `PartTracker`; None: its default."""
         names = ("connections", "working_range", "tolerance", "budget", "horizon")
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
 
 @dataclass(frozen=True, slots=True)
 class WebSettings:
-    """The page beside the service, where one was asked for."""
+    """Page of the service, if requested."""
 
-    feed: bool = truth()  # it may send to input.poses and input.moves; otherwise it only watches
+    feed: bool = truth()  # may send to input.poses and input.moves; otherwise it only displays
 
 
 @dataclass(frozen=True, slots=True)
 class SceneFile:
-    """A scene file that was read and checked."""
+    """A validated scene file."""
 
     path: str
     service: ServiceSettings
@@ -220,5 +220,5 @@ class SceneFile:
     held: tuple[HeldEntry, ...] = ()
 
     def error(self, path: Path, sentence: str) -> ServiceError:
-        """Return the error that says something of a value, with file and line."""
+        """Return the error about a value, with file and line."""
         return self.document.error(path, sentence)

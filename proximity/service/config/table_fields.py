@@ -1,7 +1,7 @@
-"""One table of a scene file: values checked for type and range.
+"""Table of a scene file: values checked for type and range.
 
-What is wrong is complained of, and some value is returned all the same: so that one look at a file finds the
-first mistake by line, not the first that somebody happened to look for.
+Errors are collected, and reading continues with a valid value, so that the first error reported is the first
+in the file.
 """
 
 import difflib
@@ -14,7 +14,7 @@ from proximity.checks import as_number, is_whole
 from proximity.service.config.toml_document import Document, Path, spelled
 
 REQUIRED: Any = object()
-"""Stands for a default: there is none."""
+"""Marks a key without a default."""
 LONGEST_SHOWN = 60  # characters
 LARGEST_SHOWN = 10**20
 
@@ -26,10 +26,10 @@ class Range:
     unit: str
     lowest: float = -math.inf
     highest: float = math.inf
-    is_above: bool = False  # the lowest is not accepted itself
+    is_above: bool = False  # the lower bound is excluded
 
     def holds(self, value: float) -> bool:
-        """Whether a number is in it; nan and the infinities never are."""
+        """Return whether a number is in the range; nan and the infinities never are."""
         is_high = value > self.lowest if self.is_above else value >= self.lowest
         return is_high and value <= self.highest and math.isfinite(value)
 
@@ -45,16 +45,16 @@ class Range:
 
 
 class Table:
-    """A table at a path of a document, and the keys that it may have.
+    """A table at a path of a document, and its permitted keys.
 
-    *path*: of the table; one that is not there is empty. *content*: what is there; complained of unless it is
-    a table.
+    *path*: of the table; a missing one is empty. *content*: the value; an error is collected unless it is a
+    table.
     """
 
     def __init__(self, document: Document, path: Path, content: Any, known: Sequence[str]) -> None:
         self._document, self._path = document, path
         self._content: dict[str, Any] = content if isinstance(content, dict) else {}
-        self._meant: set[str] = set()  # keys that others were probably meant to be
+        self._meant: set[str] = set()  # keys whose misspelling was probably found
         if not isinstance(content, dict):
             header = f"[[{spelled(path[:-1])}]]" if isinstance(path[-1], int) else f"[{spelled(path)}]"
             document.complain(path, f"{spelled(path)} is {shown(content)}, expected a table: {header}")
@@ -63,52 +63,52 @@ class Table:
                 self._refuse(key, known)
 
     def has(self, key: str) -> bool:
-        """Whether a key is there, whatever it says."""
+        """Return whether a key is present, valid or not."""
         return key in self._content
 
     def value(self, key: str) -> Any:
-        """The value of a key as TOML has it; None if it is missing."""
+        """Return the raw TOML value of a key; None if it is missing."""
         return self._content.get(key)
 
     @property
     def folder(self) -> str:
-        """The folder that paths are relative to."""
+        """Folder of relative paths."""
         return self._document.folder
 
     def complain(self, key: str, sentence: str) -> None:
-        """Complain of one key: *sentence* follows its name."""
+        """Collect an error about one key: *sentence* follows its name."""
         path = (*self._path, key)
         self._document.complain(path, f"{spelled(path)} {sentence}")
 
     def text(self, key: str, default: Any = REQUIRED, *, meaning: str) -> Any:
-        """A text with something in it; *meaning* is what it is expected to be."""
+        """Read a non-empty text; *meaning* is the expectation in messages."""
         return self._value(key, default, f"{meaning}, as text in quotes", _as_text)
 
     def truth(self, key: str, default: bool) -> bool:
-        """True or false."""
+        """Read true or false."""
         return bool(self._value(key, default, "true or false", _as_truth))
 
     def number(self, key: str, default: Any, accepted: Range) -> Any:
-        """A number within a range."""
+        """Read a number within a range."""
         return self._value(key, default, f"a number {accepted}", lambda value: _as_number(value, accepted))
 
     def whole(self, key: str, default: Any, accepted: Range) -> Any:
-        """A whole number within a range."""
+        """Read a whole number within a range."""
         expected = f"a whole number {accepted}"
         return self._value(key, default, expected, lambda value: _as_whole(value, accepted))
 
     def one_of(self, key: str, default: Any, words: Sequence[str]) -> Any:
-        """One of some words."""
+        """Read one of some words."""
         expected = " or ".join(f'"{word}"' for word in words)
         return self._value(key, default, expected, lambda value: value if value in words else None)
 
     def texts(self, key: str, default: Any, *, meaning: str) -> Any:
-        """One text, or several in a list; an empty tuple if a required one is missing."""
-        found = self._value(key, default, f"{meaning}, as text in quotes, or a list of such", _as_texts)
+        """Read one text, or several in a list; an empty tuple if a required one is missing."""
+        found = self._value(key, default, f"{meaning}, as text in quotes, or a list of texts", _as_texts)
         return () if found is REQUIRED else found
 
     def numbers(self, key: str, default: Any, count: int | None, accepted: Range) -> Any:
-        """A list of so many numbers within a range; None: of any number of them."""
+        """Read a list of *count* numbers within a range; None: of any length."""
         value = self._content.get(key)
         if isinstance(value, list):
             if len(value) != (count or len(value)) or not value:
@@ -123,14 +123,14 @@ class Table:
         return self._value(key, default, expected, _as_numbers)
 
     def number_or_numbers(self, key: str, default: Any, count: int | None, accepted: Range) -> Any:
-        """One number within a range, or a list of so many."""
+        """Read one number within a range, or a list of *count*."""
         is_listed = isinstance(self._content.get(key), list)
         return (
             self.numbers(key, default, count, accepted) if is_listed else self.number(key, default, accepted)
         )
 
     def _value(self, key: str, default: Any, expected: str, read: Callable[[Any], Any]) -> Any:
-        """The result of *read*, or None if the value cannot be used."""
+        """Return the result of *read*, or None if the value cannot be used."""
         if key not in self._content:
             if default is REQUIRED and key not in self._meant:
                 path = (*self._path, key)
@@ -177,7 +177,7 @@ def _as_texts(value: Any) -> tuple[str, ...] | None:
 
 
 def shown(value: Any) -> str:
-    """Return a value as a message names it: short, and in TOML's words."""
+    """Return a value as messages show it: shortened, in TOML syntax."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, dict):

@@ -1,7 +1,7 @@
-"""A scene file as parsed TOML, with the line number of every value.
+"""Scene file as parsed TOML, with the line number of every value.
 
-tomllib says lines of what is no TOML, and of nothing else. So it is given the file once more, one statement
-at a time: lines are put together until they can be read on their own.
+tomllib reports line numbers only for syntax errors. So the file is parsed again by statement: lines are
+joined until they parse on their own.
 """
 
 import os
@@ -13,27 +13,27 @@ from typing import Any
 from proximity.errors import ServiceError
 from proximity.system.regular_file import open_regular
 
-MOST_FILE_BYTES = 1 << 20
-"""A scene of thousands of parts has less; what is larger is another file."""
-MOST_LINES = 200
-"""Of one statement: behind a longer one no line is named, but that of the statement."""
-MOST_LINES_NAMED = 8
-"""Of further mistakes, in one message."""
-MOST_DOTS = 32
-"""In a key: none that we know has more than two."""
+MAX_FILE_BYTES = 1 << 20
+"""A scene of thousands of parts is smaller; a larger file is not a scene file."""
+MAX_LINES = 200
+"""Maximum lines of a statement: in a longer one errors name the line of the statement."""
+MAX_LINES_NAMED = 8
+"""Maximum number of further mistakes in one message."""
+MAX_DOTS = 32
+"""Maximum number of dots in a key: no known key has more than two."""
 _WORD = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
-LONG_KEY = re.compile(rf"(?:^|[{{,])[ \t\[]*(?:{_WORD}[ \t]*\.[ \t]*){{{MOST_DOTS + 1}}}", re.MULTILINE)
-"""Such a key where one can begin: on a line, behind brackets, or in an inline table."""
+LONG_KEY = re.compile(rf"(?:^|[{{,])[ \t\[]*(?:{_WORD}[ \t]*\.[ \t]*){{{MAX_DOTS + 1}}}", re.MULTILINE)
+"""A long key at its possible starts: a line, after brackets, or in an inline table."""
 POSITION_IN_MESSAGE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 Path = tuple[str | int, ...]
-"""Keys and indices that lead to a value: ("parts", 1, "position")."""
+"""Keys and indices of a value: ("parts", 1, "position")."""
 
 
 class Document:
-    """A TOML file that was read, and what is wrong with its content.
+    """A TOML file and the errors in its content.
 
-    *name*: what messages call it; nothing where there is no file.
+    *name*: of the file in messages; "" without a file.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Document:
         self._complaints: list[tuple[int, str]] = []
         if long_key := LONG_KEY.search(text):  # tomllib takes minutes and gigabytes for thousands
             line = text.count("\n", 0, long_key.end()) + 1
-            raise ServiceError(f"{self._prefix(line)}a key has more than {MOST_DOTS} dots, expected fewer")
+            raise ServiceError(f"{self._prefix(line)}a key has more than {MAX_DOTS} dots, expected fewer")
         try:
             self.data = tomllib.loads(text)
         except RecursionError as deep:
@@ -56,27 +56,27 @@ class Document:
 
     @property
     def folder(self) -> str:
-        """The folder of the file; without a file, the present one."""
+        """Folder of the file; without a file, the working directory."""
         return os.path.dirname(os.path.abspath(self.name)) if self.name else os.getcwd()
 
     def line_of(self, path: Path) -> int:
-        """Return the line, from 1, on which a value begins; of what is not there that of its table."""
+        """Return the line, from 1, of a value; for a missing value that of its table."""
         while path not in self._lines:
             path = path[:-1]
         return self._lines[path]
 
     def error(self, path: Path, sentence: str) -> ServiceError:
-        """Return the error that says something of a value."""
+        """Return the error about a value."""
         return ServiceError(f"{self._prefix(self.line_of(path))}{sentence}")
 
     def complain(self, path: Path, sentence: str) -> None:
-        """Remember that something is wrong, and go on."""
+        """Collect an error about a value, and continue."""
         complaint = self.line_of(path), sentence
-        if complaint not in self._complaints:  # a value may be read for the sake of another
+        if complaint not in self._complaints:  # a value may be read on behalf of another
             self._complaints.append(complaint)
 
     def raise_complaints(self) -> None:
-        """Raise what was complained of first in the file, if anything was."""
+        """Raise the first collected error in file order, if any."""
         if not self._complaints:
             return
         (line, sentence), *more = sorted(self._complaints, key=lambda complaint: complaint[0])
@@ -100,7 +100,7 @@ class Document:
                 else:
                     _note(content, table, lines, begins)
                 statement = []
-            elif len(statement) > MOST_LINES:
+            elif len(statement) > MAX_LINES:
                 break
         return lines
 
@@ -119,26 +119,26 @@ class Document:
 
 
 def _other_mistakes(numbers: list[int]) -> str:
-    """How many there are, and on which lines: ``2 more mistakes, on lines 4 and 9``."""
+    """Return the number of further errors and their lines: ``2 more mistakes, on lines 4 and 9``."""
     *lines, last = dict.fromkeys(map(str, numbers))
-    if len(lines) >= MOST_LINES_NAMED:
-        lines, last = lines[:MOST_LINES_NAMED], "others"
+    if len(lines) >= MAX_LINES_NAMED:
+        lines, last = lines[:MAX_LINES_NAMED], "others"
     where = f"lines {', '.join(lines)} and {last}" if lines else f"line {last}"
     return f"{len(numbers)} more {'mistake' if len(numbers) == 1 else 'mistakes'}, on {where}"
 
 
 def read_document(path: str | os.PathLike[str], what: str = "a scene file") -> Document:
-    """Return what is in a TOML file."""
+    """Return the document of a TOML file."""
     name = os.fsdecode(path)
     try:
         with open_regular(path) as file:
-            content = file.read(MOST_FILE_BYTES + 1)
+            content = file.read(MAX_FILE_BYTES + 1)
     except (OSError, ValueError) as failed:  # a name with a zero in it is a ValueError
         raise ServiceError(f"{name}: cannot be read ({getattr(failed, 'strerror', failed)})") from failed
-    if len(content) > MOST_FILE_BYTES:
-        raise ServiceError(f"{name}: larger than {MOST_FILE_BYTES >> 20} MiB, expected {what} in TOML")
+    if len(content) > MAX_FILE_BYTES:
+        raise ServiceError(f"{name}: larger than {MAX_FILE_BYTES >> 20} MiB, expected {what} in TOML")
     try:
-        text = content.decode("utf-8-sig")  # some editors begin a file with a mark
+        text = content.decode("utf-8-sig")  # some editors write a byte order mark
     except UnicodeDecodeError as unfit:
         line = content.count(b"\n", 0, unfit.start) + 1
         raise ServiceError(f"{name}:{line}: not UTF-8, expected {what} in TOML") from unfit
@@ -148,7 +148,7 @@ def read_document(path: str | os.PathLike[str], what: str = "a scene file") -> D
 
 
 def spelled(path: Path) -> str:
-    """Return a path as people write it: ``parts[1].position``."""
+    """Return a path in TOML notation: ``parts[1].position``."""
     words = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path)
     return words.removeprefix(".")
 
@@ -161,7 +161,7 @@ def _loaded(text: str) -> dict[str, Any] | None:
 
 
 def _enter(header: Any, newest: dict[Path, int], lines: dict[Path, int], begins: int) -> Path:
-    """The path of the table that a header alone, as it was read, begins."""
+    """Return the path of the table that a parsed header begins."""
     path: Path = ()
     while header:
         ((key, header),) = header.items()
@@ -177,7 +177,7 @@ def _enter(header: Any, newest: dict[Path, int], lines: dict[Path, int], begins:
 
 
 def _note(content: Any, path: Path, lines: dict[Path, int], begins: int) -> None:
-    """Write down where the values of one statement begin."""
+    """Record the lines of the values of one statement."""
     items: Any = ()
     if isinstance(content, dict):
         items = content.items()

@@ -1,8 +1,8 @@
-"""Serving a scene file, in this process or in one of its own.
+"""Service of a scene file, in this process or in a separate one.
 
-`serve` makes what the file describes and runs the loop; meanwhile it looks whether the file is edited.
-`start_service` has another process do that, so that neither the interpreter lock nor the collector of this
-one can delay a tick.
+`serve` builds the objects of the file, runs the loop, and watches the file for edits. `start_service` runs it
+in another process, so that neither the interpreter lock nor the garbage collector of this one can delay a
+tick.
 """
 
 from proximity.service.hosting.process import RunningService, start_service

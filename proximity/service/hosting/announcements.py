@@ -1,4 +1,4 @@
-"""Announcements while a service runs: the listener can neither delay the loop nor end it."""
+"""Announcements of a running service: the listener can neither delay the loop nor end it."""
 
 import logging
 import queue
@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from logging.handlers import QueueHandler, QueueListener
 
-# Not below the loop's logger: what cannot be announced would be announced again, for ever.
+# Not below the loop's logger: a failed announcement would be announced again, forever.
 LOGGER = logging.getLogger("proximity.hosting")
 LOOP_LOGGER = logging.getLogger("proximity.service")
 
 
 def guarded(say: Callable[[str], None]) -> Callable[[str], None]:
-    """Return what says the same, and logs instead of raising what goes wrong."""
+    """Return a function that calls *say*, and logs its exceptions instead of raising them."""
 
     def announce(sentence: str) -> None:
         try:
@@ -25,9 +25,9 @@ def guarded(say: Callable[[str], None]) -> Callable[[str], None]:
 
 @contextmanager
 def warnings_of_loop_to(say: Callable[[str], None] | None) -> Iterator[None]:
-    """Have what the loop warns of within the block said by a thread of its own.
+    """Pass the loop's warnings within the block to *say*, in a separate thread.
 
-    *say*: is given sentences; None: they are logged, and nothing else.
+    *say*: called with sentences; None: they are only logged.
     """
     if say is None:
         yield

@@ -1,8 +1,8 @@
-"""A service in a process of its own, and its handle in the parent process.
+"""A service in a separate process, and its handle in the parent process.
 
-The child is ``python -m proximity serve --json``: it says on its standard output, a JSON document a line,
-that the first frame is out, and at the end what it has done. It stops at a line on its standard input, or
-when that ends, as it does when the parent dies, however it dies.
+The child is ``python -m proximity serve --json``: it writes to standard output, a JSON document a line, first
+that the first frame is published, and at the end its report. It stops at a line on its standard input, or at
+its end, so also when the parent dies.
 """
 
 import json
@@ -23,11 +23,11 @@ from proximity.service.hosting.announcements import guarded
 from proximity.service.hosting.scene_service import checked_seconds
 
 BEGIN_TIMEOUT = 600.0
-"""s. Large parts may have to be read, and once kernels compiled: two minutes, or many on a busy machine."""
+"""s. Large parts may have to be read, and kernels compiled once: two minutes, or more on a busy machine."""
 STOP_TIMEOUT = 10.0
-"""s. The last frames, the log's last blocks, and an edit that is being made."""
+"""s. The last frames, the log's last blocks, and an edit in progress."""
 KEPT_LINES = 40
-"""Of what the child has said: how it ended is among them."""
+"""Number of stored lines of the child's output, which include the reason of its end."""
 SPOKEN_BY = "proximity: "
 EXIT_UNUSABLE = 2
 OPTIONS = {"rate_hz": "--rate", "publish": "--publish", "log": "--log"}
@@ -36,7 +36,7 @@ LOGGER = logging.getLogger("proximity.hosting")
 
 
 class RunningService:
-    """A service in a process of its own; made by `start_service`, stopped at the end of a ``with`` block.
+    """A service in a separate process; made by `start_service`, stopped at the end of a ``with`` block.
 
     ``beginning`` is the report with its first frame: ``publish``, ``rate_hz``, ``finger_count``,
     ``part_names`` (in the order of a contact's ``part``), ``face_count``, ``pid``, ``notes`` and more.
@@ -56,7 +56,7 @@ class RunningService:
     beginning: dict[str, Any]  # publish, rate_hz, finger_count, part_names, face_count, pid, notes
 
     def __init__(self, command: list[str], path: str, say: Callable[[str], None], timeout: float) -> None:
-        # Guarded: when nobody reads on, the service waits as soon as the pipe is full.
+        # Guarded: without a reader the service blocks as soon as the pipe is full.
         self._path, self._say = path, guarded(say)
         self._lines: deque[str] = deque(maxlen=KEPT_LINES)
         self._reported: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
@@ -91,11 +91,11 @@ class RunningService:
 
     @property
     def is_running(self) -> bool:
-        """Whether it is still serving. It ends by itself with a recording that is not repeated."""
+        """True while it is serving. It ends after a recording that is not repeated."""
         return self._process.poll() is None
 
     def stop(self, timeout: float = STOP_TIMEOUT) -> dict[str, Any]:
-        """Stop the service and wait until it has ended. Stopping again does nothing.
+        """Stop the service and wait until it has ended. Stopping again has no effect.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class RunningService:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # What went wrong within the block is what the caller must hear of.
+        # The error raised within the block takes precedence.
         with suppress(*(() if kind is None else (ServiceError,))):
             self.stop()
 
@@ -150,14 +150,14 @@ class RunningService:
             reported = self._reported.get(timeout=timeout)
         except queue.Empty:
             raise ServiceError(
-                f"{self._path}: the service has published nothing within {timeout:g} s: killed"
+                f"{self._path}: the service has published no frame within {timeout:g} s: killed"
             ) from None
         if reported is None:
             raise self._failure(self._process.wait())
         return reported
 
     def _failure(self, code: int) -> ServiceError:
-        """Reason why the child ended: its own sentence, where it printed one."""
+        """Return the reason why the child ended: its last sentence, if any."""
         self._readers[1].join(1.0)
         sentences = [line for line in self._lines if line.startswith(SPOKEN_BY)]
         if code == EXIT_UNUSABLE and sentences:
@@ -166,10 +166,10 @@ class RunningService:
         return ServiceError(f"{self._path}: the service has failed with exit code {code}: {last}")
 
     def _read_report(self) -> None:
-        """Take the documents on the child's standard output: first that it has begun, then the report."""
+        """Read the documents on the child's standard output: first the start, then the report."""
         try:
             for line in self._process.stdout or ():
-                if not line.startswith("{"):  # of whom?
+                if not line.startswith("{"):  # of other origin
                     continue
                 reported = json.loads(line)
                 if reported.pop("event") == "begun":
@@ -177,7 +177,7 @@ class RunningService:
                 else:
                     self._report = reported
         finally:
-            self._reported.put(None)  # whoever waits, waits no longer
+            self._reported.put(None)  # ends any wait
 
     def _read_lines(self) -> None:
         for line in self._process.stderr or ():
@@ -203,9 +203,9 @@ def start_service(
     say: Callable[[str], None] | None = None,
     **overrides: Any,
 ) -> RunningService:
-    """Serve a scene file in a process of its own; return when its first frame is out.
+    """Serve a scene file in a separate process; return when its first frame is published.
 
-    The process ends when this one ends, for whatever reason.
+    The process ends with this one, for any reason.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def start_service(
 
 
 def _options(overrides: dict[str, Any]) -> Iterator[str]:
-    """Command-line options for the overrides."""
+    """Yield the command-line options of the overrides."""
     for key, value in overrides.items():
         if value is None:
             continue

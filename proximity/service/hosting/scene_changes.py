@@ -1,7 +1,7 @@
 """Changes of a scene while it is served: parts added and removed by messages, and edits of the scene file.
 
-Both make another scene beside the loop, which goes on with the scene before; then they replace it between two
-ticks. Poses that are reported meanwhile reach the new one as well.
+Both build another scene while the loop continues with the present one; then they replace it between two
+ticks. Poses reported in between are applied to the new scene as well.
 """
 
 import copy
@@ -32,21 +32,21 @@ REFUSED = "the edit is refused, the previous scene stays in use"
 
 
 class PartChanger:
-    """Carries out requests for parts to be added or removed.
+    """Executes requests to add or remove parts.
 
-    *settings*: gives the scene file as it is served at present.
+    *settings*: returns the scene file served at present.
     """
 
     def __init__(self, service: Service, settings: Callable[[], SceneFile]) -> None:
         self._service, self._settings = service, settings
 
     def carry_out(self, request: Request) -> None:
-        """Do what a request asks for; what cannot be done is written into it."""
+        """Execute a request; a failure is written into it."""
         try:
             self._carry_out(request)
         except ProximityError as unfit:
             request.refusal = str(unfit)
-        except Exception as failure:  # a mistake of ours must not end the service
+        except Exception as failure:  # a bug must not end the service
             request.refusal = f"{type(failure).__name__}: {failure}"
         finally:
             request.is_over = True
@@ -64,10 +64,9 @@ class PartChanger:
 
 
 def allowed_file(name: str, folders: Sequence[str]) -> str:
-    """Return the path of a file that a message may name: a regular file within one of some folders.
+    """Return the path of a file named by a message: a regular file within one of some folders.
 
-    *name*: as the message has it, relative to one of the folders. *folders*: where parts may be read from;
-    the first that has the file counts.
+    *name*: relative to one of the folders. *folders*: permitted ones; the first that has the file counts.
     """
     if not folders:
         raise SceneError(NOT_ALLOWED)
@@ -89,10 +88,10 @@ def _read(addition: Addition, folders: Sequence[str]) -> list[Part]:
 
 
 class SceneReloader:
-    """Gives a running service the scene of its file, whenever that file or a file of its parts changes.
+    """Reloads the scene of a running service whenever its file or a file of its parts changes.
 
-    *made*: the service, and what is kept of its scene. *overrides*: what was said otherwise than in the file:
-    it goes on to hold.
+    *made*: the service, and the cache of its scene. *overrides*: values that replace those of the file, also
+    after edits.
     """
 
     def __init__(
@@ -103,11 +102,11 @@ class SceneReloader:
 
     @property
     def settings(self) -> SceneFile:
-        """The scene file as it is served at present."""
+        """Scene file served at present."""
         return self._settings
 
     def look(self) -> None:
-        """Take an edit, if there is one that the look before has seen already: it is not half-written."""
+        """Apply an edit that was already complete at the previous check."""
         seen = {path: stamp_of(path) for path in self._seen}
         is_finished, self._seen = seen == self._seen, seen
         if not is_finished or seen == self._looked_at:
@@ -117,15 +116,15 @@ class SceneReloader:
             reported = self._reload()
         except ProximityError as unusable:
             reported = f"{REFUSED}: {unusable}"
-        except Exception as failure:  # a mistake of ours must not end the looking
+        except Exception as failure:  # a bug must not end the checks
             reported = f"{REFUSED}: {type(failure).__name__}: {failure}"
         self._say(reported)
 
     def _reload(self) -> str:
-        """Make the edited scene and hand it to the loop; what is said of it."""
+        """Build the edited scene and pass it to the loop; return a sentence about it."""
         started, before = time.monotonic(), self._settings
         settings = override(read_scene_file(before.path), self._overrides)
-        # Files that are new are watched as well from here on, even if they cannot be used yet.
+        # New files are watched as well from here on, even if they cannot be used yet.
         self._seen = self._looked_at = {**_stamps(settings), **self._looked_at}
         refuse_what_needs_a_restart(before, settings)
         if self._made.scene is None:
@@ -140,7 +139,7 @@ class SceneReloader:
 
 
 def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
-    """Raise if a file says something else of what a running service cannot change."""
+    """Raise if a file changes a setting that is fixed in a running service."""
     reported = _fixed(after)
     for path, value in _fixed(before).items():
         if reported[path] != value:
@@ -148,7 +147,7 @@ def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
 
 
 def _fixed(settings: SceneFile) -> dict[Path, Any]:
-    """Settings that a running service cannot change, by where they stand."""
+    """Return the settings that a running service cannot change, by their paths."""
     reported: dict[Path, Any] = {("service", key): value for key, value in asdict(settings.service).items()}
     del reported["service", "latency"]
     reported["fingers", "count"] = settings.fingers.count

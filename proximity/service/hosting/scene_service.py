@@ -19,23 +19,23 @@ from proximity.service.hosting.service_assembly import ServiceSetup, make_servic
 from proximity.system.stop_signals import stopped_by_signals
 
 LOOK_S = 0.5
-"""Between two looks whether the scene file was edited."""
+"""Time between two checks for edits of the scene file."""
 BEGIN_LOOK_S = 0.005
-"""Between two looks whether the first frame is out."""
+"""Time between two checks for the first frame."""
 ANNOUNCE_AFTER_S = 2.0
-"""That an edit which is being made when all is over is waited for: a large part may take minutes."""
+"""Maximum wait for an edit in progress at the end: a large part may take minutes."""
 LOGGER = logging.getLogger("proximity.hosting")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beginning:
-    """Facts about the service when its first frame is out."""
+    """Facts about the service at its first frame."""
 
-    settings: SceneFile  # as served, what was overridden included
+    settings: SceneFile  # as served, with overrides
     finger_count: int
-    part_names: tuple[str, ...]  # in the order of a contact's ``part``; none where distances are measured
+    part_names: tuple[str, ...]  # in the order of a contact's ``part``; none for measured distances
     face_count: int
-    notes: tuple[str, ...]  # sentences: what the system granted and refused, what is odd about the input
+    notes: tuple[str, ...]  # sentences: settings granted and refused by the system, oddities of the input
 
 
 def serve(
@@ -48,7 +48,7 @@ def serve(
     begun: Callable[[Beginning], None] | None = None,
     **overrides: Any,
 ) -> Report:
-    """Serve a scene file in this process until asked to stop; ``meshes/demo.toml`` explains such files.
+    """Serve a scene file in this process until stopped; ``meshes/demo.toml`` explains such files.
 
     While it serves, an edit of the file or of a file of its parts takes effect between two ticks. An
     invalid edit is reported, and the previous scene stays in use.
@@ -90,7 +90,7 @@ def serve(
     Notes
     -----
     Thread: the calling thread ticks. Other threads of this process that hold the interpreter lock delay it;
-    `start_service` uses a process of its own.
+    `start_service` uses a separate process.
     """
     if tick_count is not None:
         whole("tick_count", tick_count, 0)
@@ -119,7 +119,7 @@ def serve(
 
 @contextmanager
 def _running(made: ServiceSetup, stop: threading.Event, failures: list[BaseException]) -> Iterator[None]:
-    """Run the services of held parts beside the block; one that fails stops all."""
+    """Run the services of tracked parts during the block; a failure of one stops all."""
     is_over = threading.Event()
 
     def run(service: Service) -> None:
@@ -143,15 +143,15 @@ def _running(made: ServiceSetup, stop: threading.Event, failures: list[BaseExcep
 
 
 def checked_seconds(name: str, value: Any) -> float:
-    """Return a span of time, s, that threads can wait for: inf is as long as they can, some centuries."""
+    """Return a duration, s, that threads can wait for: inf becomes the maximum, some centuries."""
     seconds = not_negative(name, value, "seconds", may_be_infinite=True)
     return min(seconds, threading.TIMEOUT_MAX)
 
 
 class _Beside:
-    """The thread beside the loop: tells that it has begun, adds and removes parts, looks for edits, ends it.
+    """Thread next to the loop: announces the start, adds and removes parts, watches for edits, ends the loop.
 
-    It is made before the loop asks the system for priority and a core: threads inherit these.
+    It is created before the loop requests priority and a core from the system: threads inherit these.
     """
 
     def __init__(
@@ -176,7 +176,7 @@ class _Beside:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Run beside the block."""
+        """Run during the block."""
         thread = threading.Thread(target=self._run, name="beside the loop", daemon=True)
         thread.start()
         try:
@@ -189,7 +189,7 @@ class _Beside:
                 self._timer.cancel()
 
     def raise_failure(self) -> None:
-        """Raise what the caller's own function raised."""
+        """Raise the exception of the caller's function."""
         if self._failure is not None:
             raise self._failure
 
@@ -201,7 +201,7 @@ class _Beside:
             self._stop.set()
             return
         if self._seconds is not None:
-            # Not by this thread: an edit of a large part may keep it for minutes.
+            # Not by this thread: an edit of a large part may take minutes.
             self._timer = threading.Timer(self._seconds, self._stop.set)
             self._timer.daemon = True
             self._timer.start()

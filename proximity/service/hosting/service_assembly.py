@@ -1,4 +1,4 @@
-"""Assemble a service from a scene file: publishers, log, input and answers, ready for the loop."""
+"""Assembly of a service from a scene file: publishers, log, input and answers, ready for the loop."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -43,12 +43,12 @@ from proximity.service.realtime import PRIORITY
 from proximity.transport import Publisher, open_publisher
 
 COUNTS_TABLE = 4097
-"""Rows of a table of counts: lines in between are off by less than a hundredth of a count."""
+"""Rows of a table of counts: interpolation is exact to a hundredth of a count."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ServiceSetup:
-    """A service that is ready to run, and what is needed to give it another scene."""
+    """A service ready to run, with the data needed to replace its scene."""
 
     service: Service
     files: PartFiles  # of the parts
@@ -60,10 +60,10 @@ class ServiceSetup:
 
 
 def make_service(settings: SceneFile) -> ServiceSetup:
-    """Open and load all that a scene file asks for."""
+    """Open and load all objects of a scene file."""
     service, files = settings.service, PartFiles()
     with ExitStack() as opened:
-        # What another program may have taken first: that takes no time.
+        # Resources that another program may hold come first: that takes no time.
         publishers = [opened.enter_context(open_publisher(address)) for address in service.publish]
         log = None if service.log is None else opened.enter_context(FrameLog(service.log))
         recording = read_input(settings)
@@ -126,7 +126,7 @@ def _held_service(
     deforming: Lock,
     publishers: list[Publisher],
 ) -> Service:
-    """The service of a held part, beside that of the *fingers*, whose scene it looks at."""
+    """Return the service of a tracked part, next to that of the *fingers*, whose scene it reads."""
 
     def scene() -> Scene:
         source = fingers.contact_source
@@ -169,11 +169,11 @@ def _input(settings: SceneFile, recording: Recording | None, scene: Scene | None
 
 
 def read_gloves(settings: SceneFile, count: int) -> GloveChoices | None:
-    """Return where fingertips go as fingers bend, by their calibrations; None where there is no [glove]."""
+    """Return the paths of fingertips over bends, from their calibrations; None without [glove]."""
     glove = settings.glove
     if glove is None:
         return None
-    # Only where there is a glove: the models bring half a second of imports.
+    # Only with a glove: the models take half a second to import.
     from proximity.decaff.glove.calibrated_glove import as_many, read_glove
 
     try:

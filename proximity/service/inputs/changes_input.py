@@ -1,7 +1,7 @@
 """Changes of parts, received as messages while the scene is served.
 
-Hiding, showing and deforming are done where messages are taken. What takes long, adding and removing, is
-asked of another thread, and messages wait until that is done: they take effect in their order.
+Hiding, showing and deforming are applied when messages are read. Slow changes, adding and removing, are
+passed to another thread, and messages wait until they are done: they take effect in order.
 """
 
 import logging
@@ -23,27 +23,27 @@ from proximity.service.inputs.inbox import Inbox
 LOGGER = logging.getLogger("proximity.service")
 DEFAULT_UNITS = "mm"
 PENDING_INTERVAL = 0.005
-"""s between two looks whether what takes long is done."""
+"""s between two checks whether a slow change is done."""
 _ACTIONS = frozenset(PartAction)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Addition:
-    """A file of parts that is to be added."""
+    """A file of parts to add."""
 
-    name: str  # of its part, or before those of its parts
-    file: str  # as the message names it
+    name: str  # of its part, or prefix of those of its parts
+    file: str  # as in the message
     units: str
     pose: Pose  # world_from_file
 
 
 @dataclass(slots=True, eq=False)
 class Request:
-    """One message that the thread beside the loop is to carry out, as a whole or not at all."""
+    """One message for the other thread to execute, completely or not at all."""
 
     actions: tuple[tuple[str, PartAction], ...] = ()  # by names of parts, in this order
     additions: tuple[Addition, ...] = ()
-    refusal: str = ""  # why it could not be done
+    refusal: str = ""  # reason of a failure
     is_over: bool = False  # written last
 
 
@@ -68,12 +68,12 @@ class ChangesInput:
         deforming: AbstractContextManager[Any] | None = None,
         refuse: Callable[[str, str], None] = lambda kind, reason: None,
     ) -> None:
-        # A change holds whatever the sender's clock shows.
+        # A change holds for any clock of the sender.
         self._inbox = Inbox(address, [CHANGES, ADDITIONS, DEFORMATIONS], is_timed=False)
         self.requests, self._describe, self._report_refusal = requests, describe, refuse
         self._deforming = nullcontext() if deforming is None else deforming
         self._pending: tuple[Kind, Request] | None = None
-        self._refused: dict[str, tuple[int, str]] = {}  # by kind: how many messages, why the first
+        self._refused: dict[str, tuple[int, str]] = {}  # by kind: number of messages, reason of the first
 
     @property
     def notes(self) -> list[str]:
@@ -85,7 +85,7 @@ class ChangesInput:
         return refused + self._inbox.notes
 
     def apply(self, scene: Scene) -> None:
-        """Do what has arrived, up to the first message that takes long."""
+        """Apply arrived messages, up to the first slow one."""
         if self._pending is not None and not self._is_carried_out(*self._pending):
             return
         for kind, records, _ in self._inbox.messages():
@@ -94,17 +94,17 @@ class ChangesInput:
             except ProximityError as unfit:
                 self._refuse(kind, str(unfit))
             if self._pending is not None:
-                return  # what has come after it waits where it is
+                return  # later messages wait
 
     def wait(self, timeout: float) -> None:
-        """Wait until a message may be there, or that many seconds."""
+        """Wait until a message may have arrived, or for *timeout* seconds."""
         if self._pending is None:
             self._inbox.wait(timeout)
-        else:  # those that are there wait as well
+        else:  # arrived messages wait as well
             time.sleep(min(timeout, PENDING_INTERVAL))
 
     def close(self) -> None:
-        """Give the address back."""
+        """Close the address."""
         self._inbox.close()
 
     def _is_carried_out(self, kind: Kind, request: Request) -> bool:
@@ -132,7 +132,7 @@ class ChangesInput:
         named = zip(map(_text, records["name"].tolist()), map(PartAction, numbers), strict=True)
         actions = tuple((name, action) for name, action in named if action is not PartAction.DESCRIBE)
         for name, _ in actions:
-            scene.part(name)  # before anything is changed
+            scene.part(name)  # before any change
         if len(actions) < len(numbers):
             self._describe()
         if any(action is PartAction.REMOVE for _, action in actions):
@@ -155,7 +155,7 @@ class ChangesInput:
 def carry_out(scene: Scene, actions: tuple[tuple[str, PartAction], ...]) -> None:
     """Hide, show and remove parts.
 
-    *actions*: names of parts, and what is to be done with each.
+    *actions*: names of parts, and an action for each.
     """
     do = {PartAction.HIDE: scene.hide, PartAction.SHOW: scene.show, PartAction.REMOVE: scene.remove}
     for name, action in actions:
@@ -174,7 +174,7 @@ def _addition(record: Any) -> Addition:
 
 
 def _deformation(records: np.ndarray) -> tuple[str, np.ndarray]:
-    """The part that a message deforms, and its vertices (V, 3)."""
+    """Return the part that a message deforms, and its vertices (V, 3)."""
     if not len(records):
         raise SceneError("the message has no records, expected one for each 64 vertices of a part")
     raw, count = records["name"][0], int(records["vertex_count"][0])

@@ -1,17 +1,17 @@
-"""Positions and paths of gloved fingers, from the pose of the knuckle and the bend that the glove measures.
+"""Positions and paths of gloved fingers, from the pose of the knuckle and the measured bend.
 
-What is measured of a glove comes in as tables, one a finger; who reads calibrations is no matter here.
+Measurements of a glove come as tables, one a finger; calibrations are read elsewhere.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from proximity.decaff.glove.finger_path import LEAST_BEND, MOST_BEND
+from proximity.decaff.glove.finger_path import MAX_BEND, MIN_BEND
 
 ROTATION_ERROR = 1e-3
-"""By which rows of a rotation may differ from such of unit length at right angles: what a sender that keeps
-float32, or multiplies many turns, may leave. Assumed."""
+"""Maximum deviation of the rows of a rotation from orthonormal: rounding of a sender that stores float32, or
+multiplies many turns. Assumed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,7 +23,7 @@ class GloveChoices:
     bends: np.ndarray  # (N, M) float64, at the counts
 
     def bend(self, rows: np.ndarray, reported: np.ndarray, counts: np.ndarray) -> np.ndarray:
-        """Return the bends of some fingers, (F,): as given, else of the counts; nan where neither can be.
+        """Return the bends of some fingers, (F,): as given, else from the counts; nan without either.
 
         *rows*: (F,) int.
         """
@@ -31,11 +31,11 @@ class GloveChoices:
         for i in np.flatnonzero(np.isnan(bends)):
             row = rows[i]
             bends[i] = np.interp(counts[i], self.counts[row], self.bends[row], left=np.nan, right=np.nan)
-        bends[~((bends >= LEAST_BEND) & (bends <= MOST_BEND))] = np.nan
+        bends[~((bends >= MIN_BEND) & (bends <= MAX_BEND))] = np.nan
         return bends
 
     def paths(self, rows: np.ndarray, rotations: np.ndarray, knuckles: np.ndarray) -> np.ndarray:
-        """Return the ways of some fingertips, (F, K, 3), m, in the world.
+        """Return the paths of some fingertips, (F, K, 3), m, in the world.
 
         *rows*: (F,) int; *rotations*: (F, 3, 3); *knuckles*: (F, 3) m, world.
         """
@@ -43,7 +43,7 @@ class GloveChoices:
 
 
 def points_on(paths: np.ndarray, bends: np.ndarray) -> np.ndarray:
-    """Return where bends are on polylines with corners evenly from 0 to 1, (F, 3); beyond, straight on.
+    """Return the points of bends on polylines with corners evenly from 0 to 1, (F, 3); straight beyond.
 
     *paths*: (F, K, 3) m.
     """
@@ -56,7 +56,7 @@ def points_on(paths: np.ndarray, bends: np.ndarray) -> np.ndarray:
 
 
 def is_rotation(rotations: np.ndarray) -> np.ndarray:
-    """Return which of some matrices turn and do no more, (F,).
+    """Return which matrices are rotations, (F,).
 
     *rotations*: (F, 3, 3).
     """

@@ -13,14 +13,13 @@ from proximity.transport.publisher_clock import ForeignClock
 
 LOGGER = logging.getLogger("proximity.service")
 FARTHEST_NS = 2**62
-"""Between two clocks: 146 years. Instants of one that is farther off could not be reported in 64 bits."""
+"""Maximum difference of two clocks: 146 years. Instants of a more distant clock do not fit into 64 bits."""
 
 
 class Inbox:
-    """Takes the messages at an address that can be used.
+    """Reads the valid messages at an address.
 
-    *is_timed*: whether instants in the messages matter: then a clock elsewhere must be known before they are
-    given.
+    *is_timed*: whether instants in the messages matter: then another machine's clock must be known first.
     """
 
     def __init__(
@@ -52,7 +51,7 @@ class Inbox:
         return notes
 
     def messages(self) -> Iterator[tuple[Kind, np.ndarray, int]]:
-        """Give what has arrived, oldest first: kind, records, and how far our clock is ahead of theirs, ns.
+        """Yield arrived messages, oldest first: kind, records, and lead of this clock over the sender's, ns.
 
         The records are overwritten by the next message.
         """
@@ -64,7 +63,7 @@ class Inbox:
                     continue
                 is_new_run = self._reader.is_new_run
                 self._foreign.arrived(int(header["send_ns"]), now_ns, is_new_run=is_new_run, kind=kind.magic)
-                # Until a clock is seen to run, what it shows may be a copy of something old.
+                # Until a clock is seen to advance, it may be a copy of an old one.
                 if self._foreign.is_certain:
                     yield from self._on_our_clock(kind, records, now_ns - self._foreign.theirs(now_ns))
             if self._reader.counts.unverified and not self._has_warned_of_key:
@@ -87,26 +86,26 @@ class Inbox:
             self.leave_out("messages with an impossible time", 1)
 
     def wait(self, timeout: float) -> None:
-        """Wait until a message may be there, or that many seconds."""
+        """Wait until a message may have arrived, or for *timeout* seconds."""
         try:
             self._inlet.wait(timeout)
-        except OSError:  # it is counted where messages are taken
+        except OSError:  # counted when messages are read
             time.sleep(timeout)
 
     def loop_end(self) -> dict[str, Any] | None:
-        """What the loop has to know to receive here by itself; None: only Python can."""
+        """Return the data with which the loop itself receives here; None: only Python can."""
         end = getattr(self._inlet, "loop_end", None)
         return None if end is None else end()
 
     def leave_out(self, what: str, count: int, why: str = "", *, says: str = "") -> None:
-        """Count what of a message is not used; the first time is logged.
+        """Count unused parts of a message; the first time is logged.
 
-        *says*: what the log says instead of *what* and *why*.
+        *says*: text of the log instead of *what* and *why*.
         """
         if what not in self._left_out:
             LOGGER.warning("%s: %s", self.address, says or f"{what} are not used{why and f' ({why})'}")
         self._left_out[what] = self._left_out.get(what, 0) + count
 
     def close(self) -> None:
-        """Give the address back."""
+        """Close the address."""
         self._inlet.close()

@@ -16,8 +16,8 @@ from proximity.service.samples import FingerPoses, Measurements, Samples
 class MessageInput:
     """Samples of fingers, as messages of some kinds at an address.
 
-    A message need not have all fingers: of the others, what was reported last stays. *kinds*: `POSES` and
-    `PATH_POSES`, with *gloves* also `GLOVE_POSES`; or `MEASURED` alone.
+    A message may omit fingers: they keep their last report. *kinds*: `POSES` and `PATH_POSES`, with *gloves*
+    also `GLOVE_POSES`; or `MEASURED` alone.
     """
 
     is_over = False
@@ -42,7 +42,7 @@ class MessageInput:
         self.address = address
         self._inbox = Inbox(address, tuple(self._readers), clock)
         self._gloves, self._everybody = gloves, np.arange(count)
-        # Their arrays are exchanged for views of each message.
+        # Their arrays are replaced by views of each message.
         self._poses, self._measured = FingerPoses(0), Measurements(0)
 
     @property
@@ -51,9 +51,9 @@ class MessageInput:
         return self._inbox.notes
 
     def poll(self, now_ns: int) -> Iterator[Samples]:
-        """Give what has arrived, oldest first; each is overwritten by the next."""
+        """Yield arrived samples, oldest first; each is overwritten by the next."""
         for kind, records, offset_ns in self._inbox.messages():
-            fingers: np.ndarray | None = None  # all, in order, as is usual
+            fingers: np.ndarray | None = None  # all, in order, the usual case
             if not np.array_equal(records["finger"], self._everybody):
                 is_served = records["finger"] < len(self._everybody)
                 if not is_served.all():
@@ -67,19 +67,19 @@ class MessageInput:
             yield samples
 
     def wait(self, timeout: float) -> None:
-        """Wait until a message may be there, or that many seconds."""
+        """Wait until a message may have arrived, or for *timeout* seconds."""
         self._inbox.wait(timeout)
 
     def loop_end(self) -> dict[str, Any] | None:
-        """What the loop has to know to receive poses by itself; None: only this can."""
+        """Return the data with which the loop itself receives poses; None: only this can."""
         return self._inbox.loop_end() if tuple(self._readers) == (POSES, PATH_POSES) else None
 
     def close(self) -> None:
-        """Give the address back."""
+        """Close the address."""
         self._inbox.close()
 
     def _read_poses(self, records: np.ndarray) -> FingerPoses:
-        """Positions of fingertips; a pose without a path says that the path before does not hold any more."""
+        """Return positions of fingertips; a pose without a path ends the previous path."""
         poses = self._poses
         poses.positions = np.ascontiguousarray(records["position"])
         poses.velocities, poses.bends = records["velocity"], records["bend"]
@@ -87,7 +87,7 @@ class MessageInput:
         return poses
 
     def _read_gloves(self, records: np.ndarray) -> FingerPoses:
-        """Fingertips, bends and paths that follow from the calibrations of the gloves."""
+        """Return fingertips, bends and paths, from the calibrations of the gloves."""
         assert self._gloves is not None
         poses, fingers = self._poses, records["finger"]
         is_placed = np.isfinite(records["translation"]).all(axis=1)
@@ -105,7 +105,7 @@ class MessageInput:
         return poses
 
     def _read_measurements(self, records: np.ndarray) -> Measurements:
-        """Distances; what cannot be is made unknown, as a whole frame would be refused because of it."""
+        """Return distances; impossible values become unknown, as a whole frame would be refused for them."""
         positions, normals = records["position"], records["normal"]
         is_partial = ~np.isfinite(positions).all(axis=1) & ~np.isnan(positions).all(axis=1)
         self._leave_out("positions that are not finite", is_partial)

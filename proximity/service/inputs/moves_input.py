@@ -19,23 +19,23 @@ from proximity.system.time_units import NS_PER_MS, NS_PER_S
 SILENT_PARTS = "parts stood still: no move for 100 ms"
 UNFIT = "moves of parts that are invalid"
 FUTURE, BACKWARDS = "moves from the future", "moves older than the one before"
-REPEATED = "messages of moves that name the same parts again and again"
+REPEATED = "messages of moves that repeat parts"
 
 
 class MovesInput:
     """Moves of parts, as `MOVES` messages at an address.
 
-    A part that is not there, or a pose that is not rigid, is counted and left out; the others move. So is a
-    move from more than 5 ms in the future, older than the one before of the same part, or too old. A message
-    that names its parts more than twice each is left out as a whole. Velocities of nan are zero. The loop
-    moves a part that has a velocity on from the instant of its pose, for `HOLD_NS` at most. Then the part
-    stands, that is counted, and frames are late until it is reported again: a part that comes to rest must be
-    reported once without a velocity.
+    A missing part, or a pose that is not rigid, is counted and left out; the others move. So is a move from
+    more than 5 ms in the future, older than the part's previous one, or too old. A message that names its
+    parts more than twice each is left out completely. Velocities of nan are zero. The loop extrapolates a
+    part with a velocity from the instant of its pose, for `HOLD_NS` at most. Then the part stops, which is
+    counted, and frames are late until it is reported again: a part that comes to rest must be reported once
+    without a velocity.
     """
 
-    future: int  # moves left out because they are from the future
-    backwards: int  # … because they are older than the one before
-    too_old: int  # … because they are worth nothing when they come
+    future: int  # moves from the future, left out
+    backwards: int  # … older than the previous one
+    too_old: int  # … too old on arrival
 
     def __init__(
         self,
@@ -51,19 +51,19 @@ class MovesInput:
         self._stale_after_ns = round(NS_PER_S * stale_after)
         self.future = self.backwards = self.too_old = 0
         self._scene: Scene | None = None
-        self._latest: dict[str, ReportedMotion] = {}  # by name of a part that there is or was
-        self._silent: set[str] = set()  # of these, parts of which nothing more is reported
+        self._latest: dict[str, ReportedMotion] = {}  # by name of a part, present or removed
+        self._silent: set[str] = set()  # of these, parts no longer reported
         self._names: dict[bytes, str] = {}
         self._followers: dict[str, dict[str, np.ndarray]] = {}  # by name of the part that they follow
         self._listeners: list[Callable[[], None]] = []
 
     @property
     def address(self) -> str:
-        """Where moves come from."""
+        """Address of the moves."""
         return self._inbox.address
 
     def follow(self, scene: Scene, names: Sequence[str], listener: Callable[[], None]) -> None:
-        """Move parts with the first, as they stand to it in *scene*; *listener* is called after each move."""
+        """Move parts with the first, at their poses relative to it; *listener* is called after each move."""
         first, *others = (scene.part(name).pose for name in names)
         offsets = [(first.inverse @ pose).matrix for pose in others]
         self._followers[names[0]] = dict(zip(names[1:], offsets, strict=True))
@@ -79,9 +79,9 @@ class MovesInput:
         return self._inbox.notes
 
     def take(self, scene: Scene, now_ns: int) -> dict[str, ReportedMotion]:
-        """Put parts where messages report them; the motions that are new.
+        """Move parts as reported in messages; return the new motions.
 
-        Another scene than before gets all that was reported until now.
+        A new scene gets all earlier motions.
         """
         moved: dict[str, ReportedMotion] = {}
         if scene is not self._scene:
@@ -94,11 +94,11 @@ class MovesInput:
         return moved
 
     def wait(self, timeout: float) -> None:
-        """Wait until a message may be there, or that many seconds."""
+        """Wait until a message may have arrived, or for *timeout* seconds."""
         self._inbox.wait(timeout)
 
     def note_silence(self, names: Collection[str], now_ns: int) -> None:
-        """Count parts, of those named, of which nothing more is reported."""
+        """Count the named parts that are no longer reported."""
         silent = [
             name
             for name, reported in self._latest.items()
@@ -114,13 +114,13 @@ class MovesInput:
             )
 
     def close(self) -> None:
-        """Give the address back."""
+        """Close the address."""
         self._inbox.close()
 
     def _apply_message(
         self, scene: Scene, records: np.ndarray, offset_ns: int, now_ns: int
     ) -> dict[str, ReportedMotion]:
-        """Move parts as a message reports, and keep its moves; those that were used."""
+        """Move parts as a message reports, and store its moves; return the used ones."""
         if names_repeat(records):
             self._leave_out(REPEATED, 1, f"{len(records)} moves, expected one for each part")
             return {}
@@ -158,7 +158,7 @@ class MovesInput:
         return moves
 
     def _with_followers(self, moves: dict[str, ReportedMotion]) -> Any:
-        """Add the parts that follow others to *moves*; names, matrices and both velocities of all."""
+        """Add following parts to *moves*; return names, matrices and both velocities of all."""
         for name in self._followers.keys() & moves.keys():
             first = moves[name]
             for follower, offset in self._followers[name].items():
@@ -170,10 +170,10 @@ class MovesInput:
         return list(moves), *map(np.array, columns)
 
     def _usable_rows(self, names: list[str], pose_ns: np.ndarray, now_ns: int) -> list[int]:
-        """Rows of the moves that may be used: none from the future, none backwards in time, none too old."""
+        """Return the rows of usable moves: not from the future, not backwards in time, not too old."""
         usable, latest = [], self._latest
         ahead_ns, back_ns, ages_ns = [], [], []
-        # Not by the tick's start: where the system kept us from running since, new moves are after it.
+        # Not by the tick's start: if the system suspended this thread since, new moves are later.
         newest_ns = max(now_ns, self._clock() + self._skipped())
         for row, (name, instant) in enumerate(zip(names, pose_ns.tolist(), strict=True)):
             if instant > newest_ns + AHEAD_NS:
@@ -202,7 +202,7 @@ class MovesInput:
     def _moved_each(
         self, scene: Scene, moves: Mapping[str, ReportedMotion], unfit_are: str = ""
     ) -> Iterator[tuple[str, ReportedMotion]]:
-        """Move one after the other, and leave out those that cannot be; gives those that were moved."""
+        """Move parts one by one, and leave out invalid moves; return the moved ones."""
         for name, reported in moves.items():
             try:
                 scene.move(
@@ -228,5 +228,5 @@ class MovesInput:
 
 
 def names_repeat(records: np.ndarray) -> bool:
-    """Whether moves name their parts more than twice each."""
+    """Return whether moves name their parts more than twice each."""
     return len(records) > 2 * len(set(records["name"].tolist()))

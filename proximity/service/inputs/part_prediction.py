@@ -1,8 +1,8 @@
 """Prediction of moving parts from their last reported pose.
 
-A part is reported where it was at an instant, and how fast it went. At another instant it is where its
-velocities have taken it: the origin along a line, the part turned about its origin. A part of which nothing
-more is reported is carried on for `HOLD_NS` and stands from then on, but nobody knows that it does.
+A part is reported with its pose at an instant, and its velocities, which are constant in the prediction: the
+origin moves along a line, and the part turns about its origin. A part that is no longer reported is
+extrapolated for `HOLD_NS` and stops, but its state is unknown.
 """
 
 from collections.abc import KeysView, Mapping, Sequence
@@ -14,7 +14,7 @@ from proximity.scene.scene import Scene
 from proximity.system.time_units import NS_PER_S
 
 HOLD_NS = NS_PER_S // 10
-"""How long a part is believed to have the velocity that was given, unless it is reported again."""
+"""Validity of a reported velocity, unless the part is reported again."""
 
 
 class ReportedMotion(NamedTuple):
@@ -29,7 +29,7 @@ class ReportedMotion(NamedTuple):
 
 
 def pose_at(reported: ReportedMotion, instant_ns: int) -> np.ndarray:
-    """Where a part is at an instant, (4, 4); it is carried on for no longer than `HOLD_NS`."""
+    """Return the pose of a part at an instant, (4, 4); extrapolated for at most `HOLD_NS`."""
     matrix, off_ns = reported.matrix.copy(), min(instant_ns - reported.pose_ns, HOLD_NS)
     if reported.is_moving and off_ns:
         matrix[:3, 3] += 1e-9 * off_ns * reported.velocity
@@ -41,7 +41,7 @@ def pose_at(reported: ReportedMotion, instant_ns: int) -> np.ndarray:
 
 
 class VisibleParts:
-    """Parts of a scene at one epoch: their names, which are hidden, and how far they reach."""
+    """Parts of a scene at one epoch: names, visibility and extents."""
 
     def __init__(self, scene: Scene) -> None:
         model = scene.snapshot()
@@ -60,7 +60,7 @@ class VisibleParts:
         return self._rows.keys()
 
     def rows_of(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows of parts, whether they are hidden, and how far from their origins they reach, m, (M,) each."""
+        """Return rows of parts, whether they are hidden, and their extents from the origin, m, (M,)."""
         rows = np.array([self._rows[name] for name in names], np.int64)
         return rows, self._is_hidden[rows], self._radii[rows]
 
@@ -85,9 +85,10 @@ def write_motions(
 
 
 def turns(rotations: np.ndarray, turning: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Increments of rotations (M, 3, 3) that turn by an angle, twice (M, 3, 3).
+    """Return two arrays (M, 3, 3) for increments of rotations (M, 3, 3) by an angle.
 
-    The sine of the angle times the first, and one less its cosine times the second (Rodrigues).
+    The increment is the sine of the angle times the first, plus one less its cosine times the second
+    (Rodrigues).
     """
     x, y, z = (turning / np.where(rates > 0.0, rates, 1.0)[:, None]).T
     cross = np.zeros((len(rates), 3, 3))

@@ -15,44 +15,42 @@ from proximity.system.time_units import NS_PER_S
 class PoseInput(Protocol):
     """An input of samples.
 
-    Where it has ``loop_end()`` or ``loop_recording()`` that return something, the loop takes poses from there
-    by itself; otherwise it is a `PolledInput`.
+    If its ``loop_end()`` or ``loop_recording()`` exists and returns a value, the loop itself reads poses from
+    there; otherwise it is a `PolledInput`.
     """
 
     is_over: bool
-    """Whether nothing will come any more."""
+    """True if no more samples will come."""
     address: str
-    """Where samples come from, for messages."""
+    """Origin of the samples, for messages."""
 
     @property
     def notes(self) -> list[str]:
-        """Sentences for the report: what was refused or failed, and how often."""
+        """Sentences for the report: refusals and failures with their counts."""
 
     def close(self) -> None:
-        """Give back what is open."""
+        """Release open resources."""
 
 
 @runtime_checkable
 class PolledInput(PoseInput, Protocol):
-    """An input that a thread polls; its methods neither wait nor raise.
+    """An input polled by a thread; its methods neither wait nor raise.
 
-    Where it has ``wait(timeout)`` it is polled when poses come, which wake the loop; otherwise twice in each
+    With ``wait(timeout)`` it is polled when poses arrive, which wake the loop; otherwise twice in each
     period.
     """
 
     def poll(self, now_ns: int) -> Iterable[Samples]:
-        """Give the samples that are new since the poll before, oldest first; each is used before the next."""
+        """Yield the samples since the last poll, oldest first; each is used before the next."""
 
 
 class RecordingInput:
-    """A recording that the loop plays: each pose has its recorded instant, counted from the first tick on.
+    """A recording played by the loop: each pose has its recorded instant, counted from the first tick.
 
-    To serve a recording as fast as it can be computed, give the service a `SkippingClock`.
-
-    *recording*: in the frame of the scene. At its own instants, or `Recording.resampled` to those of the
-    ticks. *latency*: how old a pose is when it comes in. *repeat*: begin anew after the end. Between, the
-    hand is away for a tenth of a second: from the last pose to the first it has not moved, and no velocity
-    may say so.
+    To serve a recording as fast as possible, give the service a `SkippingClock`. *recording*: in the frame of
+    the scene. At its own instants, or `Recording.resampled` to those of the ticks. *latency*: age of a pose
+    on arrival. *repeat*: restart after the end. In between, the hand is absent for a tenth of a second, so
+    that no velocity is estimated from the last pose to the first.
     """
 
     is_over = False  # the loop knows
@@ -73,7 +71,7 @@ class RecordingInput:
         self._round_ns = int(self._times_ns[-1]) + MAX_GAP_NS
 
     def loop_recording(self) -> dict[str, int]:
-        """What the loop of a service has to know to play it."""
+        """Return the data with which the loop of a service plays it."""
         return {
             "times_ns": self._times_ns.ctypes.data,
             "positions": self._positions.ctypes.data,
@@ -83,11 +81,11 @@ class RecordingInput:
         }
 
     def close(self) -> None:
-        """Do nothing."""
+        """No-op."""
 
 
 def _with_nobody_at_the_end(times_ns: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times and positions with one more instant, a step as there are others after the last: no finger."""
+    """Return times and positions with one more instant, a usual step after the last: no finger."""
     steps = np.diff(times_ns)
     end_ns = times_ns[-1] + (int(np.median(steps)) if len(steps) else NS_PER_S)
     nobody = np.full((1, *positions.shape[1:]), np.nan)

@@ -1,6 +1,6 @@
-// Colours that say how far, and stay in order when seen in grey.
+// Colours of distances, whose order is preserved in grey.
 
-/** What a distance in metres looks like, as red, green and blue from 0 to 1; dark is far, bright is near. */
+/** The colour of a distance in metres, as red, green and blue from 0 to 1; dark is far, bright is near. */
 const RAMP = [
   [0, [1.0, 0.86, 0.45]],
   [0.008, [0.78, 0.85, 0.42]],
@@ -25,10 +25,10 @@ const SLICE = [
   [1, [0.05, 0.14, 0.3]],
 ];
 
-/** The colour of a signed distance on a slice, whose largest size is *range*. */
+/** The colour of a signed distance on a slice, whose largest magnitude is *range*. */
 export const sliceColour = (distance, range) => colourAt(SLICE, distance / range);
 
-/** The colour at a place of a ramp: [place, colour], rising. */
+/** The colour at a position of a ramp: [position, colour], rising. */
 function colourAt(ramp, x) {
   const k = ramp.findIndex(([place]) => x <= place);
   if (k <= 0) return ramp.at(k)[1];

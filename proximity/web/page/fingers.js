@@ -1,4 +1,4 @@
-// Fingertips as they are known: sphere, line to the nearest point, number, place of touch, path.
+// Fingertips: sphere, line to the nearest point, number, predicted contact, path.
 
 import * as THREE from "three";
 import { GREY, distanceColour, mix } from "./colours.js";
@@ -8,7 +8,7 @@ import { Label } from "./labels.js";
 const BALL = new THREE.SphereGeometry(1, 24, 16);
 const ROD = new THREE.CylinderGeometry(1, 1, 1, 8).translate(0, 0.5, 0).rotateX(Math.PI / 2); // along z, 0 to 1
 const DISC = new THREE.RingGeometry(0.45, 1, 28);
-const FAR = 0.15; // m: lines to farther points would only be in the way
+const FAR = 0.15; // m: longer lines are not drawn
 const SOON_MS = 250;
 
 export class Fingers {
@@ -26,7 +26,7 @@ export class Fingers {
 
   /** Show a reading; *paths* are those that the page has sent, by finger. */
   show(reading, paths) {
-    // On a screen all numbers are equally large; in a headset they are things like others.
+    // On a screen all numbers have one size; in a headset they are objects with perspective.
     const eye = this.stage.toScene(this.stage.camera.position);
     const isWorn = this.stage.renderer.xr.isPresenting;
     const heightAt = (at) => (isWorn ? 0.009 : 0.019 * eye.distanceTo(new THREE.Vector3(...at)));
@@ -65,7 +65,7 @@ export class Finger {
 
   show(contact, state, path, heightAt) {
     const isStale = state === "STALE" || state === "STOPPING";
-    // A hand that is not known any more stays, grey and without a number, where it was seen last.
+    // A lost hand remains, grey and without a number, at its last position.
     if (contact.isKnown) this.last = contact.position;
     const at = contact.isKnown ? contact.position : isStale ? this.last : null;
     if (!isStale && !contact.isKnown) this.last = null;
@@ -104,7 +104,7 @@ export class Finger {
     this.disc.material.opacity = opacity;
   }
 
-  /** Where it will touch: on its path, or straight ahead. */
+  /** The predicted contact: on its path, or straight ahead. */
   showTouch(contact, path, isStale) {
     const isSoon = !isStale && contact.isKnown && contact.contactMs > 0 && contact.contactMs < SOON_MS;
     let place = null;

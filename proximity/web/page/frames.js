@@ -1,4 +1,4 @@
-// What is known now: the newest frame, which the client makes worse as it ages, and what a log has.
+// Present state: the newest frame, which the client degrades as it ages, and the content of a log.
 
 import { ContactFlag, FrameReader, Mode, STATE_NAMES, State, decode, flawOf } from "./proximity_client.mjs";
 
@@ -16,13 +16,13 @@ export const MEANINGS = {
 const ms = (ns) => Number(ns) / 1e6;
 export const nanoseconds = (at) => BigInt(Math.round(at * 1e6));
 
-/** Frames as they come; of a log the newest is worth what it says, whatever the instant. */
+/** Frames as they arrive; for a log the newest is valid at any instant. */
 export class Frames {
   isLogged = false;
   #reader = new FrameReader();
   #logged = null;
 
-  /** Take the bytes of a frame that arrived; its header, or null where it is none. */
+  /** Read the bytes of a frame; return its header, or null if invalid. */
   take(data, nowMs) {
     if (!this.isLogged) return this.#reader.offer(data, nanoseconds(nowMs)) ? null : this.#reader.at(nanoseconds(nowMs)).header;
     if (flawOf(data)) return null;
@@ -30,7 +30,7 @@ export class Frames {
     return this.#logged.header;
   }
 
-  /** What is known at an instant of this page, ms. */
+  /** The state at an instant of this page, ms. */
   at(nowMs) {
     if (this.isLogged) return this.#ofLog();
     const { state, ageNs, contacts, header } = this.#reader.at(nanoseconds(nowMs));
@@ -45,7 +45,7 @@ export class Frames {
   }
 }
 
-/** The state for a person, who asks whether numbers are of now: of a service whose frames come. */
+/** The displayed state: whether numbers are current, of a service whose frames arrive. */
 export function currentState({ state, contacts }) {
   if (state === "LATE" || state === "STOPPING") return state;
   return contacts.some((contact) => contact.isKnown) ? "OK" : "NO HANDS";
@@ -81,14 +81,14 @@ export function shownContact(record, state, isLogged = false) {
   return contact;
 }
 
-/** The distance as one would say it, in millimetres: a number, a bound, or that it may touch. */
+/** The distance as text, in millimetres: a number, a bound, or that it may touch. */
 export function shownDistance(contact) {
   if (!contact.isKnown) return "—";
   if (!contact.isBound) return mm(contact.distance);
   return contact.lower > 0 ? `≥ ${mm(contact.lower, 1)}` : "may touch";
 }
 
-/** A length in millimetres, as text: with as many decimals as are asked for, or fewer the larger it is. */
+/** A length in millimetres, as text: with the given number of decimals, or fewer the larger it is. */
 export function mm(metres, digits) {
   if (metres === Infinity) return "∞";
   if (metres === -Infinity) return "−∞";

@@ -1,15 +1,15 @@
-// Text in three dimensions: seen in a headset as on a screen, and in a picture.
+// Text in three dimensions: visible in a headset, on a screen, and in a picture.
 
 import * as THREE from "three";
 
 const HEIGHT = 44; // pixels of a line
 const FONT = "600 34px system-ui, 'Segoe UI', Roboto, Arial, sans-serif";
 const GAP = 2; // pixels between labels
-const MOST_STEPS = 12;
-const avoiding = new Set(); // labels that are not to cover each other
+const MAX_STEPS = 12;
+const avoiding = new Set(); // labels that avoid each other
 
 export class Label {
-  /** *height* of a line in metres; flat ones are part of the floor, others have a dark ground. */
+  /** *height* of a line in metres; flat ones are part of the floor, others have a dark background. */
   constructor({ height, isFlat = false, avoids = false }) {
     if (avoids) avoiding.add(this);
     this.height = height;
@@ -27,13 +27,13 @@ export class Label {
     this.anchor(0.5, 0.5);
   }
 
-  /** Say which place of the label, of its size from its lower left corner, is at its position. */
+  /** Set the anchor of the label, in shares of its size from its lower left corner. */
   anchor(x, y) {
     this.anchored = [x, y];
     this.object.center.set(x, y);
   }
 
-  /** What the label covers, pixels, y up; null where its place is not seen. */
+  /** The label's rectangle, pixels, y up; null if its position is not visible. */
   covered(camera, width, height) {
     const { object } = this;
     for (let each = object; each; each = each.parent) if (!each.visible) return null;
@@ -47,7 +47,7 @@ export class Label {
     return { label: this, size, place, left, bottom, right: left + size[0], top: bottom + size[1] };
   }
 
-  /** Show lines of text; the same again costs nothing. */
+  /** Show lines of text; unchanged lines cost no time. */
   show(text, colour = "#f4f6f9", opacity = 1) {
     this.object.material.opacity = opacity;
     const key = `${text}|${colour}`;
@@ -82,14 +82,14 @@ export class Label {
     this.setHeight(this.height);
   }
 
-  /** Make lines as high as that, m. */
+  /** Set the height of lines, m. */
   setHeight(height) {
     this.height = height;
     this.object.scale.set(height * this.size[0], height * this.size[1], 1);
   }
 }
 
-/** Shift labels that cover each other, from above to below, and those that are cut off at the right. */
+/** Shift labels that overlap, from above to below, and those cut off at the right. */
 export function separate(camera, width, height) {
   const placed = [];
   for (const label of avoiding) if (!label.object.parent) avoiding.delete(label);
@@ -99,7 +99,7 @@ export function separate(camera, width, height) {
     each.left += shift;
     each.right += shift;
     const covers = (other) => each.left < other.right && other.left < each.right && each.bottom < other.top && other.bottom < each.top;
-    for (let step = 0, other; step < MOST_STEPS && (other = placed.find(covers)); step++) {
+    for (let step = 0, other; step < MAX_STEPS && (other = placed.find(covers)); step++) {
       each.top = other.bottom - GAP;
       each.bottom = each.top - each.size[1];
     }

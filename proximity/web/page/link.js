@@ -1,4 +1,4 @@
-// The live connection: frames, moves and geometry come in, poses and moves go out.
+// The live connection: receives frames, moves and geometry, sends poses and moves.
 
 import { decode, encode } from "./proximity_client.mjs";
 import { Frames, currentState, nanoseconds } from "./frames.js";
@@ -25,8 +25,8 @@ export class Link extends EventTarget {
     this.latencies = []; // ms from sending a pose to the first frame that answers it
     this.pings = []; // [round trip, offset]
     this.offsetMs = NaN; // service's clock less the page's
-    this.sent = []; // page's ms at which poses were taken
-    this.lastMs = -Infinity; // when a frame came
+    this.sent = []; // instants of sent poses, ms of the page
+    this.lastMs = -Infinity; // arrival of the last frame
     this.rate = new Rate();
     this.stopped = false;
     setInterval(() => this.ping(), PING_MS);
@@ -83,14 +83,14 @@ export class Link extends EventTarget {
     this.emit("frame", header);
   }
 
-  /** What is known at an instant, ms. */
+  /** The state at an instant, ms. */
   at(nowMs) {
     const reading = this.frames.at(nowMs);
     const isCurrent = !this.frames.isLogged && nowMs - this.lastMs < CURRENT_MS;
     return { ...reading, state: isCurrent ? currentState(reading) : reading.state };
   }
 
-  /** The frame that first answers a pose says how long that took. */
+  /** Measure the latency of the first frame that answers a pose. */
   measure(now, poseMs) {
     const taken = poseMs - this.offsetMs;
     const at = this.sent.findIndex((each) => Math.abs(each - taken) < 4);
@@ -125,7 +125,7 @@ export class Link extends EventTarget {
     const pose_ns = nanoseconds(atMs);
     const hasPath = fingers.some((finger) => finger.corners);
     const records = fingers.map(({ finger, ...given }) => {
-      const record = { finger, pose_ns }; // what is not given is not known
+      const record = { finger, pose_ns }; // a missing field is unknown
       for (const name of ["position", "bend", "corners"]) if (given[name] != null) record[name] = given[name];
       return record;
     });
@@ -135,7 +135,7 @@ export class Link extends EventTarget {
     if (this.sent.length > 50) this.sent.shift();
   }
 
-  /** Ask for parts to be put elsewhere: name, rotation row by row, translation. */
+  /** Request new poses of parts: name, rotation row by row, translation. */
   sendMoves(moves) {
     if (!this.isOpen || !moves.length) return;
     const pose_ns = nanoseconds(performance.now());
@@ -144,7 +144,7 @@ export class Link extends EventTarget {
     this.send(encode("moves", { send_ns: pose_ns }, records));
   }
 
-  /** Ask for a part to be hidden or shown: name, and an action of PartAction. */
+  /** Request that a part be hidden or shown: name, and an action of PartAction. */
   sendChanges(changes) {
     if (!this.isOpen) return;
     this.send(encode("changes", { send_ns: nanoseconds(performance.now()) }, changes));
@@ -155,7 +155,7 @@ export class Link extends EventTarget {
   }
 }
 
-/** Frames a second that the service publishes, by their numbers: most are not sent to the page. */
+/** Frames a second published by the service, by their numbers: most are not sent to the page. */
 export class Rate {
   hz = NaN;
 

@@ -1,4 +1,4 @@
-// The engine in the page itself: what Link asks of a service is computed here.
+// The engine in the page: computes the answers that Link requests from a service.
 
 import { nanoseconds, shownContact } from "./frames.js";
 import { PATH_CORNERS, ENUMS } from "./layout.mjs";
@@ -8,7 +8,7 @@ const { State, PartAction } = ENUMS;
 const NOTHING = { state: "LOADING", ageMs: NaN, contacts: [], header: null };
 
 export class LocalLink extends EventTarget {
-  /** *welcome*: what the page is told of its parts and fingers. *local*: a LocalScene. */
+  /** *welcome*: the page's data on its parts and fingers. *local*: a LocalScene. */
   constructor(welcome, local) {
     super();
     this.latencies = [];
@@ -23,7 +23,7 @@ export class LocalLink extends EventTarget {
     this.corners = new Float64Array(3 * PATH_CORNERS * count).fill(NaN);
     this.bends = new Float64Array(count).fill(NaN);
     this.instants = new Array(count).fill(0n);
-    await null; // until somebody listens
+    await null; // until a listener is set
     this.emit("welcome", welcome);
     this.scene = await local.open();
     const settings = { budget };
@@ -32,13 +32,13 @@ export class LocalLink extends EventTarget {
     radii.forEach((radius, finger) => this.tracker.setRadius(finger, radius));
   }
 
-  /** What is known at an instant, ms: it is computed now, for where the fingers were last. */
+  /** The state at an instant, ms: computed now, for the last positions of the fingers. */
   at(nowMs) {
     if (!this.tracker) return NOTHING;
     const now = nanoseconds(nowMs), { corners, bends } = this;
     const isTracked = this.positions.some(Number.isFinite);
     if (!isTracked && !this.wasTracked) return { state: "NO HANDS", ageMs: NaN, contacts: [], header: { start_ns: now } };
-    this.wasTracked = isTracked; // the tracker is told once that no finger is
+    this.wasTracked = isTracked; // the tracker learns once that no finger is
     const began = performance.now();
     const records = this.tracker.tick(this.positions, this.instants, now, { corners, bends });
     this.latencies.push(performance.now() - began);
@@ -49,7 +49,7 @@ export class LocalLink extends EventTarget {
     return { state: ages.length ? "OK" : "NO HANDS", ageMs: Math.max(...ages), contacts, header: { start_ns: now } };
   }
 
-  /** Take fingers, of which each is where it was at *atMs*; without a position it is not tracked. */
+  /** Set fingers, each with its position at *atMs*; without a position it is not tracked. */
   sendPoses(fingers, atMs) {
     for (const { finger, position, corners, bend } of fingers) {
       this.positions.set(position ?? [NaN, NaN, NaN], 3 * finger);
@@ -59,7 +59,7 @@ export class LocalLink extends EventTarget {
     }
   }
 
-  /** Put parts elsewhere: name, rotation row by row, translation. */
+  /** Set poses of parts: name, rotation row by row, translation. */
   sendMoves(moves) {
     if (!this.tracker || !moves.length) return;
     const matrixOf = ({ rotation: r, translation: t }) =>

@@ -1,20 +1,20 @@
-// The parts as the engine in this page has them: slices of the signed distance, and what is asked of two parts.
+// Parts in this page's engine: slices of the signed distance, and measurements between two parts.
 
 import { hasRelaxed, load } from "./proximity.mjs";
 
-const MOST_AT_ONCE = 3000; // points of a slice, before hands have their turn
+const MAX_AT_ONCE = 3000; // points of a slice, before hands are updated
 const SAME = 1e-12;
 
 export class LocalScene {
-  /** *ask* gives what is shown, by its name. */
+  /** *ask* returns page contents by name. */
   constructor(ask) {
     this.ask = ask;
     this.scene = null; // once it is open
-    this.version = 0; // of the parts as they are shown: more when they are moved, hidden or shown
+    this.version = 0; // of the displayed parts: incremented when they are moved, hidden or shown
     this.followed = -1;
   }
 
-  /** The scene, which is opened when it is asked for first. */
+  /** The scene, opened at its first use. */
   open() {
     return (this.opened ??= this.read());
   }
@@ -24,7 +24,7 @@ export class LocalScene {
     return (this.scene = (await load(engine)).open(filled(await this.ask("scene"))));
   }
 
-  /** Put and hide parts as they are shown: a service may have moved them. */
+  /** Move and hide parts as displayed: a service may have moved them. */
   follow(scene, parts) {
     if (this.followed === this.version) return;
     this.followed = this.version;
@@ -37,12 +37,12 @@ export class LocalScene {
     if (moves.length) scene.move(moves);
   }
 
-  /** The signed distance on a plane, row by row; null where it is not wanted any more. */
+  /** The signed distance on a plane, row by row; null if it is no longer wanted. */
   async sliced({ origin, u, v, width, height }, parts, isWanted) {
     const scene = await this.open();
     this.follow(scene, parts);
     const values = new Float64Array(width * height);
-    const rows = Math.max(Math.floor(MOST_AT_ONCE / width), 1);
+    const rows = Math.max(Math.floor(MAX_AT_ONCE / width), 1);
     for (let row = 0; row < height; row += rows) {
       if (!isWanted()) return null;
       const points = new Float64Array(3 * width * Math.min(rows, height - row));
@@ -57,7 +57,7 @@ export class LocalScene {
     return values;
   }
 
-  /** How far two parts are apart, by their names. */
+  /** The clearance of two parts, by their names. */
   async clearance(names, parts) {
     const scene = await this.open();
     this.follow(scene, parts);
@@ -65,7 +65,7 @@ export class LocalScene {
   }
 }
 
-/** Fill in what a compiled scene is sent without: coordinates of triangles, which are those of the parts' corners. */
+/** Fill in the omitted data of a compiled scene: coordinates of triangles, which are those of the parts' corners. */
 function filled(bytes) {
   const size = new DataView(bytes).getUint32(24, true);
   const { layout, arrays } = documentOf(bytes.slice(64, 64 + size));

@@ -1,4 +1,4 @@
-// The page: a scene, hands over it, and how far every fingertip is.
+// The page: a scene, hands over it, and the distance of every fingertip.
 
 import { Fingers } from "./fingers.js";
 import { HandShape } from "./inputs/hand.js";
@@ -30,8 +30,8 @@ class Page {
     this.probe = new Probe(this.stage, this.parts, local);
     this.tools = new Tools(this.stage, this.parts, local, this.panel, this.probe);
     this.shapes = { left: new HandShape(this.stage.root), right: new HandShape(this.stage.root) };
-    this.paths = new Map(); // of fingers, as they were sent
-    this.tracked = new Set(); // fingers that were sent last
+    this.paths = new Map(); // of fingers, as sent
+    this.tracked = new Set(); // fingers sent last
     this.input = "none";
     this.feeds = false;
     this.listen();
@@ -106,7 +106,7 @@ class Page {
     this.wanted = before ?? (this.about.first_input || first);
   }
 
-  /** Whether this page feeds the service, or only watches another that does. */
+  /** Whether this page feeds the service, or only displays another source. */
   setRole(feeds) {
     this.feeds = feeds && this.about.may_pose;
     this.tools.mayMove = feeds && this.about.may_move;
@@ -117,7 +117,7 @@ class Page {
     else this.choose("none", "Another page sends the hands. Choose a source here to take over.");
   }
 
-  /** Take hands from elsewhere; *why* is said instead of the usual hint. */
+  /** Select the source of hands; *why* replaces the usual hint. */
   async choose(key, why) {
     if (!this.about) return;
     if (!this.feeds && !WITHOUT_HANDS.includes(key)) {
@@ -135,7 +135,7 @@ class Page {
     }
     for (const [name, input] of Object.entries(this.inputs)) if (name !== key) await input.stop();
     this.input = key;
-    if (why === undefined) this.wanted = key; // what is chosen for a reason is not what is wanted
+    if (why === undefined) this.wanted = key; // a choice with a reason is not the user's
     try {
       await this.inputs[key]?.start();
     } catch (failure) {
@@ -145,7 +145,7 @@ class Page {
     byId("input-hint").textContent = hint;
   }
 
-  /** Send fingertips; those that were there and are not any more are sent as not tracked. */
+  /** Send fingertips; those no longer present are sent as not tracked. */
   send(found, atMs) {
     if (!this.feeds) return;
     const now = new Set(found.map((each) => each.finger));
@@ -157,7 +157,7 @@ class Page {
     this.link.sendPoses([...fitting, ...gone], atMs);
   }
 
-  /** What is known at this instant. */
+  /** The state at this instant. */
   get reading() {
     const reading = this.link.at(performance.now());
     return this.isLoading ? { ...reading, state: "LOADING" } : reading;
@@ -185,14 +185,14 @@ class Page {
   }
 }
 
-/** What is shown, by its name, from the server: it asks for the token. */
+/** Request page contents by name from the server, with the token. */
 async function served(name) {
   const answer = await fetch(`./shown/${name}`, { headers: { Authorization: `Bearer ${token}` } });
   if (!answer.ok) throw new Error(await answer.text());
   return answer.arrayBuffer();
 }
 
-/** Show what a service computes, or what this page computes by itself: as the welcome says. */
+/** Show distances computed by a service, or by this page, according to the welcome. */
 async function begin(ask) {
   const local = new LocalScene(ask);
   const welcome = documentOf(await ask("welcome"));

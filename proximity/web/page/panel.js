@@ -1,4 +1,4 @@
-// What is said beside the picture: state, numbers, parts, fingertips, and sentences.
+// The panel: state, numbers, parts, fingertips, and messages.
 
 import { css, distanceColour, GREY } from "./colours.js";
 import { MEANINGS, mm, shownDistance } from "./frames.js";
@@ -26,7 +26,7 @@ export class Panel {
     byId("fingers").classList.toggle("gloved", Boolean(about.drum_degrees));
   }
 
-  /** Say something in a sentence; it goes after a while, unless it is to stay. */
+  /** Show a sentence; it disappears after a while, unless it is permanent. */
   say(sentence, stays = false) {
     const notice = byId("notice");
     notice.textContent = sentence;
@@ -40,7 +40,7 @@ export class Panel {
     byId("cover-text").textContent = sentence;
   }
 
-  /** Show a reading, or that of the probe; not more often than can be read. */
+  /** Show a reading, or that of the probe; no more often than it can be read. */
   show(reading, link, isLogged, probe) {
     const now = performance.now();
     const { contacts, header } = reading;
@@ -120,7 +120,7 @@ export class Panel {
     setText(cells[4], [contact.mode.toLowerCase(), this.drumAngle(contact)].join(" ").trim());
   }
 
-  /** Where the finger's drum is to stand, in degrees; "" without a glove, or where it is drawn back. */
+  /** The target angle of the finger's drum, in degrees; "" without a glove, or when retracted. */
   drumAngle({ finger, mode, contactBend }) {
     const angles = this.about.drum_degrees?.[finger];
     if (!angles || !Number.isFinite(contactBend) || mode === "RETRACT" || mode === "HOLD") return "";
@@ -172,7 +172,7 @@ export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
-/** Have a file saved by the browser. */
+/** Save a file through the browser. */
 export function offer(content, name) {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(content);
@@ -181,11 +181,11 @@ export function offer(content, name) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
-/** Whether a key is meant for a field, or for the browser. */
+/** Whether a key belongs to a field, or to the browser. */
 export const isTyped = ({ ctrlKey, metaKey, altKey, target, key }) =>
   ctrlKey || metaKey || altKey || target.matches?.("input[type=number], select") || (target.type === "range" && key.startsWith("Arrow"));
 
-/** Buttons of which one is chosen: [key, label], and what is called with the key. */
+/** Buttons with one choice: [key, label], and a callback with the key. */
 export function makeChoice(holder, choices, chosen, choose) {
   holder.replaceChildren();
   for (const [key, label] of choices) {

@@ -1,4 +1,4 @@
-// The parts: shown from the GLB, listed, hidden, picked, and moved as the service says that they move.
+// The parts: shown from the GLB, listed, hidden, picked, and moved by the service.
 
 import * as THREE from "three";
 import { GLTFLoader } from "./vendor/three/addons/loaders/GLTFLoader.js";
@@ -14,19 +14,19 @@ export class Parts extends EventTarget {
     this.stage = stage;
     this.link = link;
     this.list = []; // { name, object, faces, edges, colour, initial, ... } in the order of the scene
-    this.waiting = []; // moves whose instant has not come
+    this.waiting = []; // moves whose instant is in the future
     this.picked = null;
-    this.wanted = new Map(); // name: matrix that is to be sent
+    this.wanted = new Map(); // name: matrix to send
     this.clipping = [];
-    this.limited = (part, matrix) => matrix; // how far a part comes that is wanted there
-    this.mayHide = false; // of the service's scene, and not only of this picture
+    this.limited = (part, matrix) => matrix; // limits the approach of a part to its target
+    this.mayHide = false; // in the service's scene, not only in this picture
     this.loading = Promise.resolve();
     link.addEventListener("moves", (event) => this.waiting.push(...event.detail));
     link.addEventListener("changes", ({ detail }) => this.loading.then(() => this.takeChanges(detail)));
     setInterval(() => this.send(), SEND_MS);
   }
 
-  /** Take parts, of which the geometry may still be on its way; what is said of them meanwhile waits. */
+  /** Set the list of parts; their geometry may still be loading, and changes until then are applied later. */
   load(geometry) {
     this.loading = this.loadNow(geometry);
     return this.loading;
@@ -43,7 +43,7 @@ export class Parts extends EventTarget {
     this.changed();
   }
 
-  /** Put parts where they are at first: what a service has moved and hidden since, it tells anew. */
+  /** Reset parts to their initial poses: a service reports its moves and hidden parts again. */
   restore() {
     this.waiting = [];
     for (const { object, about, initial } of this.list) {
@@ -58,12 +58,12 @@ export class Parts extends EventTarget {
     const part = { name: object.userData.name, object, about: object.userData, meshes: [], edges: [] };
     object.visible = !object.userData.is_hidden;
     object.updateMatrix();
-    object.matrixAutoUpdate = false; // its matrix is the pose, as the service has it
+    object.matrixAutoUpdate = false; // its matrix is the pose from the service
     part.initial = object.matrix.clone();
     object.traverse((each) => {
       if (each.isMesh) {
         each.material = each.material.clone();
-        each.material.polygonOffset = true; // edges lie before faces
+        each.material.polygonOffset = true; // edges are drawn in front of faces
         each.material.polygonOffsetFactor = 1;
         each.material.polygonOffsetUnits = 1;
         each.userData.partOf = part;
@@ -90,7 +90,7 @@ export class Parts extends EventTarget {
     return box;
   }
 
-  /** Put parts where frames have them: moves count from their instant on, ms of the service's clock. */
+  /** Move parts to the poses of frames: a move counts from its instant, ms of the service's clock. */
   follow(frameMs) {
     if (!this.waiting.length || !this.isLoaded) return;
     const later = [];
@@ -123,7 +123,7 @@ export class Parts extends EventTarget {
     part.object.matrixWorldNeedsUpdate = true;
   }
 
-  /** Ask for a part to be elsewhere; it moves when the service has moved it. */
+  /** Request a pose of a part; it moves when the service has moved it. */
   ask(part, matrix) {
     this.wanted.set(part.name, this.limited(part, matrix.clone()));
   }
@@ -156,7 +156,7 @@ export class Parts extends EventTarget {
     this.dispatchEvent(new Event("changed"));
   }
 
-  /** Hide or show a part: of the service's scene where this page may, so that distances follow. */
+  /** Hide or show a part: in the service's scene if permitted, so that distances follow. */
   setVisible(part, isVisible) {
     if (part.object.visible === isVisible) return;
     const { HIDE, SHOW } = ENUMS.PartAction;
@@ -193,7 +193,7 @@ export class Parts extends EventTarget {
     return hit ? { part: hit.object.userData.partOf, point: hit.point } : null;
   }
 
-  /** Parts are elsewhere, hidden or shown. */
+  /** Parts were moved, hidden or shown. */
   changed() {
     this.stage.wake();
     this.dispatchEvent(new Event("placed"));

@@ -7,14 +7,14 @@ import { Label, separate } from "./labels.js";
 
 const BACKGROUND = 0x252c36;
 const FOV = 38;
-const BEFORE = 0.3; // m from the eyes to the nearest side of the parts, for somebody with a headset
-const BELOW = 0.3; // m from the eyes down to their foot
-const SLOW_MS = 50; // from one picture to the next, or more: fewer pixels are drawn
+const BEFORE = 0.3; // m from the eyes to the nearest side of the parts, in a headset
+const BELOW = 0.3; // m from the eyes down to the bottom of the parts
+const SLOW_MS = 50; // between two pictures; from here on fewer pixels are drawn
 const FAST_MS = 22;
 const REST = 3;
 const LONGEST_REST_MS = 1500;
-const AWAKE_MS = 600; // that pictures follow each other after something has happened
-const IDLE_MS = 250; // from one picture to the next where nothing happens
+const AWAKE_MS = 600; // of consecutive pictures after a change
+const IDLE_MS = 250; // between two pictures without changes
 
 export class Stage {
   constructor(canvas) {
@@ -36,7 +36,7 @@ export class Stage {
     const rim = new THREE.DirectionalLight(0xbfd4ff, 0.6);
     rim.position.set(-1, 0.5, -1);
     this.scene.add(key, rim);
-    this.root = new THREE.Group(); // holds everything that is in the scene's frame
+    this.root = new THREE.Group(); // contains all objects in the scene's frame
     this.root.rotation.x = -Math.PI / 2;
     this.scene.add(this.root);
     this.controls = new OrbitControls(this.camera, canvas);
@@ -45,10 +45,10 @@ export class Stage {
     this.grid = new THREE.Group();
     this.root.add(this.grid);
     this.ratio = Math.min(devicePixelRatio, 2);
-    this.drawMs = 16; // that a picture takes
+    this.drawMs = 16; // duration of a picture
     this.lastMs = 0;
     this.isDrawn = false;
-    this.awakeMs = 0; // until when pictures follow each other
+    this.awakeMs = 0; // end of consecutive pictures
     this.updates = new Set(); // called before each picture
     this.takers = new Set(); // called with each frame of a headset, drawn or not
     addEventListener("resize", () => this.resized());
@@ -79,7 +79,7 @@ export class Stage {
   draw(time, xrFrame) {
     if (xrFrame) for (const take of this.takers) take(xrFrame);
     if (!xrFrame && this.rests(time)) return;
-    this.adapt(); // before it is drawn: a canvas of another size is empty
+    this.adapt(); // before drawing: a canvas of another size is empty
     for (const update of this.updates) update();
     if (!this.renderer.xr.isPresenting) {
       this.controls.update();
@@ -89,8 +89,8 @@ export class Stage {
   }
 
   /**
-   * Whether no picture is drawn now: where each takes long, because there is no graphics card, two thirds of the
-   * time are left to the service; and where nothing happens. The first call after a picture says how long that took.
+   * Whether to skip a picture now: slow pictures, without a graphics card, leave two thirds of the time to the service;
+   * and without changes few are drawn. The first call after a picture returns its duration.
    */
   rests(time) {
     if (this.isDrawn) this.drawMs += 0.3 * (Math.min(time - this.lastMs, 1000) - this.drawMs);
@@ -100,12 +100,12 @@ export class Stage {
     return !this.isDrawn;
   }
 
-  /** Something has happened that is to be seen. */
+  /** A visible change has happened. */
   wake() {
     this.awakeMs = performance.now() + AWAKE_MS;
   }
 
-  /** Draw fewer pixels where pictures take long, and more again where they do not. */
+  /** Draw fewer pixels when pictures are slow, and more again when they are not. */
   adapt() {
     if (this.renderer.xr.isPresenting) return;
     const most = Math.min(devicePixelRatio, 2);
@@ -114,11 +114,11 @@ export class Stage {
     else if (this.drawMs < FAST_MS) ratio = Math.min(ratio * 1.2, most);
     if (Math.abs(ratio - this.ratio) < 1e-3) return;
     this.ratio = ratio;
-    this.drawMs = (SLOW_MS + FAST_MS) / 2; // measure anew before the next change
+    this.drawMs = (SLOW_MS + FAST_MS) / 2; // measure again before the next change
     this.resize();
   }
 
-  /** Take the bounds of the scene: view, grid and depth follow. */
+  /** Set the bounds of the scene: view, grid and depth follow. */
   setBounds(box) {
     this.box = box;
     this.camera.near = this.radius * 0.01;
@@ -128,12 +128,12 @@ export class Stage {
     this.home();
   }
 
-  /** Look at all of it from above and the front. */
+  /** View the whole scene from above and the front. */
   home() {
     this.frame(this.box, new THREE.Vector3(0.55, 0.55, 0.8));
   }
 
-  /** Look at a box, scene frame, from a direction: that of now if none is given. */
+  /** View a box, scene frame, from a direction; by default the present one. */
   frame(box, from = this.camera.position.clone().sub(this.controls.target)) {
     const centre = this.toWorld(box.getCenter(new THREE.Vector3()));
     const radius = Math.max(box.getSize(new THREE.Vector3()).length() / 2, 1e-4);
@@ -162,7 +162,7 @@ export class Stage {
     return point.clone().applyMatrix4(this.root.matrixWorld.clone().invert());
   }
 
-  /** Put the parts before these eyes, upright and at their true size. */
+  /** Place the parts in front of these eyes, upright and at their true size. */
   putBefore(eyes, towards) {
     const level = new THREE.Vector3(towards.x, 0, towards.z).normalize();
     this.putBack();
@@ -175,7 +175,7 @@ export class Stage {
     this.root.updateMatrixWorld(true);
   }
 
-  /** Put the parts where they are on a screen. */
+  /** Place the parts for a screen. */
   putBack() {
     this.root.position.set(0, 0, 0);
     this.root.rotation.set(-Math.PI / 2, 0, 0);
@@ -209,7 +209,7 @@ export class Stage {
     this.grid.add(label.object);
   }
 
-  /** A picture of what is seen, with every pixel of the screen, as a Blob; *paint* draws over it, in CSS pixels. */
+  /** The present view, with every pixel of the screen, as a Blob; *paint* draws over it, in CSS pixels. */
   async picture(paint) {
     const { ratio } = this;
     this.ratio = devicePixelRatio;
@@ -258,7 +258,7 @@ function lines(centre, floor, reach, spacing, opacity) {
   return new THREE.LineSegments(geometry, material);
 }
 
-/** Which way x, y and z are, beside the part, with their letters. */
+/** Axes x, y and z next to the part, with their letters. */
 function axes(box, floor, radius) {
   const group = new THREE.Group();
   const length = 0.28 * radius;

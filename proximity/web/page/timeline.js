@@ -1,4 +1,4 @@
-// A log that is played: at its own pace or another, or frame by frame.
+// Playback of a log: at its own or another speed, or frame by frame.
 
 import { byId } from "./panel.js";
 

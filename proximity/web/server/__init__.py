@@ -1,1 +1,1 @@
-"""Serving a page: who may come in, its files over HTTP, and one live connection for each page."""
+"""Server of a page: access control, its files over HTTP, and one live connection for each page."""

@@ -1,8 +1,8 @@
-"""Who may come in: hosts, origins, the token, and how much a page may send.
+"""Access control: hosts, origins, the token, and limits on a page's messages.
 
-A page on any web site can make a browser connect to this machine, and can give its own name this machine's
-address (DNS rebinding). So the name in the address must be one that was printed, a connection must come from
-the page that was served here, and its first message must have the token, which only the printed address has.
+A page on any web site can make a browser connect to this machine, and can point its own name at this
+machine's address (DNS rebinding). So the name in the address must be one that was printed, a connection must
+come from the page that was served here, and its first message must contain the token of the printed address.
 """
 
 import atexit
@@ -17,14 +17,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
-MOST_BYTES = 65_536
-"""Of one message: poses of 10 fingers with their paths are 16 kB."""
+MAX_BYTES = 65_536
+"""Maximum size of a message: poses of 10 fingers with their paths are 16 kB."""
 MESSAGES_PER_S = 1_000.0
 BYTES_PER_S = 8e6
 BURST_S = 1.0
-"""For so long a page may have been silent and send what it has at once."""
+"""Time for which unused allowance accumulates."""
 HELLO_S = 30.0
-"""Within that the token must come."""
+"""Time limit of the token."""
 
 WRONG_TOKEN, UNFIT, TOO_MUCH, HELD_UP = 4403, 4400, 4429, 4408
 """Codes with which connections are closed."""
@@ -32,17 +32,17 @@ _REDIRECT = '<!DOCTYPE html><meta charset="utf-8"><meta http-equiv="refresh" con
 
 
 class UnfitError(Exception):
-    """A message of a page that cannot be used; the text says why."""
+    """Raised for an invalid message of a page; the text says why."""
 
 
 def new_token() -> str:
-    """Return a token that nobody guesses."""
+    """Return an unpredictable token."""
     return secrets.token_urlsafe(24)
 
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """What a request must have."""
+    """Requirements of a request."""
 
     tokens: tuple[str, ...]
     hosts: frozenset[str]  # "name:port", in lower case
@@ -50,16 +50,16 @@ class Access:
 
     @classmethod
     def of(cls, tokens: tuple[str, ...], names: tuple[str, ...], port: int, *, is_secure: bool) -> "Access":
-        """Return who may come in at these names of this machine."""
+        """Return the access at these names of this machine."""
         usual = 443 if is_secure else 80
         hosts = {f"{name.lower()}:{port}" for name in names}
         hosts |= {name.lower() for name in names if port == usual}
         return cls(tokens, frozenset(hosts), "https" if is_secure else "http")
 
     def refusal(self, host: str | None, origin: str | None, *, is_live: bool) -> tuple[int, str] | None:
-        """Return status and sentence of a request that is refused; None: it may come in.
+        """Return status and sentence of a refused request; None: it is accepted.
 
-        *is_live*: whether it asks for the live connection, which must say its origin.
+        *is_live*: whether it requests the live connection, which must send its origin.
         """
         if host is None or host.lower() not in self.hosts:
             return 421, "The page is not served under this name: open the address that was printed."
@@ -71,7 +71,7 @@ class Access:
         return None
 
     def token_of(self, given: object) -> str | None:
-        """Return which token that is, None if none; takes equally long for any of a length."""
+        """Return the matching token, or None; in constant time for tokens of one length."""
         if not isinstance(given, str):
             return None
         fitting = [token for token in self.tokens if hmac.compare_digest(given.encode(), token.encode())]
@@ -80,16 +80,16 @@ class Access:
 
 @dataclass(slots=True)
 class Allowance:
-    """How much a page may still send now."""
+    """Remaining allowance of a page's messages."""
 
     messages: float = MESSAGES_PER_S * BURST_S
     size: float = BYTES_PER_S * BURST_S
     since: float = field(default_factory=time.monotonic)
 
     def allows(self, size: int, now: float | None = None) -> bool:
-        """Whether another message is within what may be sent; it is counted.
+        """Return whether another message is within the allowance; it is counted.
 
-        *now*: on a monotonic clock; asked for where not given.
+        *now*: on a monotonic clock; by default the present.
         """
         now = time.monotonic() if now is None else now
         elapsed, self.since = now - self.since, now
@@ -99,7 +99,8 @@ class Allowance:
 
 
 def open_in_browser(url: str) -> None:
-    """Have the browser read the address from a file that only this user can read, until this process ends.
+    """Open the browser with a file that redirects to the address, readable by this user only, until this
+    process ends.
 
     Every user of the machine may see the arguments of the browser.
     """

@@ -1,6 +1,6 @@
-"""The files of pages, and the headers that keep a browser from doing anything else with them.
+"""The files of pages, and the headers that restrict the browser.
 
-Only files that were there at the start are given, by their exact names; nothing of a request becomes a path.
+Only files present at the start are served, by their exact names; no part of a request becomes a path.
 """
 
 import base64
@@ -24,11 +24,10 @@ _IMPORT_MAP = re.compile(r'<script type="importmap">(.*?)</script>', re.DOTALL)
 
 
 class PageFiles:
-    """What is served over HTTP.
+    """Files served over HTTP.
 
-    *made*: what is not in the folder, by names that begin with a slash; what has no type is left out.
-    *frame_ancestors*: sources of pages that may show this one in a frame, as a content security policy has
-    them.
+    *made*: contents not in the folder, by names that begin with a slash; unknown types are omitted.
+    *frame_ancestors*: sources of pages that may show this one in a frame, as in a content security policy.
     """
 
     def __init__(
@@ -53,7 +52,7 @@ class PageFiles:
         return {name: content for name, (_, content) in self._known.items()}
 
     def get(self, path: str) -> tuple[str, bytes] | None:
-        """Return type and compressed content of a file; None where there is none."""
+        """Return type and compressed content of a file, or None."""
         found = self._known.get(path.partition("?")[0])
         if found is None:
             return None
@@ -65,7 +64,7 @@ class PageFiles:
 
     @cached_property
     def headers(self) -> dict[str, str]:
-        """What every answer says besides its content."""
+        """Headers of every answer."""
         text = self._known["/"][1].decode()
         maps = [
             base64.b64encode(hashlib.sha256(each.encode()).digest()) for each in _IMPORT_MAP.findall(text)

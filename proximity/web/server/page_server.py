@@ -1,6 +1,6 @@
-"""A server of pages: files over HTTP, and a live connection for each page that has a token.
+"""Server of pages: files over HTTP, and a live connection for each page that has a token.
 
-One thread, `asyncio`. What is said on live connections is the matter of whoever starts the server.
+One thread, `asyncio`. Messages on live connections are handled by the caller.
 """
 
 import asyncio
@@ -16,17 +16,17 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from proximity.web.server.access import HELD_UP, HELLO_S, MOST_BYTES, WRONG_TOKEN, Access, UnfitError
+from proximity.web.server.access import HELD_UP, HELLO_S, MAX_BYTES, WRONG_TOKEN, Access, UnfitError
 from proximity.web.server.page_files import PageFiles
 
 LIVE = "/live"
-"""Where the live connection is asked for."""
+"""Path of the live connection."""
 WITHOUT_TOKEN = "The address has no token: open the address that was printed."
-MOST_DIGITS = 20
-"""Of a whole number in a document, its sign included: 64 bits."""
+MAX_DIGITS = 20
+"""Maximum length of a whole number in a document, with its sign: 64 bits."""
 LOGGER = logging.getLogger("proximity.web")
 QUIET = logging.getLogger("proximity.web.connections")
-"""Of the library: browsers open connections and send nothing, which it would call a failure."""
+"""Logger of the library: browsers open connections without a request, which it reports as failures."""
 QUIET.addHandler(logging.NullHandler())
 QUIET.propagate = False
 REASONS = {
@@ -37,27 +37,26 @@ REASONS = {
 }
 
 SHOWN = "/shown/"
-"""Where a page asks for what it shows: with the token, in the header of a request."""
+"""Path prefix of page contents, which require the token in the header of a request."""
 
 Meet = Callable[[ServerConnection, str], Awaitable[None]]
-"""Is given a connection that may come in and the token that it has; returns when the connection ends."""
+"""Called with an accepted connection and its token; returns when the connection ends."""
 
 
 class PageServer:
     """Files and live connections.
 
-    *meet*: is given each live connection that may come in. *shown*: what a token is needed for, by
-    its name.
+    *meet*: called with each accepted live connection. *shown*: contents that require a token, by name.
     """
 
     def __init__(
         self, access: Access, files: PageFiles, meet: Meet, shown: Mapping[str, bytes] | None = None
     ) -> None:
         self.access, self._files, self._meet, self._shown = access, files, meet, shown or {}
-        self.refused: dict[str, int] = {}  # how often, by what was wrong
+        self.refused: dict[str, int] = {}  # counts by reason
 
     async def listen(self, host: str, port: int, ssl: Any = None) -> Server:
-        """Begin to listen; closed by the caller."""
+        """Start listening; closed by the caller."""
         return await serve(
             self._page,
             host,
@@ -65,7 +64,7 @@ class PageServer:
             ssl=ssl,
             process_request=self._request,
             compression=None,
-            max_size=MOST_BYTES,
+            max_size=MAX_BYTES,
             max_queue=64,
             open_timeout=HELLO_S,
             logger=QUIET,
@@ -73,11 +72,11 @@ class PageServer:
         )
 
     def count_refused(self, what: str) -> None:
-        """Count what was wrong with a page or a request."""
+        """Count a refusal of a page or a request."""
         self.refused[what] = self.refused.get(what, 0) + 1
 
     async def refuse(self, connection: ServerConnection, code: int, sentence: str) -> None:
-        """Close a connection for what its page did; the first time for each sentence is logged."""
+        """Close a connection for an error of its page; the first of each sentence is logged."""
         if sentence not in self.refused:
             LOGGER.warning("a page is disconnected: %s", sentence)
         self.count_refused(sentence)
@@ -126,7 +125,7 @@ class PageServer:
         try:
             async with asyncio.timeout(HELLO_S):
                 given = document(await connection.recv()).get("hello")
-        except TimeoutError:  # a browser that draws in software may be busy with its first picture
+        except TimeoutError:  # a browser that renders in software may be busy with its first picture
             self.count_refused("no token in time")
             await connection.close(HELD_UP, "the page did not send its token in time")
             return
@@ -141,10 +140,10 @@ class PageServer:
 
 
 def document(data: str | bytes) -> dict[str, Any]:
-    """Return the JSON object that a page sent: its numbers are finite, its texts can be sent on."""
+    """Return the JSON object sent by a page; numbers must be finite, and texts encodable."""
     try:
         found = json.loads(data, parse_int=_whole, parse_float=_finite, parse_constant=_finite)
-        if "\\u" in str(data):  # only so can half of a surrogate pair come
+        if "\\u" in str(data):  # only an escape can encode half of a surrogate pair
             json.dumps(found, ensure_ascii=False).encode()
     except UnicodeEncodeError as unfit:
         raise UnfitError("a text has half of a surrogate pair") from unfit
@@ -156,8 +155,8 @@ def document(data: str | bytes) -> dict[str, Any]:
 
 
 def _whole(text: str) -> int:
-    if len(text) > MOST_DIGITS:
-        raise UnfitError(f"a number has {len(text)} digits, expected at most {MOST_DIGITS}")
+    if len(text) > MAX_DIGITS:
+        raise UnfitError(f"a number has {len(text)} digits, expected at most {MAX_DIGITS}")
     return int(text)
 
 

@@ -1,4 +1,4 @@
-/* A part that comes nearer: moving SCENE.prox, whose first part is moved towards a point beside it. */
+/* An approaching part: moving SCENE.prox, whose first part is moved towards a point next to it. */
 #include <proximity.h>
 #include <stdio.h>
 

@@ -1,7 +1,7 @@
 /* Frames of a service in shared memory: mailbox_receiver NAME SECONDS, for shm://NAME. Linux.
 
-   A service that is started anew has another mailbox, which is opened here; of one that was killed the last frame
-   ages, until it is STALE. Names of parts come between frames. */
+   A restarted service has another mailbox, which is opened here; if it was killed, the last frame
+   ages until it is STALE. Names of parts come between frames. */
 #define _GNU_SOURCE
 #include <stdio.h>
 #include <stdlib.h>
@@ -9,7 +9,7 @@
 #include "proximity_mailbox.h"
 #include "proximity_message.h"
 
-enum { MOST_FINGERS = 64, MOST_PARTS = 1000, MOST_LABELS = 64 };
+enum { MAX_FINGERS = 64, MAX_PARTS = 1000, MAX_LABELS = 64 };
 #define MS INT64_C(1000000)      /* ns */
 #define MAX_SPEED 3.0            /* m/s, and */
 #define MAX_ACCELERATION 120.0   /* m/s2, of a finger */
@@ -17,34 +17,34 @@ enum { MOST_FINGERS = 64, MOST_PARTS = 1000, MOST_LABELS = 64 };
 static const char *const STATE[] = {"STARTING", "OK", "DEGRADED", "LATE", "STALE", "STOPPING"};
 static struct frame {
     proximity_frame_header header;
-    proximity_contact contacts[MOST_FINGERS];
+    proximity_contact contacts[MAX_FINGERS];
 } held;
 static union {
     struct frame frame;
     struct {
         proximity_description_header header;
-        proximity_label labels[MOST_LABELS];
+        proximity_label labels[MAX_LABELS];
     } described;
 } arrived;
-static proximity_description_header named; /* of the names: whose they are */
-static char names[MOST_PARTS][65];
+static proximity_description_header named; /* of the names: their service and epoch */
+static char names[MAX_PARTS][65];
 static proximity_receiver receiver = {.shares_clock = 1};
 
-/* Hold what arrived if it is a frame, or names, and whole. */
+/* Store a received frame, or names, if valid. */
 static void take(size_t size, int64_t now_ns)
 {
     const proximity_description_header *header = &arrived.described.header;
 
     if (size > sizeof arrived)
         return;
-    if (proximity_take_frame(&receiver, &arrived, size, MOST_FINGERS, now_ns) == PROXIMITY_FLAW_NONE) {
+    if (proximity_take_frame(&receiver, &arrived, size, MAX_FINGERS, now_ns) == PROXIMITY_FLAW_NONE) {
         memcpy(&held, &arrived, size);
     } else if (proximity_check(&arrived, size, PROXIMITY_DESCRIPTION_MAGIC, sizeof *header, sizeof(proximity_label),
                                offsetof(proximity_description_header, count)) == PROXIMITY_FLAW_NONE) {
         named = *header;
         for (uint32_t k = 0; k < header->count; k++) {
             uint64_t part = (uint64_t)header->first + k;
-            if (part < header->part_count && part < MOST_PARTS)
+            if (part < header->part_count && part < MAX_PARTS)
                 memcpy(names[part], arrived.described.labels[k].name, 64);
         }
     }
@@ -53,10 +53,10 @@ static void take(size_t size, int64_t now_ns)
 static const char *name_of(int32_t part)
 {
     int is_known = named.session == held.header.session && named.epoch == held.header.epoch;
-    return is_known && part >= 0 && part < MOST_PARTS ? names[part] : "?";
+    return is_known && part >= 0 && part < MAX_PARTS ? names[part] : "?";
 }
 
-/* Print what is known now; here a program would act. */
+/* Print the present state; a program would act here. */
 static void show(int64_t now_ns)
 {
     enum proximity_state state = proximity_trust(&receiver, &held.header, now_ns, PROXIMITY_STALE_AFTER_NS);
@@ -84,7 +84,7 @@ int main(int count, char **words)
     for (; (now_ns = proximity_mailbox_now_ns()) < ends_ns;) {
         if (outcome != PROXIMITY_MAILBOX_OK)
             outcome = proximity_mailbox_open(&box, words[1]);
-        if (outcome == PROXIMITY_MAILBOX_NOBODY) { /* yet, or not any more: look again */
+        if (outcome == PROXIMITY_MAILBOX_NOBODY) { /* not yet, or no longer: poll again */
             struct timespec pause = {0, 5 * MS};
             nanosleep(&pause, NULL);
         } else if (outcome != PROXIMITY_MAILBOX_OK) {

@@ -1,12 +1,11 @@
 /*
- * receiver.c: the controller's end of a udp:// address, as an example to be copied. What keeps it from acting
- * on what does not hold any more:
+ * receiver.c: the controller's end of a udp:// address, as an example to copy. It never acts on outdated data:
  *
- *   - A datagram counts if it comes from the one sender, is whole, makes sense, and is newer than the last.
- *     With a key, also only if it is the sender's: of what others send nothing is looked at.
- *   - While a frame is valid it holds as it is, for the instant of its poses. Then a lower bound of each
- *     distance holds, which falls as time passes. Then nothing does: retract.
- *   - It never waits for a frame: at each look it asks what is known now.
+ *   - A datagram counts if it comes from the accepted sender, is complete, valid, and newer than the last.
+ *     With a key, its tag must also be right; other datagrams are not read.
+ *   - A valid frame holds unchanged, for the instant of its poses. Then a lower bound of each distance holds,
+ *     which decreases with time. After that no value holds: retract.
+ *   - It never waits for a frame: it evaluates the present state at intervals.
  *
  *   cc -std=c99 -O2 receiver.c -lm -o receiver
  *   ./receiver 127.0.0.1 9100 127.0.0.1 frames.key    # listen at, port, sender, and the key if there is one
@@ -24,15 +23,15 @@
 
 #include "proximity_message.h"
 
-#define MOST_FINGERS 64
-#define LOOK_MS 10             /* look at what is known, at least so often */
+#define MAX_FINGERS 64
+#define LOOK_MS 10             /* maximum time between two evaluations */
 #define MAX_SPEED 3.0          /* m/s, and */
 #define MAX_ACCELERATION 120.0 /* m/s2, of a finger */
 
 struct frame {
     proximity_frame_header header;
-    proximity_contact contacts[MOST_FINGERS];
-    char beyond[PROXIMITY_TAG_BYTES + 8]; /* a message that reaches in here is too large */
+    proximity_contact contacts[MAX_FINGERS];
+    char beyond[PROXIMITY_TAG_BYTES + 8]; /* a message that extends in here is too large */
 };
 
 enum { STRANGER = PROXIMITY_FLAW_CONTENT + 1, UNVERIFIED, REASONS };
@@ -41,7 +40,7 @@ static const char *const REASON[REASONS] = {"received", "short",  "magic",   "ve
 static const char *const STATE[] = {"STARTING", "OK", "DEGRADED", "LATE", "STALE", "STOPPING"};
 
 static struct frame held, arrived;
-static proximity_receiver receiver; /* of frames: which are used, and the clock of their sender */
+static proximity_receiver receiver; /* of frames: selection, and the clock of their sender */
 static uint8_t key[PROXIMITY_KEY_BYTES];
 static unsigned long counts[REASONS];
 static volatile sig_atomic_t is_told_to_stop;
@@ -54,22 +53,22 @@ static int64_t clock_ns(void)
     return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
 
-/* Hold what arrived if it counts; whether it does. */
+/* Store a message if it is valid; return whether it is. */
 static int take(size_t size, int is_from_sender)
 {
     int reason = is_from_sender ? (int)UNVERIFIED : (int)STRANGER;
 
     if (is_from_sender && (!receiver.is_keyed || (size = proximity_verified(key, &arrived, size)) > 0))
-        reason = (int)proximity_take_frame(&receiver, &arrived, size, MOST_FINGERS, clock_ns());
+        reason = (int)proximity_take_frame(&receiver, &arrived, size, MAX_FINGERS, clock_ns());
     if (reason == (int)PROXIMITY_FLAW_MAGIC && arrived.header.magic == PROXIMITY_DESCRIPTION_MAGIC)
-        return 0; /* names of parts and fingers, of which nothing is needed here */
+        return 0; /* names of parts and fingers, not needed here */
     counts[reason]++;
     if (reason == 0)
         memcpy(&held, &arrived, size);
     return reason == 0;
 }
 
-/* Print what is known now; here a controller would set its drum. */
+/* Print the present state; a controller would set its drum here. */
 static void look(int is_new)
 {
     static int told = -1;
@@ -100,7 +99,7 @@ static void look(int is_new)
     printf("\n");
 }
 
-/* Read the key; what is wrong with its file, or NULL. */
+/* Read the key; return the error of its file, or NULL. */
 static const char *read_key(const char *path)
 {
     char text[2 * PROXIMITY_KEY_BYTES + 2] = {0};

@@ -1,4 +1,4 @@
-// Example.cs: a fingertip that comes down on the sample bracket, and what the service says of it, in a console.
+// Example.cs: a fingertip that descends on the sample bracket, and the service's answers, in a console.
 //
 //   mcs -unsafe ProximityMessages.cs ProximityClient.cs Example.cs && mono ProximityMessages.exe 9100 9101 5
 //   (or: dotnet run, with <AllowUnsafeBlocks>true</AllowUnsafeBlocks>)
@@ -20,7 +20,7 @@ public static class Example
         foreach (ProximityContact contact in frames.Contacts)
         {
             if ((contact.Flags & ProximityContactFlag.Tracked) == 0)
-                continue; // nothing is known of it: take the hand's force away
+                continue; // unknown: remove the hand's force
             // While the frame is valid the distance holds; LATE, only that it is at least the lower bound.
             line.AppendFormat(CultureInfo.InvariantCulture, "; finger {0}: {1} {2:F3} mm, pose {3:F1} ms old",
                 contact.Finger, frames.IsValid ? "at" : "at least", 1e3 * contact.Lower, 1e-6 * contact.AgeNs);
@@ -50,7 +50,7 @@ public static class Example
                     hand[0] = ProximityPublisher.PoseOf(0, 0.050, 0.020, Math.Max(0.060 - 0.005 * picture / 90, 0.010));
                     poses.Send(hand, 1);
                     long left = began + picture * 1000000000L / 90 - ProximityClock.Ns;
-                    Thread.Sleep((int)Math.Max(left / 1000000, 0)); // you draw
+                    Thread.Sleep((int)Math.Max(left / 1000000, 0)); // draw here
                     frames.Read(); // never waits
                     if (picture % 9 == 0)
                         Show(frames);

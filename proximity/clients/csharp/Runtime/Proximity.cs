@@ -1,4 +1,4 @@
-// Proximity.cs: the engine in your own process, through the library in C. What a function does is said in proximity.h.
+// Proximity.cs: the engine in the user's process, through the library in C. Functions are described in proximity.h.
 //
 // Made by `proximity library csharp`; what is changed here is lost. Needs ProximityMessages.cs, "Allow unsafe code", spans
 // (.NET Standard 2.1: Unity 2021.2 or newer), and the library for your system: libproximity.so, proximity.dll.
@@ -11,7 +11,7 @@ using System.Text;
 
 namespace Proximity
 {
-    /// <summary>What went wrong, in a sentence; the code is one of proximity.h.</summary>
+    /// <summary>An error as a sentence; the code is one of proximity.h.</summary>
     public sealed class ProximityError : Exception
     {
         public const int BadArgument = 1, NoMemory = 2, NoFile = 3, BadFile = 4, BadPose = 5, NoInside = 6, NoProcessor = 7,
@@ -22,19 +22,19 @@ namespace Proximity
 
     public enum ProximityFeature { None = -1, Face, Edge, Vertex }
 
-    /// <summary>The surface point nearest to a point; where there is none, Part is -1 and the distance infinite.</summary>
+    /// <summary>The surface point nearest to a point; without one, Part is -1 and the distance infinite.</summary>
     [StructLayout(LayoutKind.Sequential)]
     public struct ProximityClosestPoint
     {
         public double SignedDistance; // m, negative inside
-        public ProximityVector Point, Gradient, Barycentric; // Gradient: unit, where the signed distance rises most
+        public ProximityVector Point, Gradient, Barycentric; // Gradient: unit, steepest increase of the signed distance
         public int Part, Face;
         public ProximityFeature Feature;
         private int isSigned;
         public bool IsSigned => isSigned != 0; // false: the part has no inside
     }
 
-    /// <summary>The first hit of a ray; where there is none, Part is -1 and the distance infinite.</summary>
+    /// <summary>The first hit of a ray; without one, Part is -1 and the distance infinite.</summary>
     [StructLayout(LayoutKind.Sequential)]
     public struct ProximityRayHit
     {
@@ -112,7 +112,7 @@ namespace Proximity
             Handle.Take(made);
         }
 
-        /// <summary>Open the bytes of such a file, which must stay as they are until the scene is closed.</summary>
+        /// <summary>Open the bytes of such a file, which must remain unchanged until the scene is closed.</summary>
         public ProximityScene(byte[] content)
         {
             IntPtr made;
@@ -126,7 +126,7 @@ namespace Proximity
             Handle.Take(made);
         }
 
-        /// <summary>Close it; where a tracker of it is left, when that is disposed of.</summary>
+        /// <summary>Close it; with open trackers, when the last is disposed of.</summary>
         public void Dispose() => Handle.Dispose();
 
         public int PartCount => Native.proximity_part_count(Handle);
@@ -134,7 +134,7 @@ namespace Proximity
         /// <summary>The name of a part; empty where there is no such part.</summary>
         public string NameOf(int part) => Native.Text(Native.proximity_part_name(Handle, part));
 
-        /// <summary>The part of that name; -1 where there is none.</summary>
+        /// <summary>The part of a name; -1 if there is none.</summary>
         public int Find(string name)
         {
             fixed (byte* text = Native.Utf8(name))
@@ -207,19 +207,19 @@ namespace Proximity
                     out NativeError error), ref error);
         }
 
-        /// <summary>Apply posted poses for an instant, in programs that have no tracker.</summary>
+        /// <summary>Apply posted poses for an instant, in programs without a tracker.</summary>
         public void Take(long instantNs) =>
             Native.Check(Native.proximity_take(Handle, instantNs, out NativeError error), ref error);
 
-        /// <summary>Hide a part from all that is asked, or show it again.</summary>
+        /// <summary>Hide a part from all queries, or show it again.</summary>
         public void Hide(int part, bool isHidden = true) =>
             Native.Check(Native.proximity_hide(Handle, part, isHidden ? 1 : 0, out NativeError error), ref error);
 
-        /// <summary>Set how a part reacts to a touch, N/m and N s/m; 0: it is rigid.</summary>
+        /// <summary>Set a part's response to contact, N/m and N s/m; 0: it is rigid.</summary>
         public void SetSurface(int part, double stiffness, double damping = 0) =>
             Native.Check(Native.proximity_set_surface(Handle, part, stiffness, damping, out NativeError error), ref error);
 
-        // --- questions: an answer for each row that is asked; none is farther than the limit, m ---
+        // --- queries: an answer for each row; none is farther than the limit, m ---
 
         public void Closest(ReadOnlySpan<ProximityVector> points, Span<ProximityClosestPoint> answers,
             double limit = Unlimited) =>
@@ -240,7 +240,7 @@ namespace Proximity
         public void Distance(ReadOnlySpan<ProximityVector> points, Span<double> distances) =>
             Ask(Question.Distance, points, default, distances, Unlimited);
 
-        /// <summary>Whether points are inside some part.</summary>
+        /// <summary>Whether points are inside a part.</summary>
         public void Contains(ReadOnlySpan<ProximityVector> points, Span<bool> isInside) =>
             Ask(Question.Contains, points, default, isInside, Unlimited);
 
@@ -286,7 +286,7 @@ namespace Proximity
     /// <summary>Answers for every fingertip at every tick. One thread at a time uses it.</summary>
     public sealed unsafe class ProximityTracker : IDisposable
     {
-        public readonly ProximityContact[] Contacts; // of all fingers; each tick writes over them
+        public readonly ProximityContact[] Contacts; // of all fingers; overwritten by each tick
         private readonly NativeHandle handle = new NativeHandle();
 
         public ProximityTracker(ProximityScene scene, int fingers, ProximityTrackerSettings? settings = null)
@@ -302,7 +302,7 @@ namespace Proximity
 
         public void Dispose() => handle.Dispose();
 
-        /// <summary>Forget all fingers: the next tick is treated as the first.</summary>
+        /// <summary>Reset all fingers: the next tick is treated as the first.</summary>
         public void Reset() => Native.proximity_reset_tracker(handle);
 
         /// <summary>Set the radius of one fingertip, m.</summary>
@@ -310,7 +310,7 @@ namespace Proximity
             Native.Check(Native.proximity_set_radius(handle, (UIntPtr)(uint)finger, radius, out NativeError e), ref e);
 
         /// <summary>Answer for all fingers, a row each; one whose position is not finite is not tracked. Instants are ns
-        /// of one clock, velocities m/s; corners of paths are as many a finger, one finger behind the other.</summary>
+        /// of one clock, velocities m/s; paths have equal numbers of corners, one finger after the other.</summary>
         public ProximityContact[] Tick(ReadOnlySpan<ProximityVector> positions, ReadOnlySpan<long> poseNs, long nowNs,
             ReadOnlySpan<ProximityVector> velocities = default, ReadOnlySpan<ProximityVector> corners = default,
             ReadOnlySpan<double> bends = default, ReadOnlySpan<double> pathBends = default)

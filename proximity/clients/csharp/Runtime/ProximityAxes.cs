@@ -1,7 +1,7 @@
 // ProximityAxes.cs: from Unity's left-handed axes to the right-handed ones of a scene, and back.
 //
-// Made by `proximity client csharp`; what is changed here is lost. Only a mirror leads from one to the other. Each of
-// these is its own inverse; a rotation's axis turns round besides.
+// Made by `proximity client csharp`; changes here are lost. The conversion is a mirror. Each function is its own
+// inverse; a rotation's axis is reversed as well.
 #if UNITY_5_3_OR_NEWER
 using System;
 using UnityEngine;
@@ -10,17 +10,17 @@ namespace Proximity
 {
     public enum ProximityMirror
     {
-        YAndZ, // are exchanged: parts with z up, as most of CAD have it, stand upright
-        X, // changes its sign: parts lie as the meshes that Unity imports from OBJ and FBX
+        YAndZ, // are exchanged: parts with z up, the usual CAD axes, stand upright
+        X, // changes its sign: parts match the meshes that Unity imports from OBJ and FBX
     }
 
     public static class ProximityAxes
     {
-        /// <summary>A point, a direction or a normal, as the scene has it.</summary>
+        /// <summary>A point, a direction or a normal in the scene's axes.</summary>
         public static ProximityVector ToScene(this ProximityMirror mirror, Vector3 v) =>
             mirror == ProximityMirror.X ? new ProximityVector(-v.x, v.y, v.z) : new ProximityVector(v.x, v.z, v.y);
 
-        /// <summary>A point, a direction or a normal of the scene, as Unity has it.</summary>
+        /// <summary>A point, a direction or a normal of the scene in Unity's axes.</summary>
         public static Vector3 ToUnity(this ProximityMirror mirror, ProximityVector v) =>
             mirror == ProximityMirror.X ? new Vector3((float)-v.X, (float)v.Y, (float)v.Z)
                 : new Vector3((float)v.X, (float)v.Z, (float)v.Y);

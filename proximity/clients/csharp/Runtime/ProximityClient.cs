@@ -1,8 +1,8 @@
 // ProximityClient.cs: frames from a proximity service, and poses and moves to it, over UDP, for Unity and .NET.
 //
-// Made by `proximity client csharp`; what is changed here is lost. Buffers are made when an end is opened, and
-// where the number of fingers changes; a frame makes no garbage. IPv4 only. One thread uses one object.
-// What can go wrong when an end is opened is a ProximityServiceError with a sentence.
+// Made by `proximity client csharp`; changes here are lost. Buffers are allocated when an end is opened, and when the
+// number of fingers changes; a frame makes no garbage. IPv4 only. One thread uses one object. Opening an end may throw
+// a ProximityServiceError with a sentence.
 using System;
 using System.Collections.Generic;
 using System.Diagnostics;
@@ -19,14 +19,14 @@ namespace Proximity
         public ProximityServiceError(string sentence) : base(sentence) { }
     }
 
-    /// <summary>Why a message was not used.</summary>
+    /// <summary>Reason why a message was not used.</summary>
     public enum ProximityFlaw { None, Short, Magic, Version, Size, Checksum, Old, Future, Content }
 
-    /// <summary>Numbers of messages that a subscriber has seen.</summary>
+    /// <summary>Numbers of messages seen by a subscriber.</summary>
     public sealed class ProximityCounts
     {
         public long Received, Sessions, Unverified;
-        public ulong Lost; // numbers that were left out since the first
+        public ulong Lost; // numbers missing since the first
         public readonly long[] Flawed = new long[9]; // by ProximityFlaw
 
         /// <summary>All of them in a line.</summary>
@@ -44,7 +44,7 @@ namespace Proximity
     public static class ProximityClock
     {
         public static readonly bool IsThatOfServices = Environment.OSVersion.Platform == PlatformID.Unix
-            && Directory.Exists("/proc/self"); // Linux, Android; elsewhere it is learnt from what arrives
+            && Directory.Exists("/proc/self"); // Linux, Android; elsewhere it is estimated from arrivals
         private static readonly long PerTick = 1000000000L / Stopwatch.Frequency;
 
         public static long Ns
@@ -84,7 +84,8 @@ namespace Proximity
         private readonly byte[] block = new byte[64];
         private readonly uint[] h = new uint[8], m = new uint[16], v = new uint[16];
 
-        /// <summary>Read the key that `proximity client key` wrote. Who may read its file is not checked here.</summary>
+        /// <summary>Read a key written by `proximity client key`. The permissions of its file are not checked
+        /// here.</summary>
         public ProximityKey(string path)
         {
             string digits;
@@ -107,7 +108,7 @@ namespace Proximity
                 throw new ProximityServiceError("the key " + path + " is not a key (expected 64 hexadecimal digits)");
         }
 
-        /// <summary>CRC-32 as zlib has it.</summary>
+        /// <summary>CRC-32 of zlib.</summary>
         public static uint Crc32(byte[] bytes, int first, int end)
         {
             uint crc = 0xffffffff;
@@ -135,14 +136,14 @@ namespace Proximity
                 tag[at + i] = (byte)(h[i / 4] >> 8 * (i % 4));
         }
 
-        /// <summary>How many bytes of a datagram are its message; 0: the key does not verify it.</summary>
+        /// <summary>Size of the message in a datagram; 0: the key does not verify it.</summary>
         public int Verified(byte[] datagram, int size, byte[] scratch)
         {
             int end = size - TagBytes, difference = 0;
             if (end <= 0)
                 return 0;
             Tag(datagram, end, scratch, 0);
-            for (int i = 0; i < TagBytes; i++) // as long wherever a wrong tag differs
+            for (int i = 0; i < TagBytes; i++) // in time independent of the tag's contents
                 difference |= scratch[i] ^ datagram[end + i];
             return difference == 0 ? end : 0;
         }
@@ -210,7 +211,7 @@ namespace Proximity
         }
     }
 
-    /// <summary>The clock of a publisher elsewhere, by the message that was fastest on its way.</summary>
+    /// <summary>The clock of a publisher on another machine, by the fastest message.</summary>
     internal sealed class ProximityForeignClock
     {
         private const long Second = ProximityLayout.JumpNs, Drift = ProximityLayout.NsPerDrift;
@@ -255,7 +256,7 @@ namespace Proximity
             sent = sentNs;
         }
 
-        /// <summary>What their clock shows, rather late than early.</summary>
+        /// <summary>A lower estimate of the publisher's clock.</summary>
         public long Theirs(long now) { return isHeard ? now - offset + ProximityLayout.TransitNs : now; }
 
         private void Begin(long newOffset, long now)
@@ -267,7 +268,7 @@ namespace Proximity
         }
     }
 
-    /// <summary>How contacts become worse.</summary>
+    /// <summary>Ageing of contacts.</summary>
     public static class ProximityAgeing
     {
         /// <summary>
@@ -283,7 +284,7 @@ namespace Proximity
             var relative = new ProximityVector(c.Velocity.X - c.PartVelocity.X, c.Velocity.Y - c.PartVelocity.Y,
                 c.Velocity.Z - c.PartVelocity.Z);
             double going = isGeometry ? Length(relative) : Math.Abs(c.ApproachSpeed);
-            // How far off that velocity may be, and how much faster other parts are, is in the predictions.
+            // The uncertainty of that velocity, and the excess of other parts' velocities, are in the predictions.
             double lead = 1e-9 * (c.PredictedNs - c.PoseNs);
             double spread = c.PredictedUpper - c.PredictedLower - (isGeometry ? 0 : c.Upper - c.Lower);
             spread *= 0.5 / lead;
@@ -311,7 +312,7 @@ namespace Proximity
             c.Flags |= isTracked ? ProximityContactFlag.Bounded : ProximityContactFlag.None;
         }
 
-        /// <summary>Leave nothing of a contact but whose it is, where it comes from and when that was.</summary>
+        /// <summary>Reset a contact, except its finger, source and instant.</summary>
         public static void Forget(ref ProximityContact c)
         {
             var nowhere = new ProximityVector(double.NaN, double.NaN, double.NaN);
@@ -330,16 +331,17 @@ namespace Proximity
         }
 
         private static double Length(ProximityVector a) { return Math.Sqrt(a.X * a.X + a.Y * a.Y + a.Z * a.Z); }
-        // These pass over nan.
+        // These ignore nan.
         private static double Larger(double a, double b) { return double.IsNaN(a) ? b : double.IsNaN(b) || a > b ? a : b; }
         private static double Lesser(double a, double b) { return double.IsNaN(a) ? b : double.IsNaN(b) || a < b ? a : b; }
     }
 
-    /// <summary>Judges frames and lets the newest age; without a network. Instants are of this machine's clock.</summary>
+    /// <summary>Validates frames and ages the newest; without a network. Instants are of this machine's
+    /// clock.</summary>
     public unsafe class ProximityFrameReader
     {
         public readonly ProximityCounts Counts = new ProximityCounts();
-        /// <summary>What the newest frame says, or worse; as of the last reading, like all that follows.</summary>
+        /// <summary>The state of the newest frame, or worse; at the last reading, like all that follows.</summary>
         public ProximityState State { get; private set; }
         public bool IsNew { get; private set; }
         public long NowNs { get; private set; } // on the publisher's clock
@@ -381,7 +383,7 @@ namespace Proximity
             this.maxAcceleration = maxAcceleration;
         }
 
-        /// <summary>Take a frame, or a description, that arrived; what is wrong with it.</summary>
+        /// <summary>Read a frame, or a description, that arrived; return its defect.</summary>
         public ProximityFlaw Offer(byte[] message, int size, long nowNs)
         {
             ProximityFlaw flaw = IsDescription(message, size) ? Describe(message, size) : Judge(message, size, nowNs);
@@ -390,7 +392,7 @@ namespace Proximity
             return flaw;
         }
 
-        /// <summary>Set what is known at an instant.</summary>
+        /// <summary>Set the state at an instant.</summary>
         public ProximityState At(long nowNs)
         {
             bool isBelieved = isShared || clock.IsCertain;
@@ -559,7 +561,7 @@ namespace Proximity
         private bool IsOld(long now)
         {
             if (isKeyed && arrived.Session < newestSession)
-                return true; // of an earlier run: with a key that may be a recording
+                return true; // of an earlier run: with a key it may be a recording
             if (!hasFrame)
                 return false;
             if (arrived.Session == lastSession)
@@ -603,7 +605,7 @@ namespace Proximity
             return c.Lower <= c.SignedDistance && c.SignedDistance <= c.Upper && c.PredictedLower <= c.PredictedUpper
                 && !double.IsNaN(c.PredictedDistance) && c.TimeToContactLower <= c.TimeToContact
                 && (isPlaced || (isUnknown && c.Source != ProximitySource.Geometry))
-                && !(n < Shortest * Shortest || n > Longest * Longest) // nan: there is no normal
+                && !(n < Shortest * Shortest || n > Longest * Longest) // nan: no normal
                 && c.PoseNs >= arrived.PoseNs && c.PoseNs <= latest;
         }
 
@@ -645,7 +647,7 @@ namespace Proximity
                     valid[i] = held[i];
         }
 
-        /// <summary>Remember the run that another follows; the number that is expected of this one.</summary>
+        /// <summary>Store the run that another follows, and its next number.</summary>
         private ulong Follow()
         {
             ulong expected = 0;
@@ -697,7 +699,7 @@ namespace Proximity
         }
     }
 
-    /// <summary>Receives frames and distrusts them: the newest is what counts, and how far it holds now.</summary>
+    /// <summary>Receives and validates frames: only the newest counts, with its present validity.</summary>
     public sealed class ProximitySubscriber : ProximityFrameReader, IDisposable
     {
         private readonly Socket socket;
@@ -723,7 +725,7 @@ namespace Proximity
                 socket.Connect(sender);
         }
 
-        /// <summary>Take what has arrived and say what is known now; never waits, makes no garbage.</summary>
+        /// <summary>Read arrived messages and update the state; never waits, makes no garbage.</summary>
         public ProximityState Read()
         {
             int unused = 0;
@@ -732,7 +734,7 @@ namespace Proximity
                 SocketError error;
                 int size = socket.Receive(buffer, 0, buffer.Length, SocketFlags.None, out error);
                 if (error == SocketError.ConnectionReset || error == SocketError.ConnectionRefused)
-                    continue; // something sent before found nobody
+                    continue; // an earlier datagram had no receiver
                 if (error != SocketError.Success)
                     break;
                 if (key != null && (size = key.Verified(buffer, size, tag)) == 0)
@@ -768,7 +770,7 @@ namespace Proximity
     /// <summary>Sends poses of fingers, moves and changes of parts.</summary>
     public sealed unsafe class ProximityPublisher : IDisposable
     {
-        private const int MostBytes = 65507; // that a datagram of IPv4 carries
+        private const int MostBytes = 65507; // of a datagram over IPv4
         private readonly Socket socket;
         private readonly ProximityKey key;
         private readonly byte[] buffer = new byte[1 << 16];
@@ -776,7 +778,7 @@ namespace Proximity
         private ulong session;
         private long awakeNs;
 
-        /// <summary>Messages for which the system had no room.</summary>
+        /// <summary>Messages for which the system had no buffer space.</summary>
         public long Lost { get; private set; }
 
         /// <summary>Send to host:port: udp://host:port?bind=bind&amp;key=keyFile.</summary>
@@ -872,7 +874,7 @@ namespace Proximity
             long before = awakeNs;
             awakeNs = ProximityClock.CalendarNs - ProximityClock.Ns;
             if (awakeNs - before > 1000000000)
-                Begin(); // the machine slept, and its monotonic clock stood still
+                Begin(); // the machine was suspended, and its monotonic clock stopped
             var header = new ProximityInputHeader();
             header.Magic = magic;
             header.Version = ProximityLayout.Version;
@@ -901,7 +903,7 @@ namespace Proximity
             SocketError error;
             socket.Send(buffer, 0, size, SocketFlags.None, out error);
             if (error == SocketError.ConnectionRefused || error == SocketError.ConnectionReset)
-                // An earlier datagram found nobody, and this one was not sent for it.
+                // An earlier datagram had no receiver, and this one was not sent for that reason.
                 socket.Send(buffer, 0, size, SocketFlags.None, out error);
             if (error == SocketError.WouldBlock || error == SocketError.NoBufferSpaceAvailable)
                 Lost++;

@@ -1,4 +1,4 @@
-// ProximityDistance.cs: how far this object is from the parts of a compiled scene, which may be concave and move.
+// ProximityDistance.cs: distance of this object to the parts of a compiled scene, which may be concave and move.
 //
 // Put it on any object. `proximity compile` makes the scene's file, for Assets/StreamingAssets. Mirror: see
 // ProximityAxes.cs. In a component that answers for fingers at every tick take a ProximityTracker.

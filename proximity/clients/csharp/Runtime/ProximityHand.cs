@@ -14,8 +14,8 @@ public sealed class ProximityHand : MonoBehaviour
     public ProximityMirror mirror = ProximityMirror.YAndZ;
     public int framesPort = 9100, posesPort = 9101;
     public string keyFile = "";
-    [HideInInspector] public float[] metres = new float[5]; // to the surface; NaN: nothing is known
-    [HideInInspector] public bool[] isBound = new bool[5]; // at least so many metres, not exactly
+    [HideInInspector] public float[] metres = new float[5]; // to the surface; NaN: unknown
+    [HideInInspector] public bool[] isBound = new bool[5]; // a lower bound, not the exact distance
 
     private readonly ProximityPose[] poses = new ProximityPose[5];
     private ProximitySubscriber subscriber;

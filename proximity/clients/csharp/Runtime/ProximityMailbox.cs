@@ -1,6 +1,6 @@
 // ProximityMailbox.cs: frames by shm://NAME, the shared memory of one user on Linux, through the library in C.
 //
-// Made by `proximity client csharp`; what is changed here is lost. Needs ProximityMessages.cs, ProximityClient.cs and
+// Made by `proximity client csharp`; changes here are lost. Needs ProximityMessages.cs, ProximityClient.cs and
 // libproximity.so of the same version.
 using System;
 using System.Runtime.InteropServices;
@@ -8,27 +8,27 @@ using System.Text;
 
 namespace Proximity
 {
-    /// <summary>Reads frames in shared memory and distrusts them, as ProximitySubscriber does datagrams.</summary>
+    /// <summary>Reads and validates frames in shared memory, like ProximitySubscriber for datagrams.</summary>
     public sealed unsafe class ProximityMailboxSubscriber : ProximityFrameReader, IDisposable
     {
         private const int Ok = 0, Nobody = 1;
-        private const long NameNs = 100000000; // between two looks whether the name leads to another mailbox
+        private const long NameNs = 100000000; // between two checks whether the name leads to another mailbox
         private readonly byte[] name, buffer = new byte[1 << 20];
         private IntPtr box;
         private bool isOpen, isNext;
         private long lookedNs = ProximityClock.Ns;
 
-        /// <summary>Read shm://name, now or as soon as somebody publishes there.</summary>
+        /// <summary>Read shm://name, now or once it has a publisher.</summary>
         public ProximityMailboxSubscriber(string name, double staleAfter = 0.08, double maxSpeed = 3,
             double maxAcceleration = 120) : base(true, false, staleAfter, maxSpeed, maxAcceleration)
         {
             this.name = Encoding.ASCII.GetBytes(Uri.EscapeDataString(name) + "\0");
             box = Marshal.AllocHGlobal((IntPtr)proximity_box_size());
             Follow();
-            isNext = true; // all of the next mailbox is news
+            isNext = true; // all messages of the next mailbox are new
         }
 
-        /// <summary>Take what has arrived and say what is known now; never waits, makes no garbage.</summary>
+        /// <summary>Read arrived messages and update the state; never waits, makes no garbage.</summary>
         public ProximityState Read()
         {
             for (int taken = 0; taken < ProximityLayout.MostAtOnce && (isOpen || Follow()); taken++)
@@ -44,7 +44,7 @@ namespace Proximity
             return At(ProximityClock.Ns);
         }
 
-        /// <summary>Wait until a message is there, that many seconds at most; then as Read.</summary>
+        /// <summary>Wait for a message, with a time limit in seconds; then like Read.</summary>
         public ProximityState Wait(double seconds)
         {
             long untilNs = ProximityClock.Ns + (long)(1e9 * seconds);

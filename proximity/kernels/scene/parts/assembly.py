@@ -1,8 +1,8 @@
 """Parts, each with its arrays somewhere else, put together as the model of one scene.
 
-Five steps, between which the caller takes memory: `place_part` writes the rows of each part, `copy_nodes` collects
-their nodes, `plan_scene` builds the tree over the parts and decides where everything lies, `copy_part` copies the
-arrays of each part there, and `finish_scene` writes the rest.
+Five steps, between which the caller allocates memory: `place_part` writes the rows of each part,
+`copy_nodes` collects their nodes, `plan_scene` builds the tree over the parts and decides where everything
+lies, `copy_part` copies the arrays of each part there, and `finish_scene` writes the rest.
 """
 
 import numpy as np
@@ -40,7 +40,7 @@ SPARE = 1.25
 LINE_REALS, LINE_WORDS = 8, 16
 """Numbers in a cache line, on which each array begins."""
 CELLS_PER_PART = 64
-"""Of the grid over a scene. On 118 touching parts signed distances take as long with sixteen times as many."""
+"""Of the grid over a scene. On 118 touching parts sixteen times as many are no faster."""
 MAX_CELLS = 2**18
 LONGEST = 4
 """Parts listed per cell, on average, at most; a scene with more gets fewer and larger cells."""
@@ -63,7 +63,7 @@ def _grid_words(parts, row):
 
 @entry(ModelArrays, "int, Frame[:], Part[:], int, float64[:, 4], float")
 def place_part(source, row, frames, parts, to, matrix, rounding):
-    """Copy a row of *source* to row *to* of a new model, at the pose *matrix* (4, 4); rows are written in order.
+    """Copy a row of *source* to row *to* of a new model, at the pose *matrix* (4, 4). Call it row by row.
 
     *rounding*: error up to which a rotation is used as given.
     """
@@ -130,7 +130,7 @@ def plan_scene(nodes, frames, parts):
 
 @allocating_kernel
 def _tree_over_all(nodes, frames, parts):
-    """Numbers of the tree's nodes once parts that are dynamic or hidden stand in it as well; 0 if none are."""
+    """Numbers of the tree's nodes with the dynamic and hidden parts in it as well; 0 if there are none."""
     scene, count = len(parts) - 1, 0
     flags = np.empty((scene, 2), np.int64)
     for part in range(scene):
@@ -255,7 +255,7 @@ def _write_lists(words, frames, parts):
 
 @allocating_kernel
 def _collect_cells(words, frames, parts, limit, listed, ends):
-    """Write the cells of each part one after the other, and where they end; whether they are within *limit*."""
+    """Write the cells of each part in a row, and where they end; whether they are within *limit*."""
     scene, total = len(parts) - 1, np.int64(0)
     lower = np.empty(3)
     for axis in range(3):
@@ -326,9 +326,9 @@ def _clear(numbers, first, end):
 
 @entry(ModelArrays, "float32[:], float32[:], int32[:, :]", makes_arrays=True)
 def finish_scene(model, nodes, static, entries):
-    """Write what a planned model needs beside its parts' arrays: nodes, the trees over parts, the grid over them.
+    """Write nodes, the trees over parts and the grid over them into a planned model.
 
-    What lies between the arrays becomes 0.
+    The gaps between arrays become 0.
     """
     reals, words, frames, parts = model
     scene = len(parts) - 1

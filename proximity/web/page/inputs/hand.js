@@ -1,4 +1,4 @@
-// A hand by its 25 joints, as WebXR names them: fingertips, how far they are bent, the paths they bend on.
+// A hand by its 25 joints, as in WebXR: fingertips, their bends, and the paths of bending.
 
 import * as THREE from "three";
 import { PATH_CORNERS } from "../layout.mjs";
@@ -12,18 +12,19 @@ const CHAINS = [
   ),
 ];
 export const JOINTS = ["wrist", ...CHAINS.flat()];
-/** rad: how far a joint bends from the flat hand to the fist, from the knuckle on. */
+/** rad: bend of a joint from the flat hand to the fist, from the knuckle. */
 const FIST = { 2: [0.9, 1.2], 3: [1.4, 1.75, 1.15] };
 
-/** The name of a finger of a service: five of the left hand, then five of the right. */
+/** The name of a service's finger: five of the left hand, then five of the right. */
 export function fingerName(finger, count) {
   if (count <= 5) return NAMES[finger] ?? `${finger}`;
   return `${finger < 5 ? "left" : "right"} ${NAMES[finger % 5] ?? finger}`;
 }
 
 /**
- * Fingertips of one hand: { finger, position }, in the frame of the joints, with { bend, corners } where paths are asked for.
- * *joints* maps names to { position: Vector3, quaternion: Quaternion }; a finger without all of them is left out.
+ * Fingertips of one hand: { finger, position }, in the frame of the joints, with { bend, corners } if paths are
+ * requested. *joints* maps names to { position: Vector3, quaternion: Quaternion }; a finger without all of them is left
+ * out.
  */
 export function fingersOf(joints, isRight, hasPaths) {
   const found = [];
@@ -37,8 +38,8 @@ export function fingersOf(joints, isRight, hasPaths) {
 }
 
 /**
- * The path of a fingertip from the flat hand (0) to the fist (1) through where it is now.
- * Bones keep their lengths; each joint turns about the knuckle's axis, in its share of the whole.
+ * The path of a fingertip from the flat hand (0) to the fist (1) through its present position. Bones keep their
+ * lengths; each joint turns about the knuckle's axis, in its share of the whole.
  */
 function pathOf(joints) {
   const bones = joints.slice(1).map((joint, k) => joint.position.clone().sub(joints[k].position));
@@ -70,17 +71,17 @@ function angle(from, to, axis) {
   return Math.atan2(across.dot(axis), from.dot(to));
 }
 
-/** Of the radii of joints: slim, so that the part is seen behind. */
+/** Of the radii of joints: slim, so that the part behind is visible. */
 const BALL = 0.6;
 const BONE = 0.42;
 
-/** How a hand is drawn: a ball at every joint and a bone between neighbours. */
+/** A drawn hand: a ball at every joint and a bone between neighbours. */
 export class HandShape {
   constructor(parent) {
     this.material = new THREE.MeshStandardMaterial({ roughness: 0.7, transparent: true });
     this.balls = new THREE.InstancedMesh(new THREE.SphereGeometry(1, 16, 10), this.material, JOINTS.length);
     this.bones = new THREE.InstancedMesh(new THREE.CylinderGeometry(1, 1, 1, 12, 1, true).rotateX(Math.PI / 2), this.material, 32);
-    // First where it is, then how it looks: so that of what is seen through nothing is seen twice.
+    // Depth first, then colour: so that transparent parts do not overlap.
     const before = new THREE.MeshBasicMaterial({ colorWrite: false });
     this.meshes = [this.balls, this.bones].flatMap((mesh) => {
       const place = new THREE.InstancedMesh(mesh.geometry, before, mesh.instanceMatrix.count);

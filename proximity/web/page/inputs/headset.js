@@ -8,7 +8,7 @@ const OPEN = 0.035;
 const REACH = 0.03; // m from a part that can be grasped
 const TIP = new THREE.Vector3(0, 0, -0.06); // of a controller, from its grip
 
-/** Whether a headset can be used, as a sentence: empty where it can. */
+/** Whether a headset can be used, as a sentence: empty if it can. */
 export async function whyNot() {
   if (!isSecureContext) return "A headset needs https, or the address http://localhost by adb reverse (docs/guide/page.md).";
   if (!navigator.xr) return "This browser has no WebXR: open this address in the headset's own browser (docs/guide/page.md).";
@@ -57,7 +57,7 @@ export class Headset {
     this.onEnd?.();
   }
 
-  /** Joints and fingertips of one frame; a frame is valid only now. */
+  /** Joints and fingertips of one frame; a frame is valid only during its callback. */
   take(frame) {
     const atMs = performance.now();
     const space = this.stage.renderer.xr.getReferenceSpace();
@@ -85,7 +85,7 @@ export class Headset {
     this.send(found, atMs);
   }
 
-  /** Put the parts before whoever wears it, once it is known where that is. */
+  /** Place the parts in front of the wearer, once the pose of the headset is known. */
   place(frame, space) {
     if (this.isPlaced) return true;
     const viewer = frame.getViewerPose(space);
@@ -107,7 +107,7 @@ export class Headset {
     this.hold(side, matrix, isHeld, side === "right" ? 6 : 1);
   }
 
-  /** Take the part that is near along with a hand, as long as it is held. */
+  /** Move the nearby part along with a hand while it is grasped. */
   hold(side, matrix, isHeld, finger) {
     if (!isHeld) return void this.grasps.delete(side);
     let held = this.grasps.get(side);

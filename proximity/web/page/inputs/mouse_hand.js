@@ -101,7 +101,7 @@ export class MouseHand {
     caster.setFromCamera(new THREE.Vector2(...this.pointer), camera);
     const tip = caster.ray.intersectPlane(plane, V(0, 0, 0));
     if (tip === null) return this.joints;
-    // It comes from below, at the right, with its back to the eye, and is no larger than the parts.
+    // It comes from the lower right, with its back to the eye, and is no larger than the parts.
     const size = Math.min(Math.max(this.stage.radius / LENGTH, SMALLEST), 1);
     const away = V(-0.4, 0.85, -0.35).applyQuaternion(camera.quaternion).normalize();
     const across = new THREE.Vector3().crossVectors(away, forward).negate().normalize();

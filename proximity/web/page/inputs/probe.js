@@ -1,4 +1,4 @@
-// The probe: a point at the mouse, on a part or beside it, and what is nearest to it.
+// The probe: a point at the mouse, on a part or off it, and its nearest surface point.
 
 import * as THREE from "three";
 import { Finger } from "../fingers.js";
@@ -7,14 +7,14 @@ import { byId, setText } from "../panel.js";
 
 const SIZE = 0.018; // of the probe, of the parts' size
 const STEP = 0.005; // of the wheel, of the parts' size
-const ON = 5e-9; // m: what is nearer is on the surface
+const ON = 5e-9; // m: nearer is on the surface
 
 export class Probe {
   constructor(stage, parts, local) {
     Object.assign(this, { stage, parts, local });
     this.joints = null; // it has no hand
     this.pointer = new THREE.Vector2(); // the middle of the view, until the mouse moves
-    this.last = null; // where a part was under the pointer, scene frame
+    this.last = null; // last hit of the pointer on a part, scene frame
     this.lift = 0; // m off the surface
     this.answer = null;
     this.caster = new THREE.Raycaster();
@@ -52,7 +52,7 @@ export class Probe {
     byId("probe-lift").value = +(1e3 * this.lift).toFixed(3);
   }
 
-  /** Answer for where the pointer is; called before each picture. *isBusy*: the pointer holds a part. */
+  /** Query at the pointer; called before each picture. *isBusy*: the pointer holds a part. */
   update(isBusy) {
     const { scene } = this.local;
     if (isBusy && this.mark) this.mark.group.visible = false;
@@ -70,7 +70,7 @@ export class Probe {
     this.say(this.answer);
   }
 
-  /** The point under the pointer, scene frame: on a part, its cut or the slice, or as far away as the last of them. */
+  /** The point under the pointer, scene frame: on a part, its cut or the slice, or at the distance of the last of them. */
   placed(scene) {
     const { camera, root, controls } = this.stage;
     this.isBeside = false;
@@ -115,7 +115,7 @@ export class Probe {
   }
 }
 
-/** How the probe is seen: as a fingertip without a size, also within parts. */
+/** The drawn probe: a fingertip without a size, also within parts. */
 class Mark extends Finger {
   constructor(stage) {
     super(1, stage.root);
@@ -130,7 +130,7 @@ class Mark extends Finger {
     const eye = stage.toScene(stage.camera.position).distanceTo(new THREE.Vector3(...answer.position));
     const text = answer.point ? `${words(answer, 3)}\n${answer.point}` : answer.distance === 0 ? `on ${answer.part}\n${lengths(answer.position)}` : words(answer);
     super.show({ ...answer, text: answer.isKnown ? text : "no part" }, "OK", null, () => 0.019 * eye);
-    this.ball.visible = !answer.point; // the point itself is seen
+    this.ball.visible = !answer.point; // the point itself is visible
   }
 }
 

@@ -1,7 +1,7 @@
-// A recorded hand, replayed over and over: fingertips only.
+// A recorded hand, replayed repeatedly: fingertips only.
 
 const EVERY_MS = 11;
-const PAUSE_MS = 150; // between two rounds the hand is away: it has not jumped
+const PAUSE_MS = 150; // between two rounds the hand is absent: it has not jumped
 
 export class RecordedHand {
   constructor(recording, send) {

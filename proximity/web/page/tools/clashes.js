@@ -1,4 +1,4 @@
-// Parts that clash: listed with the deepest first, and shown without the others.
+// Clashing parts: listed with the deepest first, and shown without the others.
 
 import * as THREE from "three";
 import { mm } from "../frames.js";
@@ -48,7 +48,7 @@ export class Clashes {
     return item;
   }
 
-  /** Look at the two parts of a clash, with the others faint; null: all parts, from where they were seen before. */
+  /** View the two parts of a clash, with the others faint; null: all parts, from the previous view. */
   choose(clash) {
     const { stage, parts } = this, { camera, controls } = stage;
     if (clash === this.chosen) return;

@@ -1,4 +1,4 @@
-// How far two points of the surface are apart, or two parts.
+// Distance of two points of the surface, or of two parts.
 
 import * as THREE from "three";
 import { mm } from "../frames.js";
@@ -9,7 +9,7 @@ const RELATIONS = ["are apart", "touch", "cross", "overlap: the first is inside"
 export class Measure {
   constructor(stage) {
     this.stage = stage;
-    this.names = []; // of parts that are to be measured
+    this.names = []; // of parts to measure
     this.group = new THREE.Group();
     this.points = [];
     stage.root.add(this.group);
@@ -21,14 +21,14 @@ export class Measure {
     this.group.clear();
   }
 
-  /** Take a part; the names of both when there are two. */
+  /** Add a part; return the names of both when there are two. */
   addPart(name) {
     if (this.points.length || this.names.length === 2) this.clear();
     if (!this.names.includes(name)) this.names.push(name);
     return this.names.length === 2 ? this.names : null;
   }
 
-  /** Show how far two parts are apart, as it was measured; what is to be said. */
+  /** Show the measured distance of two parts; return a sentence. */
   showParts(names, { distance, pointOnFirst, pointOnSecond, relation }) {
     this.clear();
     if (distance === 0) return `${names[0]} and ${names[1]} ${RELATIONS[relation]}.`;
@@ -36,7 +36,7 @@ export class Measure {
     return `${names[0]} and ${names[1]}: ${this.add(new THREE.Vector3(...pointOnSecond))}`;
   }
 
-  /** Take a point, scene frame; what is to be said. */
+  /** Add a point, scene frame; return a sentence. */
   add(point) {
     if (this.points.length === 2) this.clear();
     this.names = [];

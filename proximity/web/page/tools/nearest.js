@@ -1,4 +1,4 @@
-// The part that is moved, and the parts nearest to it: connections, numbers, and how far it may go until it touches.
+// The moving part and its nearest parts: connections, numbers, and the limit of its motion before contact.
 
 import * as THREE from "three";
 import { mm } from "../frames.js";
@@ -7,17 +7,17 @@ import { rowsOf } from "../local_scene.js";
 
 const MOST = 3; // connections, at most one a part
 const APART = 0, TOUCHING = 1; // relations, see proximity.mjs
-const TOLERANCE = 0.01; // of what is shown
-const STEP_TOLERANCE = 0.2; // of how far the part may go
-const MOST_STEPS = 40;
-const GAP = 1e-5; // m, below which a part comes no nearer
+const TOLERANCE = 0.01; // of the displayed distance
+const STEP_TOLERANCE = 0.2; // of the displacement of the part
+const MAX_STEPS = 40;
+const GAP = 1e-5; // m, minimum distance of an approaching part
 const NEARER = 0.999;
 const MEETING = 0xa00000;
 
 export class Nearest {
   constructor(stage, parts, local) {
     Object.assign(this, { stage, parts, local });
-    this.found = []; // what is shown: part, distance, lower, relation, ends
+    this.found = []; // displayed connections: part, distance, lower, relation, ends
     this.group = new THREE.Group();
     const material = new THREE.LineBasicMaterial({ color: 0xffffff, depthTest: false });
     this.lines = new THREE.LineSegments(new THREE.BufferGeometry(), material);
@@ -36,7 +36,7 @@ export class Nearest {
     for (const each of this.parts.list) for (const mesh of each.meshes) mesh.material.color.set(each.colour);
   }
 
-  /** Show the nearest connections of a part, if something has moved; what is to be said, or null. */
+  /** Update the nearest connections of a part after a move; return a sentence, or null. */
   show(part) {
     if (!this.local.scene || !part.object.visible) return null;
     const key = `${this.local.version}|${part.name}`;
@@ -82,8 +82,8 @@ export class Nearest {
     this.group.visible = true;
   }
 
-  /** How far a part comes on its way to *matrix* until it would touch: certified, whatever moves on the way. A part
-   * that meets another already goes where it is wanted. */
+  /** The displacement of a part on its way to *matrix* before contact: certified for the whole motion. A part that
+   * already meets another moves to its target. */
   reached(part, matrix) {
     if (!this.local.scene) return matrix;
     this.local.follow(this.local.scene, this.parts.list);
@@ -91,7 +91,7 @@ export class Nearest {
     const length = from.place.distanceTo(to.place) + from.turn.angleTo(to.turn) * this.reachOf(part);
     if (length === 0 || this.free(part, Infinity) === 0) return matrix;
     let share = 0, before = 0;
-    for (let step = 0; step < MOST_STEPS && share < 1; step++) {
+    for (let step = 0; step < MAX_STEPS && share < 1; step++) {
       const lower = this.free(part, 2 * (1 - share) * length);
       if (lower < GAP && lower < NEARER * before) break;
       before = lower;
@@ -102,7 +102,7 @@ export class Nearest {
     return share < 1 ? between(from, to, share) : matrix;
   }
 
-  /** How far anything of a part is from its origin, at most. */
+  /** The maximum distance of a part's points from its origin. */
   reachOf(part) {
     if (part.reach === undefined) {
       const { min, max } = this.parts.bounds([part], part.object);
@@ -115,7 +115,7 @@ export class Nearest {
     this.local.scene.move([{ part: part.name, matrix: rowsOf(matrix) }]);
   }
 
-  /** A length that no other part is nearer than, where parts are now; no more than *limit*. */
+  /** A lower bound of the distance to other parts at their present poses; at most *limit*. */
   free(part, limit) {
     let lower = limit;
     for (const other of this.others(part)) {

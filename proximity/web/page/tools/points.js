@@ -6,13 +6,13 @@ import { mm } from "../frames.js";
 import { byId, made, offer, setText } from "../panel.js";
 import { niceStep } from "../stage.js";
 
-const MOST_AT_ONCE = 4000; // points, before pictures have their turn
-const WAIT_MS = 150; // until parts that move stand still
+const MAX_AT_ONCE = 4000; // points, before pictures are updated
+const WAIT_MS = 150; // until moving parts stop
 const UNITS = { m: 1, cm: 1e-2, mm: 1e-3, um: 1e-6, in: 0.0254, ft: 0.3048 };
 const ROWS = ["points", "min", "max", "mean", "RMS", "50 % within", "95 % within", "99 % within"];
-const NEAR = 14; // half pixels from the mouse, that a point is taken
-const MOST_TRIED = 8;
-const DEEPEST = 0.1; // below a surface, of the parts' size, that points are seen through it
+const NEAR = 14; // half pixels from the mouse, to pick a point
+const MAX_TRIED = 8;
+const DEEPEST = 0.1; // below a surface, of the parts' size, at which points still show through
 const isNumber = (word) => word !== "" && (Number.isFinite(Number(word)) || /^[+-]?(nan|inf)/i.test(word));
 
 export class PointCloud {
@@ -20,7 +20,7 @@ export class PointCloud {
     Object.assign(this, { stage, parts, local, panel });
     this.unit = 1e-3; // m
     this.ticket = 0;
-    this.before = { value: 0 }; // m by which points are drawn nearer to the eye than they are
+    this.before = { value: 0 }; // m by which points are drawn nearer to the eye
     byId("points-range").onchange = ({ target }) => this.paint(Math.max(Number(target.value) / 1e3, 1e-9));
     byId("points-csv").onclick = () => this.save();
     byId("points-close").onclick = () => this.clear();
@@ -66,10 +66,10 @@ export class PointCloud {
     const ticket = ++this.ticket, { local, coordinates, count } = this;
     const scene = await local.open();
     const [distances, part, isSigned] = [new Float64Array(count), new Int32Array(count), new Int32Array(count)];
-    for (let first = 0; first < count; first += MOST_AT_ONCE) {
+    for (let first = 0; first < count; first += MAX_AT_ONCE) {
       if (ticket !== this.ticket) return;
       local.follow(scene, this.parts.list);
-      const found = scene.closest(coordinates.subarray(3 * first, 3 * (first + MOST_AT_ONCE)));
+      const found = scene.closest(coordinates.subarray(3 * first, 3 * (first + MAX_AT_ONCE)));
       distances.set(found.signedDistance, first);
       part.set(found.part, first);
       isSigned.set(found.isSigned, first);
@@ -99,7 +99,7 @@ export class PointCloud {
     this.stage.root.add(this.object);
   }
 
-  /** The row of the point that is seen nearest to *pointer*, -1 to 1 across the view; -1 where none is near. */
+  /** The row of the visible point nearest to *pointer*, -1 to 1 across the view; -1 if none is near. */
   under(pointer) {
     if (!this.object) return -1;
     const { camera, root } = this.stage, near = NEAR / innerHeight, found = [], [place, seen] = [new THREE.Vector3(), new THREE.Vector3()];
@@ -119,7 +119,7 @@ export class PointCloud {
       if (free <= 0) return true;
       return this.local.scene.cast(at.addScaledVector(way, this.before.value).toArray(), way.toArray(), { maxDistance: free }).part[0] < 0;
     };
-    return found.sort(([one], [other]) => one - other).slice(0, MOST_TRIED).find(isSeen)?.[1] ?? -1;
+    return found.sort(([one], [other]) => one - other).slice(0, MAX_TRIED).find(isSeen)?.[1] ?? -1;
   }
 
   /** Colour the points: *range*, m, is at the ends of the bar. */
@@ -137,7 +137,7 @@ export class PointCloud {
     this.stage.wake();
   }
 
-  /** The size of a distance that this share of the points does not exceed. */
+  /** The magnitude of distance not exceeded by this share of the points. */
   share(share) {
     return this.sizes[Math.max(Math.ceil(share * this.sizes.length) - 1, 0)];
   }
@@ -173,7 +173,7 @@ export class PointCloud {
     });
   }
 
-  /** Offer the points with their distances, as columns that `proximity query --csv` writes too. */
+  /** Offer the points with their distances, with the columns of `proximity query --csv`. */
   save() {
     const lines = ["x_mm,y_mm,z_mm,signed_distance_mm,is_signed,part_name"];
     const quoted = this.parts.list.map(({ name }) => (/[",\n]/.test(name) ? `"${name.replaceAll('"', '""')}"` : name));
@@ -187,8 +187,9 @@ export class PointCloud {
 }
 
 /**
- * The points of a text, m. A line has three numbers between commas, semicolons or spaces; the first line may name
- * the columns, x, y and z among them, and their unit; otherwise they are in *unit*, m. What begins with # is a comment.
+ * The points of a text, m. A line has three numbers separated by commas, semicolons or spaces; the first line may name
+ * the columns, x, y and z among them, and their unit; otherwise they are in *unit*, m. Lines that begin with # are
+ * comments.
  */
 export function parsePoints(text, name, unit) {
   const found = [];

@@ -1,4 +1,4 @@
-// A plane across x, y or z that clips the parts, and on which the signed distance is seen as colours.
+// A plane across x, y or z that clips the parts, and shows the signed distance as colours.
 
 import * as THREE from "three";
 import { sliceColour } from "../colours.js";
@@ -6,10 +6,10 @@ import { mm } from "../frames.js";
 import { byId, makeChoice, showChoice } from "../panel.js";
 import { niceStep } from "../stage.js";
 
-const MOST_POINTS = 26_000;
+const MAX_POINTS = 26_000;
 const MARGIN = 0.35; // beyond the parts, of their size
 const WAIT_MS = 60;
-const ASIDE = 1e-4; // of the parts' size, that the view is clipped beside the plane: what lies in it is cut off
+const ASIDE = 1e-4; // of the parts' size, offset of the clipping plane, which cuts off objects in it
 const AXES = [["x", "x"], ["y", "y"], ["z", "z"]];
 
 export class SlicePlane {
@@ -25,7 +25,7 @@ export class SlicePlane {
     this.mesh = new THREE.Mesh(new THREE.BufferGeometry(), material);
     this.mesh.visible = false;
     this.mesh.renderOrder = 2;
-    material.polygonOffset = true; // before the cut, which lies in the same plane
+    material.polygonOffset = true; // in front of the cut, in the same plane
     material.polygonOffsetFactor = material.polygonOffsetUnits = -2;
     this.cut = new Cut(stage, parts);
     stage.root.add(this.mesh);
@@ -72,17 +72,17 @@ export class SlicePlane {
     this.changed();
   }
 
-  /** In the world's frame, as three.js has it: what is in front of it is kept. */
+  /** In the world's frame, as in three.js: the side in front of it is kept. */
   clippingPlane() {
     const normal = new THREE.Vector3().setComponent(this.index, -1);
-    if (this.axis === "y") normal.negate(); // the view is from the front: what is before it goes
+    if (this.axis === "y") normal.negate(); // the view is from the front: objects before it are removed
     const point = new THREE.Vector3().setComponent(this.index, this.offset).addScaledVector(normal, ASIDE * this.stage.radius);
     const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(normal, point);
     this.stage.root.updateMatrixWorld(true);
     return plane.applyMatrix4(this.stage.root.matrixWorld);
   }
 
-  /** Something else is to be seen on the slice: ask for it, soon. */
+  /** The slice must be updated: request it, soon. */
   changed() {
     if (!this.slices || this.timer) return;
     this.timer = setTimeout(() => {
@@ -104,8 +104,8 @@ export class SlicePlane {
     const v = [0, 0, 0];
     u[i] = side(i);
     v[j] = side(j);
-    const width = Math.max(Math.round(Math.sqrt((MOST_POINTS * side(i)) / side(j))), 2);
-    const height = Math.max(Math.floor(MOST_POINTS / width), 2);
+    const width = Math.max(Math.round(Math.sqrt((MAX_POINTS * side(i)) / side(j))), 2);
+    const height = Math.max(Math.floor(MAX_POINTS / width), 2);
     const ticket = ++this.ticket, plane = { origin, u, v, width, height };
     const isWanted = () => this.slices && ticket === this.ticket;
     const values = await this.local.sliced(plane, this.parts.list, isWanted);
@@ -155,7 +155,7 @@ export class SlicePlane {
   }
 }
 
-/** The filled cuts of the parts: there a ray meets more of their back faces than of their front faces. */
+/** The filled cuts of the parts: where a ray meets more back faces than front faces. */
 class Cut {
   constructor(stage, parts) {
     Object.assign(this, { stage, parts });

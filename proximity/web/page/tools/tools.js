@@ -1,4 +1,4 @@
-// What can be done besides looking: move, measure, clip, slice, reset, picture, link.
+// Tools beyond viewing: move, measure, clip, slice, reset, picture, link.
 
 import * as THREE from "three";
 import { byId, isTyped, offer } from "../panel.js";
@@ -52,7 +52,7 @@ export class Tools {
     byId("tool-hint").textContent = text;
   }
 
-  /** Say what the picked part is nearest to. */
+  /** Report the nearest parts of the picked part. */
   update() {
     const part = this.mode === "measure" ? null : this.parts.picked;
     const words = part ? this.nearest.show(part) : this.nearest.clear();
@@ -76,7 +76,7 @@ export class Tools {
     this.say(this.measure.showParts(names, await this.local.clearance(names, this.parts.list)));
   }
 
-  /** Clip or slice, or not: "clips" or "slices". */
+  /** Clip or slice, or neither: "clips" or "slices". */
   setPlane(what, isOn = !this.plane[what]) {
     this.plane[what] = isOn;
     byId("tool-clip").setAttribute("aria-pressed", this.plane.clips);
@@ -102,7 +102,7 @@ export class Tools {
     this.say(`The picture is saved as ${name}.`);
   }
 
-  /** An address that opens this page with this view; it has the token, so it is for oneself. */
+  /** A URL of this page with this view; it contains the token, so it is private. */
   async copyLink() {
     const round = (vector) => vector.toArray().map((x) => +x.toPrecision(6));
     const view = {
@@ -118,7 +118,7 @@ export class Tools {
     this.say(`The link to this view is ${copied ? "copied" : "in the address bar"}; it works while this page is served.`);
   }
 
-  /** Take the view of the address, if it has one. */
+  /** Restore the view of the URL, if it has one. */
   readLink() {
     const text = new URLSearchParams(location.hash.slice(1)).get("view");
     if (!text) return;
@@ -136,7 +136,7 @@ export class Tools {
     }
   }
 
-  /** Close what is open: the keys, then the clash, then the tool and what is picked, then the plane. */
+  /** Close open items: the keys, then the clash, then the tool and the picked part, then the plane. */
   escape() {
     if (!byId("help").hidden) return this.toggleHelp();
     if (this.clashes.chosen) return this.clashes.choose(null);
@@ -220,7 +220,7 @@ export class Tools {
       return;
     }
     event.preventDefault();
-    const matrix = (this.parts.wanted.get(part.name) ?? part.object.matrix).clone(); // it may not have got there yet
+    const matrix = (this.parts.wanted.get(part.name) ?? part.object.matrix).clone(); // it may not be there yet
     if (turn) {
       const place = new THREE.Vector3().setFromMatrixPosition(matrix);
       const about = new THREE.Matrix4().makeTranslation(place).multiply(new THREE.Matrix4().makeRotationZ(turn));

@@ -1,5 +1,5 @@
-/* What the headers of Python have to know of 64-bit Windows, for its stable interface alone. */
-#define Py_PYCONFIG_H /* that of this machine is not read */
+/* Settings of Python's headers for 64-bit Windows, for its stable interface alone. */
+#define Py_PYCONFIG_H /* replaces that of this machine */
 #define MS_WIN64
 #define MS_WINDOWS
 #define NT_THREADS
