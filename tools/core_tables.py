@@ -52,8 +52,8 @@ ENTRIES = (
     "move_parts", "copies_in_use", "make_static", "thin_static", "bring_up_to_date", "forget_surfaces",
     "adopt_parts", "tick", "observe", "update_newest", "drop_stale", "sense_contacts",
     "connect_parts", "surface_faces", "contains_corner", "place_part", "copy_nodes", "plan_scene",
-    "copy_part", "finish_scene", "split_faces", "face_topology", "signed_volume", "frame_of_box", "plan_part", "fill_part",
-    "choose_sign",
+    "copy_part", "finish_scene", "split_faces", "face_topology", "signed_volume", "frame_of_box",
+    "plan_part", "fill_part", "choose_sign",
 )  # fmt: skip
 """The entry points that the library calls."""
 _NUMBERS = {
