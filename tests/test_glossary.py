@@ -23,7 +23,7 @@ INSTEAD_IN_ENGINE = {
     "crossings": "self-intersections", "bracket": "bounds",
 }  # fmt: skip
 ENGINE = {"errors.py", "checks.py", "pose.py", "system", "native", "kernels", "mesh", "scene", "tracker"}
-PREFIXES = {"plan": ("PLAN_",), "closest": ("CLOSEST_",), "links": ("LINK_",)}
+PREFIXES = {"links": ("LINK_",)}
 """Tables of the kernels, and what the names of their columns begin with."""
 FILES = sorted((ROOT / "proximity").rglob("*.py"))
 
@@ -105,7 +105,7 @@ def test_a_constant_of_the_kernels_has_one_home():
 
 
 def test_columns_carry_the_name_of_their_table():
-    """Such as ``plan[PLAN_LOW]``: a column of another table there is a mistake."""
+    """Such as ``links[LINK_LEFT]``: a column of another table there is a mistake."""
     found = [
         f"{path.name}:{node.lineno}: {name}"
         for path in sorted((ROOT / "proximity" / "kernels").rglob("*.py"))
@@ -140,7 +140,7 @@ def test_words_of_names_are_seen():
 
 
 def test_columns_of_a_table_are_seen():
-    node = ast.parse("tree.links[plan[PLAN_PART], LINK_PARENT + 1]", mode="eval").body
+    node = ast.parse("tree.links[pair[PAIR_FIRST], LINK_PARENT + 1]", mode="eval").body
 
     assert table_of(node.value) == "links"
     assert columns_in(node.slice) == {"LINK_PARENT"}

@@ -52,7 +52,7 @@ sign
 mesh · traverse
 geometry
 stack_arrays
-compiled_stack · contact_record · entries
+compiled_stack · contact_record · entries · nodes
 answers · layout · thresholds
 """,
     "proximity.kernels.scene": """

@@ -29,7 +29,7 @@ from proximity.kernels.tracking import motion
 from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
 from proximity.kernels.tracking.finger_distance import CROWD
 from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
-from proximity.kernels.tracking.part_drift import MOVER_COLUMNS, POSE_COLUMNS
+from proximity.kernels.tracking.part_drift import EIGHT_MOVERS, POSE_COLUMNS
 from proximity.kernels.tracking.tick import ALL_IN_MILLIMETRES, DONE, HAS_DEFECT
 from proximity.kernels.tracking.track import MOST_NS, SETTINGS, TRACK
 from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
@@ -85,8 +85,6 @@ _NUMBERS = {
     "EXACT_ENOUGH": EXACT_ENOUGH,
     "FARTHEST_MOVE": FARTHEST_MOVE,
     "FASTEST_MOVE": FASTEST_MOVE,
-    "CLEARANCE_SIZE": answers.CLEARANCE_SIZE,
-    "MAY_BE_INSIDE": answers.CLEARANCE_MAY_BE_INSIDE,
     "SURFACE_RIGID": SURFACE_RIGID,
     "SURFACE_DEFORMABLE": SURFACE_DEFORMABLE,
     "LANES": layout.LANES,
@@ -100,7 +98,6 @@ _NUMBERS = {
     "BALLS_SIZE": BALLS_SIZE,
     "CROWD": CROWD,
     "ESTIMATES": ESTIMATES,
-    "MOVER_COLUMNS": MOVER_COLUMNS,
     "POSE_COLUMNS": POSE_COLUMNS,
     "WORKSPACE_SIZE": WORKSPACE_SIZE,
     "MOST_NS": MOST_NS,
@@ -123,6 +120,8 @@ _RECORDS = {
     "Settings": SETTINGS,
     "Track": TRACK,
     "Estimate": ESTIMATE,
+    "ClearanceAnswer": answers.CLEARANCE_ANSWER,
+    "EightMovers": EIGHT_MOVERS,
     **loop_records.RECORDS,
 }
 

@@ -1,4 +1,6 @@
-"""Columns of the answers that kernels write and Python reads: a row a point, ray, segment or pair."""
+"""Answers that kernels write and Python reads: a row a point, ray or segment, a record a pair of parts."""
+
+from proximity.native import record
 
 # --- points: float64 ---
 POINT_ANSWER_SIGNED_DISTANCE = 0
@@ -41,26 +43,28 @@ SEGMENT_ANSWER_FACE = SEGMENT_ANSWER_PART + 1
 SEGMENT_ANSWER_WIDTH = SEGMENT_ANSWER_REALS + 1
 """float64 that a row takes in all."""
 
-# --- pairs of parts: float64 ---
-CLEARANCE_LOWER = 0
-CLEARANCE_DISTANCE = 1
-CLEARANCE_POINTS = 2
-CLEARANCE_FACES = 8
-CLEARANCE_RELATION = 10
-CLEARANCE_MAY_BE_INSIDE = 11
-CLEARANCE_SIZE = 12
-"""A lower bound of the distance, and the distance, m; a point on each part, m, scene's frame; the faces; the
-relation of the parts; 1 where one part may be inside the other, because boxes overlap and nothing crosses."""
+# --- pairs of parts ---
 APART, TOUCHES, CROSSES = 0, 1, 2
-
-DEPTH_LOWER = 0
-DEPTH_UPPER = 1
-DEPTH_NORMAL = 2
-DEPTH_STEPS = 5
-DEPTH_SIZE = 6
-"""The parts overlap at least and at most so long, m; the direction, scene's frame, in which the first is free
-of the second there, or 0; steps."""
-
-DEEPEST_LOWER, DEEPEST_UPPER, DEEPEST_POINT, DEEPEST_STEPS = 0, 1, 2, 5
-DEEPEST_SIZE = 6
-"""m: a point is so deep, and none is deeper; that point, scene's frame; steps."""
+CLEARANCE_ANSWER = record(
+    "ClearanceAnswer",
+    lower="f8",  # m: no two points of the parts are nearer
+    distance="f8",  # m
+    points="(6,)f8",  # m, scene's frame: one on each part
+    faces="(2,)i4",
+    relation="i4",  # one of the three above
+    may_be_inside="i4",  # 1 where one part may be inside the other: boxes overlap and nothing crosses
+)
+DEPTH_ANSWER = record(
+    "DepthAnswer",
+    lower="f8",  # m: nowhere below is the first part free of the second
+    upper="f8",  # m: there it is
+    normal="(3,)f8",  # scene's frame: along it the first part is free of the second there, or 0
+    steps="i8",
+)
+DEEPEST_ANSWER = record(
+    "DeepestAnswer",
+    lower="f8",  # m: a point is so deep
+    upper="f8",  # m: and none is deeper
+    point="(3,)f8",  # m, scene's frame
+    steps="i8",
+)

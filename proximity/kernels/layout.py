@@ -36,17 +36,27 @@ from proximity.native.signature import LANES
 ALL_LANES = 2**LANES - 1
 """Bits of all lanes."""
 NODE_STRIDE = 64
+NODE_UPPER = 24
 NODE_CHILDREN = 48
-"""Offset of the child references in a node."""
+"""Offset of the upper corners in a node, and of the child references; `nodes` reads all of them."""
 NODE_PARTS = 56
 """Offset of the part numbers, int32, in those nodes of the dynamic tree that have parts for children."""
 BLOCK_STRIDE = 72
+CORNER_STRIDE = 24
+"""From a corner of a triangle to the next one."""
 ORIENTED_STRIDE = 16
 """Words of a block's oriented box, see `tree.oriented_box`: one cache line."""
 BOX_STRIDE = 8
 """Numbers of a packed box, see `tree.binned_sah`."""
 MOMENT_STRIDE = 112
-"""Words of a node's moments, see `sign.winding_number`."""
+MOMENT_CENTRE = 0
+MOMENT_AREA_NORMAL = 24
+MOMENT_FAR_SQ = 48
+MOMENT_SPREAD = 56
+MOMENT_SLAB_LEAST = 96
+MOMENT_SLAB_LARGEST = 104
+"""Words of a node's moments, see `sign.winding_number` and `tree.normal_slab`, and their offsets: points, the
+squared distance from which a child is far, the five numbers of its spread, the two of its slab."""
 FACES_SHIFT = 3
 ENTRIES_SHIFT = 0
 """A leaf takes two to the power of that: eight faces, as many as a block, or one entry."""

@@ -27,6 +27,7 @@ else:  # plain Python, to step through; in code that was compiled ahead of time 
 
 stack_f64, stack_f64_rows = stack_arrays_of("float64")
 stack_f32, stack_f32_rows = stack_arrays_of("float32")
+_, stack_i32_rows = stack_arrays_of("int32")
 stack_i64, stack_i64_rows = stack_arrays_of("int64")
 """Functions of a constant count, or of two, rows and columns: an array that lasts as long as the caller runs.
 The caller must be a function that is called, not one that is put into another: such memory may be something

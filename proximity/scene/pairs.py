@@ -283,10 +283,10 @@ def _clearance(
     budget: int = 0,
 ) -> Clearance:
     """The connection of two parts; one that is no shorter than *limit*, m, may be inf."""
-    answer, point, names = np.empty(answers.CLEARANCE_SIZE), np.empty(3), model.names
+    answer, point, names = np.empty(1, answers.CLEARANCE_ANSWER), np.empty(3), model.names
     connect_parts(model.packed, first, second, limit, tolerance, budget, answer)
-    relation = _RELATIONS[int(answer[answers.CLEARANCE_RELATION])]
-    lower, distance, *_, face, other_face, _, may_be_inside = answer.tolist()
+    lower, distance, _, (face, other_face), relation_row, may_be_inside = answer[0].tolist()
+    relation = _RELATIONS[relation_row]
     if may_be_inside:
         for inner, outer, found in (
             (first, second, Relation.FIRST_INSIDE),
@@ -294,10 +294,10 @@ def _clearance(
         ):
             if contains_corner(model.packed, outer, inner, solids[inner].surface_faces, point):
                 lower, distance, face, other_face, relation = 0.0, 0.0, NO_FACE, NO_FACE, found
-                if np.isnan(answer[answers.CLEARANCE_POINTS]):
+                if np.isnan(answer["points"][0, 0]):
                     connect_parts(model.packed, first, second, inf, 0.0, 0, answer)
                 break
-    one, other = answer[answers.CLEARANCE_POINTS : answers.CLEARANCE_FACES].reshape(2, 3)
+    one, other = answer["points"].reshape(2, 3)
     if relation == Relation.FIRST_INSIDE:
         other = one
     elif relation == Relation.SECOND_INSIDE:

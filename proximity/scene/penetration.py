@@ -5,18 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.answers import (
-    DEEPEST_LOWER,
-    DEEPEST_POINT,
-    DEEPEST_SIZE,
-    DEEPEST_STEPS,
-    DEEPEST_UPPER,
-    DEPTH_LOWER,
-    DEPTH_NORMAL,
-    DEPTH_SIZE,
-    DEPTH_STEPS,
-    DEPTH_UPPER,
-)
+from proximity.kernels.answers import DEEPEST_ANSWER, DEPTH_ANSWER
 from proximity.kernels.entries import deepest_point, depth_along
 from proximity.scene.model.assembly import Model
 
@@ -67,16 +56,15 @@ def find_deepest(
     model: Model, first: int, second: int, tolerance: float, budget: int = DEEPEST_BUDGET
 ) -> DeepestPoint:
     """Search both parts for their deepest point in the other; *tolerance*: share between its bounds."""
-    found, frames = np.zeros(DEEPEST_SIZE), model.frames[[first, second]]
-    found[DEEPEST_POINT : DEEPEST_POINT + 3] = np.nan
+    found, frames = np.zeros(1, DEEPEST_ANSWER), model.frames[[first, second]]
+    found["point"] = np.nan
     rest = REST * float(np.linalg.norm(frames["own_upper"] - frames["own_lower"], axis=1).min())
     upper, steps = 0.0, 0
     for inner, outer in ((first, second), (second, first)):
         deepest_point(model.packed, inner, outer, tolerance, rest, budget, found)
-        upper = max(upper, float(found[DEEPEST_UPPER]))
-        steps += int(found[DEEPEST_STEPS])
-    point = found[DEEPEST_POINT : DEEPEST_POINT + 3].copy()
-    return DeepestPoint(upper, float(found[DEEPEST_LOWER]), point, steps)
+        upper = max(upper, float(found["upper"][0]))
+        steps += int(found["steps"][0])
+    return DeepestPoint(upper, float(found["lower"][0]), found["point"][0].copy(), steps)
 
 
 class PenetrationSearch:
@@ -91,7 +79,7 @@ class PenetrationSearch:
         self._asked = model.packed, first, second, *faces
         self._frames = model.frames[first], model.frames[second]
         self._budget, self.steps = budget, 0
-        self._found = np.empty(DEPTH_SIZE)
+        self._found = np.empty(1, DEPTH_ANSWER)
         self.depth, self.lower, self.direction = inf, 0.0, np.zeros(3)
         self._normal = np.zeros(3)
 
@@ -102,13 +90,13 @@ class PenetrationSearch:
         """
         left = max(self._budget - self.steps, 1) if self._budget else 0
         found, limit = self._found, self.depth
-        found[DEPTH_UPPER] = expected * (1.0 + BEYOND * tolerance)
+        found["upper"] = expected * (1.0 + BEYOND * tolerance)
         depth_along(*self._asked, direction, limit, tolerance, left, found)
-        self.steps += int(found[DEPTH_STEPS])
-        if not found[DEPTH_UPPER] < limit:
+        self.steps += int(found["steps"][0])
+        if not found["upper"][0] < limit:
             return False
-        self.depth, self.lower = float(found[DEPTH_UPPER]) + 0.0, float(found[DEPTH_LOWER])
-        self.direction, self._normal = direction, found[DEPTH_NORMAL : DEPTH_NORMAL + 3].copy()
+        self.depth, self.lower = float(found["upper"][0]) + 0.0, float(found["lower"][0])
+        self.direction, self._normal = direction, found["normal"][0].copy()
         return True
 
     def search(self, tolerance: float) -> None:

@@ -14,7 +14,7 @@ from proximity.errors import ArgumentError, SceneError
 from proximity.kernels import contact_record
 from proximity.kernels.entries import contains_corner
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, columns_of
-from proximity.kernels.pair import frontier, held_motion, held_records, held_tick
+from proximity.kernels.tracking import tracked_motion, tracked_records, tracked_tick
 from proximity.pose import Pose, velocities_between
 from proximity.scene.model.assembly import Model
 from proximity.scene.penetration import PenetrationSearch
@@ -24,7 +24,7 @@ from proximity.tracker.tracker_arguments import LONGEST_LATENCY, as_nanoseconds
 HORIZON = 0.25
 """s"""
 LEAST_DEPTH_TOLERANCE = 0.01
-CONNECTION = held_records.CONNECTION_RECORD
+CONNECTION = tracked_records.CONNECTION_RECORD
 """One connection of a part that is tracked; `PartTracker.tick` says what is in it."""
 
 
@@ -46,7 +46,7 @@ class ConnectionFlag(IntFlag):
     """The distance is within the working range."""
     PART_CHANGED = contact_record.PART_CHANGED
     """The connection is to another part than at the tick before."""
-    CROSSING = held_records.CROSSING_PARTS
+    CROSSING = tracked_records.CROSSING_PARTS
     """The surfaces of the two parts meet, and they share volume. The distance is 0; both points are one."""
 
     @classmethod
@@ -116,9 +116,9 @@ class PartTracker:
         if not self._names or len(set(self._names)) < len(self._names):
             raise ArgumentError(f"part is {part!r}, expected one name, or several that differ")
         count = whole("connections", connections)
-        if count > held_tick.MOST_RECORDS:
-            raise ArgumentError(f"connections is {count}, expected 1 to {held_tick.MOST_RECORDS}")
-        settings = np.zeros(1, held_records.HELD_SETTINGS)
+        if count > tracked_tick.MOST_RECORDS:
+            raise ArgumentError(f"connections is {count}, expected 1 to {tracked_tick.MOST_RECORDS}")
+        settings = np.zeros(1, tracked_records.HELD_SETTINGS)
         settings["working_range"] = positive("working_range", working_range, "metres", may_be_infinite=True)
         settings["tolerance"] = not_negative("tolerance", tolerance, "shares")
         settings["latency"] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
@@ -128,7 +128,7 @@ class PartTracker:
         self._settings = settings
         self.connections = np.zeros(count, CONNECTION)
         self._offsets = self._offsets_in_group()
-        entries = frontier.FRONTIER_ENTRIES
+        entries = tracked_records.FRONTIER_ENTRIES
         self._frontiers = np.empty(entries), np.empty((entries, 3), np.int32)
         self._last_model: Callable[[], Model | None] = lambda: None
         self.reset()
@@ -233,10 +233,10 @@ class PartTracker:
         is_moved = model is not self._last_model()
         if model.epoch != self._epoch:
             self._adopt(model)
-        held_tick.follow_parts(model.packed, self._packed, is_moved)
+        tracked_tick.follow_parts(model.packed, self._packed, is_moved)
         if self._settings["unsure"][0]:
             if self._decide_inside(model):
-                held_tick.follow_parts(model.packed, self._packed, False)
+                tracked_tick.follow_parts(model.packed, self._packed, False)
             else:
                 self._forbid_motion()
         elif self._settings["opening"][0] and not self._comes_free(model):
@@ -258,7 +258,7 @@ class PartTracker:
             if search is None or not pair["normal"].any():
                 return False
             frame = model.frames[pair["own"]]
-            length = held_motion.SLIP * float(np.linalg.norm(frame["own_upper"] - frame["own_lower"]))
+            length = tracked_motion.SLIP * float(np.linalg.norm(frame["own_upper"] - frame["own_lower"]))
             search.look_along(pair["normal"], 0.5, length)
             if search.depth > length:
                 return False
@@ -341,16 +341,16 @@ class PartTracker:
         is_rest = model.parts["is_hidden"][:count] == 0
         is_rest[own] = False
         rest = np.flatnonzero(is_rest)
-        pairs = np.zeros(len(rest) * len(own), held_records.HELD_PAIR)
+        pairs = np.zeros(len(rest) * len(own), tracked_records.HELD_PAIR)
         pairs["own"], pairs["other"] = np.tile(own, len(rest)), np.repeat(rest, len(own))
         pairs["slots"], pairs["lower"], pairs["upper"], pairs["is_unsure"] = NO_SLOT, -1.0, np.inf, 1
         pairs["frontier"] = -1
         self._pairs = pairs
-        frontiers = min(max(len(pairs), frontier.FEWEST_FRONTIERS), frontier.MOST_FRONTIERS)
+        frontiers = min(max(len(pairs), tracked_records.FEWEST_FRONTIERS), tracked_records.MOST_FRONTIERS)
         self._settings["frontier_count"], self._settings["next_frontier"] = frontiers, 0
-        self._settings["frontier_length"] = frontier.FRONTIER_ENTRIES // frontiers
-        before = np.array(columns_of(model.frames)[:count, : held_motion.POSE_SIZE])
-        arrays = held_records.HeldArrays(
+        self._settings["frontier_length"] = tracked_records.FRONTIER_ENTRIES // frontiers
+        before = np.array(columns_of(model.frames)[:count, : tracked_motion.POSE_SIZE])
+        arrays = tracked_records.HeldArrays(
             self._settings, pairs, self.connections, before, np.zeros(count), *self._frontiers
         )
         self.connections["part"], self.connections["face"] = NO_PART, NO_FACE
@@ -373,8 +373,8 @@ class PartTracker:
                 (
                     inside
                     for inside, inner, outer in (
-                        (held_records.OWN_INSIDE, own, other),
-                        (held_records.OTHER_INSIDE, other, own),
+                        (tracked_records.OWN_INSIDE, own, other),
+                        (tracked_records.OTHER_INSIDE, other, own),
                     )
                     if contains_corner(model.packed, outer, inner, faces[inner], point)
                 ),

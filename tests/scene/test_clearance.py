@@ -11,7 +11,7 @@ from manifold3d import Manifold, Mesh
 
 import proximity
 from proximity import NO_FACE, ArgumentError, Scene, SceneError, Solid
-from proximity.kernels.answers import CLEARANCE_SIZE
+from proximity.kernels.answers import CLEARANCE_ANSWER
 from proximity.kernels.pair.part_query import connect_parts
 
 FAR = 100.0
@@ -245,9 +245,9 @@ def test_parts_of_very_different_sizes_are_measured():
 
 
 def connection_of(scene, *, limit=np.inf, tolerance=0.0, budget=0):
-    answer = np.empty(CLEARANCE_SIZE)
+    answer = np.empty(1, CLEARANCE_ANSWER)
     connect_parts(scene.snapshot().packed, 0, 1, limit, tolerance, budget, answer)
-    return answer
+    return answer[0]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -255,16 +255,17 @@ def test_bounds_hold_with_a_limit_a_tolerance_and_a_budget(seed):
     solids = [Solid(*shapes.torus(0.05, 0.02), name="a"), Solid(*shapes.sphere(0.03, 3), name="b")]
     scene = Scene(solids)
     scene.move("b", proximity.Pose(shapes.rotation(seed), [0.11, 0.01 * seed, 0.02]))
-    lower, exact = connection_of(scene)[:2]
+    lower, exact = connection_of(scene).tolist()[:2]
 
     assert lower == exact == scene.clearance("a", "b").distance > 0.0
     for options in ({"tolerance": 0.2}, *({"budget": steps} for steps in (1, 10, 30, 100))):
-        lower, upper = connection_of(scene, **options)[:2]
+        lower, upper = connection_of(scene, **options).tolist()[:2]
         assert lower <= exact <= upper
         assert "budget" in options or lower >= upper / 1.2 * (1.0 - 1e-12)
-    assert connection_of(scene, limit=1.5 * exact)[1] == exact
+    assert connection_of(scene, limit=1.5 * exact)["distance"] == exact
     missed = connection_of(scene, limit=0.9 * exact)
-    assert missed[0] == 0.9 * exact and missed[1] == np.inf and list(missed[8:10]) == [NO_FACE, NO_FACE]
+    assert missed["lower"] == 0.9 * exact and missed["distance"] == np.inf
+    assert missed["faces"].tolist() == [NO_FACE, NO_FACE]
 
 
 def test_a_part_and_itself_are_no_pair():

@@ -19,7 +19,7 @@ from proximity.kernels.layout import (
     NODE_CHILDREN,
     NODE_STRIDE,
 )
-from proximity.kernels.segment.plan import PLAN_SIZE, PROBE_SIZE, make_plan
+from proximity.kernels.segment.plan import PLAN, PROBE, make_plan
 from proximity.mesh.topology import build_topology, corners_of
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.native import IS_AHEAD
@@ -48,7 +48,7 @@ class Operands:
     blocks: np.ndarray  # (CALLS,) first real of a block
     nodes: np.ndarray  # (CALLS,) first word of a node
     rays: np.ndarray  # (CALLS, 6) point and direction
-    plans: np.ndarray  # (CALLS, PLAN_SIZE)
+    plans: np.ndarray  # (CALLS,) PLAN
 
     @property
     def corners(self):
@@ -82,7 +82,7 @@ def make_operands():
     rng = np.random.default_rng(11)
     rays = rng.uniform(-1.2, 1.2, (CALLS, 6))
     rays[:, 3:] /= np.abs(rays[:, 3:]).max(axis=1)[:, None]
-    plans, probe = np.zeros((CALLS, PLAN_SIZE)), np.zeros(PROBE_SIZE, np.float32)
+    plans, probe = np.zeros(CALLS, PLAN), np.zeros(1, PROBE)[0]
     for plan, ray in zip(plans, rays, strict=True):
         make_plan(plan, probe, *ray[:3], *(ray[:3] + 0.1 * ray[3:]))
     return Operands(

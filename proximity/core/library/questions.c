@@ -285,7 +285,7 @@ static int has_inside(const proximity_scene *scene, int64_t part, int64_t inner,
 int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t second, double max_distance,
                         double tolerance, size_t budget, proximity_clearance_answer *answer, proximity_error *error)
 {
-    double told[CLEARANCE_SIZE];
+    ClearanceAnswer told;
     int unusable = proximity_refuse_scene(scene, error);
     if (unusable) {
         return unusable;
@@ -306,20 +306,21 @@ int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t sec
     int64_t limits[2];
     memcpy(limits, &max_distance, sizeof max_distance);
     memcpy(limits + 1, &tolerance, sizeof tolerance);
-    int64_t words[] = {WORD(scene->model), first, second, limits[0], limits[1], (int64_t)budget, WORD(told),
-                       CLEARANCE_SIZE, 0};
+    int64_t words[] = {WORD(scene->model), first, second, limits[0], limits[1], (int64_t)budget, WORD(&told),
+                       1, 0};
     if (!proximity_call(scene->set, CONNECT_PARTS, words)) {
         return no_memory(error);
     }
-    proximity_clearance_answer found = {.lower = told[0],
-                                        .distance = told[1],
-                                        .point_on_first = {told[2], told[3], told[4]},
-                                        .point_on_second = {told[5], told[6], told[7]},
-                                        .face_on_first = (int32_t)told[8],
-                                        .face_on_second = (int32_t)told[9],
-                                        .relation = (int32_t)told[10]};
+    const double *points = told.points;
+    proximity_clearance_answer found = {.lower = told.lower,
+                                        .distance = told.distance,
+                                        .point_on_first = {points[0], points[1], points[2]},
+                                        .point_on_second = {points[3], points[4], points[5]},
+                                        .face_on_first = told.faces[0],
+                                        .face_on_second = told.faces[1],
+                                        .relation = told.relation};
     int64_t parts[] = {first, second, first};
-    for (int k = 0; k < 2 && told[MAY_BE_INSIDE] != 0.0; k++) {
+    for (int k = 0; k < 2 && told.may_be_inside; k++) {
         double point[3];
         int is_inside = has_inside(scene, parts[k + 1], parts[k], point);
         if (is_inside < 0) {
@@ -329,12 +330,12 @@ int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t sec
             const double unlimited[] = {INFINITY, 0.0};
             memcpy(words + 3, unlimited, sizeof unlimited);
             words[5] = 0;
-            if (isnan(told[2]) && !proximity_call(scene->set, CONNECT_PARTS, words)) {
+            if (isnan(points[0]) && !proximity_call(scene->set, CONNECT_PARTS, words)) {
                 return no_memory(error);
             }
             found.lower = found.distance = 0.0;
-            memcpy(found.point_on_first, told + 2 + 3 * k, sizeof point);
-            memcpy(found.point_on_second, told + 2 + 3 * k, sizeof point);
+            memcpy(found.point_on_first, points + 3 * k, sizeof point);
+            memcpy(found.point_on_second, points + 3 * k, sizeof point);
             found.face_on_first = found.face_on_second = PROXIMITY_NO_FACE;
             found.relation = PROXIMITY_FIRST_INSIDE + k;
             break;

@@ -206,10 +206,10 @@ static int adopt_parts(proximity_tracker *tracker)
 {
     const Archive *archive = &tracker->scene->archive;
     int64_t poses = archive->part_count * POSE_COLUMNS;
-    int64_t movers = MOVER_COLUMNS * LANES * (archive->part_count / LANES + 2);
+    int64_t movers = archive->part_count / LANES + 2;
     size_t kept = (size_t)archive->part_count * sizeof(int64_t);
     if (tracker->part_count != archive->part_count || memcmp(tracker->identities, tracker->scene->identities, kept) != 0) {
-        double *of_parts = calloc((size_t)(poses + movers), sizeof(double));
+        double *of_parts = calloc(1, (size_t)poses * sizeof(double) + (size_t)movers * sizeof(EightMovers));
         int64_t *identities = malloc(kept);
         if (of_parts == NULL || identities == NULL) {
             free(of_parts);

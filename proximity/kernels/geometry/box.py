@@ -7,8 +7,9 @@ nothing is skipped that could be nearer.
 
 import numpy as np
 
+from proximity.kernels.nodes import boxes_of, wide_boxes_of
 from proximity.native import inlined
-from proximity.native.simd import fma, load, maximum, minimum, narrow, select, splat, splat32, widen
+from proximity.native.simd import fma, maximum, minimum, narrow, select, splat, splat32
 
 FAR = 2.0
 """Within this (part sizes from the middle) a coordinate rounded to float32 is off by 2^-24 at most."""
@@ -27,11 +28,8 @@ SHRINK_FAR = 1.0 - 2.0**-48
 @inlined
 def nearest_in_boxes(nodes, base, x, y, z):
     """The point of each box of the node at *base* that is nearest to a point: x, y and z, float32x8."""
-    return (
-        minimum(maximum(x, load(nodes, base)), load(nodes, base + 24)),
-        minimum(maximum(y, load(nodes, base + 8)), load(nodes, base + 32)),
-        minimum(maximum(z, load(nodes, base + 16)), load(nodes, base + 40)),
-    )
+    (lx, ly, lz), (ux, uy, uz) = boxes_of(nodes, base)
+    return minimum(maximum(x, lx), ux), minimum(maximum(y, ly), uy), minimum(maximum(z, lz), uz)
 
 
 @inlined
@@ -55,18 +53,24 @@ def far_offset_sq(px, py, pz):
 
 
 @inlined
+def wide_gaps_sq(nodes, base, x, y, z):
+    """Squared distances from a point to the boxes of a node in float64; *x y z* are float64x8 splats."""
+    ((lx, ly, lz), (ux, uy, uz)), zero = wide_boxes_of(nodes, base), splat(0.0)
+    gap_x = maximum(maximum(lx - x, x - ux), zero)
+    gap_y = maximum(maximum(ly - y, y - uy), zero)
+    gap_z = maximum(maximum(lz - z, z - uz), zero)
+    return fma(gap_x, gap_x, fma(gap_y, gap_y, gap_z * gap_z))
+
+
+@inlined
 def far_point_boxes_distance_sq(nodes, base, x, y, z, offset):
     """The same bounds from float64 arithmetic, for a point far outside, less *offset*.
 
     The squares of a far distance differ by little: taking the bound of the whole part away first leaves
     numbers that float32 tells apart. *x y z offset* are float64x8 splats.
     """
-    zero = splat(0.0)
-    gap_x = maximum(maximum(widen(load(nodes, base)) - x, x - widen(load(nodes, base + 24))), zero)
-    gap_y = maximum(maximum(widen(load(nodes, base + 8)) - y, y - widen(load(nodes, base + 32))), zero)
-    gap_z = maximum(maximum(widen(load(nodes, base + 16)) - z, z - widen(load(nodes, base + 40))), zero)
-    bounds = fma(gap_x, gap_x, fma(gap_y, gap_y, gap_z * gap_z)) * splat(SHRINK_FAR)
-    rest = maximum(bounds - offset, zero)
+    bounds = wide_gaps_sq(nodes, base, x, y, z) * splat(SHRINK_FAR)
+    rest = maximum(bounds - offset, splat(0.0))
     # From 1e26 part sizes on the rest leaves float32; only that of unused lanes may.
     return narrow(select(rest < splat(np.inf), minimum(rest, splat(LARGEST_REST)), rest))
 

@@ -7,39 +7,51 @@ point back even on a needle.
 
 from math import sqrt
 
-from proximity.kernels.geometry.triangle import TINY, cross, dot, height_over, offset_of
+from proximity.kernels.geometry.rows import vector
+from proximity.kernels.geometry.triangle import TINY, cross, dot, height_over
 from proximity.kernels.layout import FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX
-from proximity.native import inlined
+from proximity.kernels.nodes import corner_at, offset_of
+from proximity.kernels.stack_arrays import stack_arrays_of
+from proximity.native import inlined, record
 
-CLOSEST_SIZE = 24
-CLOSEST_LENGTH = 0  # distance
-CLOSEST_ARM = 1  # from the closest point to the query
-CLOSEST_WEIGHT = 4  # barycentric weights of the corners
-CLOSEST_POINT = 7  # the closest point
-CLOSEST_NORMAL = 10  # pseudo-normal of the feature, unit
-CLOSEST_TRIANGLE = 13  # the nine coordinates of the corners
+CLOSEST_FIELDS = {
+    "length": "f8",  # distance
+    "arm": "(3,)f8",  # from the closest point to the query
+    "weights": "(3,)f8",  # barycentric, of the corners
+    "point": "(3,)f8",  # the closest point
+    "normal": "(3,)f8",  # pseudo-normal of the feature, unit
+    "corners": "(3, 3)f8",
+}
+CLOSEST = record("Closest", **CLOSEST_FIELDS)
+"""A triangle and its point that is closest to a query, local."""
+stack_closest, _ = stack_arrays_of(CLOSEST)
 
 
 @inlined
 def read_corners(reals, slot, closest):
     """Copy the corners of the triangle at *slot* into *closest*."""
-    base = offset_of(slot)
-    for k in range(9):
-        closest[CLOSEST_TRIANGLE + k] = reals[base + 8 * k]
+    position, corners = offset_of(slot), closest.corners
+    for k in range(3):
+        corners[k, 0], corners[k, 1], corners[k, 2] = corner_at(reals, position, k)
+
+
+@inlined
+def corner_of(closest, k):
+    """Corner *k*, (x, y, z)."""
+    return closest.corners[k, 0], closest.corners[k, 1], closest.corners[k, 2]
 
 
 @inlined
 def _arm(closest, k, x, y, z):
     """From corner *k* to a point."""
-    at = CLOSEST_TRIANGLE + 3 * k
-    return x - closest[at], y - closest[at + 1], z - closest[at + 2]
+    ax, ay, az = corner_of(closest, k)
+    return x - ax, y - ay, z - az
 
 
 @inlined
 def _edge(closest, k, j):
     """From corner *k* to corner *j*."""
-    at = CLOSEST_TRIANGLE + 3 * j
-    return _arm(closest, k, closest[at], closest[at + 1], closest[at + 2])
+    return _arm(closest, k, *corner_of(closest, j))
 
 
 @inlined
@@ -48,12 +60,8 @@ def over_face(closest, px, py, pz):
 
     Fills the unit normal; 0 where there is none.
     """
-    at = CLOSEST_TRIANGLE
-    is_over, height, nx, ny, nz = height_over(
-        px, py, pz, closest[at], closest[at + 1], closest[at + 2], closest[at + 3], closest[at + 4],
-        closest[at + 5], closest[at + 6], closest[at + 7], closest[at + 8],
-    )  # fmt: skip
-    closest[CLOSEST_NORMAL], closest[CLOSEST_NORMAL + 1], closest[CLOSEST_NORMAL + 2] = nx, ny, nz
+    normal, corners = closest.normal, (*corner_of(closest, 0), *corner_of(closest, 1), *corner_of(closest, 2))
+    is_over, height, normal[0], normal[1], normal[2] = height_over(px, py, pz, *corners)
     return is_over, height
 
 
@@ -64,9 +72,9 @@ def closest_on_face(px, py, pz, height, closest):
     Weights are solved along the longest edge: the third corner's from its height over that edge, the others
     from the position along it. So they give the point back even on a needle.
     """
-    closest[CLOSEST_LENGTH] = abs(height)
+    closest.length = abs(height)
     for axis in range(3):
-        closest[CLOSEST_ARM + axis] = closest[CLOSEST_NORMAL + axis] * height
+        closest.arm[axis] = closest.normal[axis] * height
     i, longest_sq = 0, -1.0
     for k in range(3):
         ex, ey, ez = _edge(closest, k, (k + 1) % 3)
@@ -76,10 +84,9 @@ def closest_on_face(px, py, pz, height, closest):
     j, k = (i + 1) % 3, (i + 2) % 3
     ex, ey, ez = _edge(closest, i, j)
     cx, cy, cz = _edge(closest, i, k)
-    fx, fy, fz = _arm(
-        closest, i, px - closest[CLOSEST_ARM], py - closest[CLOSEST_ARM + 1], pz - closest[CLOSEST_ARM + 2]
-    )
-    nx, ny, nz = closest[CLOSEST_NORMAL], closest[CLOSEST_NORMAL + 1], closest[CLOSEST_NORMAL + 2]
+    ax, ay, az = vector(closest.arm)
+    fx, fy, fz = _arm(closest, i, px - ax, py - ay, pz - az)
+    nx, ny, nz = vector(closest.normal)
     # Heights of the foot and of the third corner over the longest edge, both times its length.
     foot = dot(nx, ny, nz, *cross(ex, ey, ez, fx, fy, fz))
     full = dot(nx, ny, nz, *cross(ex, ey, ez, cx, cy, cz))
@@ -96,9 +103,9 @@ def closest_on_face(px, py, pz, height, closest):
             tip_rest * tip_rest * longest_sq + height_sq
         )
     second = min(max(along - third * tip, 0.0), 1.0 - third)
-    closest[CLOSEST_WEIGHT + i] = (1.0 - third) - second
-    closest[CLOSEST_WEIGHT + j] = second
-    closest[CLOSEST_WEIGHT + k] = third
+    closest.weights[i] = (1.0 - third) - second
+    closest.weights[j] = second
+    closest.weights[k] = third
 
 
 @inlined
@@ -134,13 +141,9 @@ def closest_on_edges(px, py, pz, closest):
         distance_sq = dot(dx, dy, dz, dx, dy, dz)
         if best_sq < 0.0 or distance_sq < best_sq:
             best_sq, feature, which = distance_sq, kind, number
-            closest[CLOSEST_ARM], closest[CLOSEST_ARM + 1], closest[CLOSEST_ARM + 2] = dx, dy, dz
-            closest[CLOSEST_WEIGHT + k], closest[CLOSEST_WEIGHT + j], closest[CLOSEST_WEIGHT + 3 - k - j] = (
-                1.0 - t,
-                t,
-                0.0,
-            )
-    closest[CLOSEST_LENGTH] = sqrt(best_sq)
+            closest.arm[0], closest.arm[1], closest.arm[2] = dx, dy, dz
+            closest.weights[k], closest.weights[j], closest.weights[3 - k - j] = 1.0 - t, t, 0.0
+    closest.length = sqrt(best_sq)
     return feature, which
 
 
@@ -160,14 +163,14 @@ def closest_on_triangle(px, py, pz, closest):
     # From the corner that weighs most: nothing is lost where the point is a corner.
     base = 0
     for k in range(1, 3):
-        if closest[CLOSEST_WEIGHT + k] > closest[CLOSEST_WEIGHT + base]:
+        if closest.weights[k] > closest.weights[base]:
             base = k
     k, j = (base + 1) % 3, (base + 2) % 3
     ux, uy, uz = _edge(closest, base, k)
     vx, vy, vz = _edge(closest, base, j)
-    at = CLOSEST_TRIANGLE + 3 * base
-    second, third = closest[CLOSEST_WEIGHT + k], closest[CLOSEST_WEIGHT + j]
-    closest[CLOSEST_POINT] = closest[at] + (second * ux + third * vx)
-    closest[CLOSEST_POINT + 1] = closest[at + 1] + (second * uy + third * vy)
-    closest[CLOSEST_POINT + 2] = closest[at + 2] + (second * uz + third * vz)
+    ax, ay, az = corner_of(closest, base)
+    second, third = closest.weights[k], closest.weights[j]
+    closest.point[0] = ax + (second * ux + third * vx)
+    closest.point[1] = ay + (second * uy + third * vy)
+    closest.point[2] = az + (second * uz + third * vz)
     return feature, which

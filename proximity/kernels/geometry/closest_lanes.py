@@ -3,26 +3,21 @@
 The same formulas in the same order, so that a point has one answer, whether it is asked alone or among many.
 """
 
+import numpy as np
+
 from proximity.kernels.geometry.closest_feature import (
-    CLOSEST_ARM,
-    CLOSEST_LENGTH,
-    CLOSEST_NORMAL,
-    CLOSEST_POINT,
-    CLOSEST_TRIANGLE,
-    CLOSEST_WEIGHT,
     closest_on_triangle,
 )
 from proximity.kernels.geometry.triangle import TINY, cross, dot, height_over
 from proximity.kernels.layout import ALL_LANES, FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX, LANES
+from proximity.kernels.nodes import corner_at
 from proximity.native import inlined, kernel
 from proximity.native.simd import absolute, bits, load, load_each, select, splat, square_root, store
 
-LANES_FEATURE = CLOSEST_TRIANGLE
-"""Columns behind those of `closest_feature` up to the triangle: the feature, and which edge or corner."""
-LANES_WHICH = CLOSEST_TRIANGLE + 1
-LANES_HEIGHT = CLOSEST_TRIANGLE + 2
-"""Height over the plane of the face; of `sides_of_lanes` only."""
-LANES_COLUMNS = CLOSEST_TRIANGLE + 3
+LANES_LENGTH, LANES_ARM, LANES_WEIGHTS, LANES_POINT, LANES_NORMAL = 0, 1, 4, 7, 10
+LANES_FEATURE, LANES_WHICH, LANES_HEIGHT, LANES_COLUMNS = 13, 14, 15, 16
+"""Columns of a table of many: those of `closest_feature.CLOSEST`; the feature, and which edge or corner; of
+`sides_of_lanes` only, the height over the plane of the face."""
 
 
 @inlined
@@ -228,9 +223,9 @@ def _features(p, triangle):
 
 @inlined
 def _store_feature(table, chunk, at, length, arm, normal, feature, which):
-    store(table, CLOSEST_LENGTH * chunk + at, length)
-    _store_point(table, chunk, at, CLOSEST_ARM, arm)
-    _store_point(table, chunk, at, CLOSEST_NORMAL, normal)
+    store(table, LANES_LENGTH * chunk + at, length)
+    _store_point(table, chunk, at, LANES_ARM, arm)
+    _store_point(table, chunk, at, LANES_NORMAL, normal)
     store(table, LANES_FEATURE * chunk + at, feature)
     store(table, LANES_WHICH * chunk + at, which)
 
@@ -250,22 +245,38 @@ def closest_of_lanes(reals, offsets, at, local_points, table):
     foot = p[0] - normal[0] * height, p[1] - normal[1] * height, p[2] - normal[2] * height
     weights = _chosen(is_over, _weights_on_face(a, b, c, normal, foot), edge_weights)
     _store_feature(table, chunk, at, length, arm, normal, feature, which)
-    _store_point(table, chunk, at, CLOSEST_WEIGHT, weights)
-    _store_point(table, chunk, at, CLOSEST_POINT, _weighted(a, b, c, weights))
+    _store_point(table, chunk, at, LANES_WEIGHTS, weights)
+    _store_point(table, chunk, at, LANES_POINT, _weighted(a, b, c, weights))
 
 
 @kernel
 def closest_of_row(reals, offsets, k, local_points, table, closest):
     """Fill one column of *table*, as `closest_of_lanes` fills eight. *closest*: scratch."""
-    chunk = len(offsets)
-    for number in range(9):
-        closest[CLOSEST_TRIANGLE + number] = reals[offsets[k] + LANES * number]
+    chunk, corners = len(offsets), closest.corners
+    for j in range(3):
+        corners[j, 0], corners[j, 1], corners[j, 2] = corner_at(reals, offsets[k], j)
     feature, which = closest_on_triangle(
         local_points[k], local_points[chunk + k], local_points[2 * chunk + k], closest
     )
-    for column in range(CLOSEST_TRIANGLE):
-        table[column * chunk + k] = closest[column]
+    table[LANES_LENGTH * chunk + k] = closest.length
+    for axis in range(3):
+        table[(LANES_ARM + axis) * chunk + k] = closest.arm[axis]
+        table[(LANES_WEIGHTS + axis) * chunk + k] = closest.weights[axis]
+        table[(LANES_POINT + axis) * chunk + k] = closest.point[axis]
+        table[(LANES_NORMAL + axis) * chunk + k] = closest.normal[axis]
     table[LANES_FEATURE * chunk + k], table[LANES_WHICH * chunk + k] = feature, which
+
+
+@inlined
+def read_row(table, chunk, k, closest):
+    """Copy one column of a table of *chunk* to *closest*; return the feature, and which edge or corner."""
+    closest.length = table[LANES_LENGTH * chunk + k]
+    for axis in range(3):
+        closest.arm[axis] = table[(LANES_ARM + axis) * chunk + k]
+        closest.weights[axis] = table[(LANES_WEIGHTS + axis) * chunk + k]
+        closest.point[axis] = table[(LANES_POINT + axis) * chunk + k]
+        closest.normal[axis] = table[(LANES_NORMAL + axis) * chunk + k]
+    return np.int64(table[LANES_FEATURE * chunk + k]), np.int64(table[LANES_WHICH * chunk + k])
 
 
 @kernel

@@ -11,9 +11,9 @@ Source for the method: the Voronoi regions of Ericson, Real-Time Collision Detec
 difference of products (see Jeannerod, Louvet, Muller 2013) for the cross product.
 """
 
-from proximity.kernels.layout import BLOCK_STRIDE, LANES
+from proximity.kernels.nodes import corners_of_block
 from proximity.native import inlined
-from proximity.native.simd import fma, like, load, maximum, minimum, select, square_root
+from proximity.native.simd import fma, like, maximum, minimum, select, square_root
 
 TINY = 1e-60
 """Below it a squared length, or a squared double area, counts as none: in the local frame that is an edge of
@@ -35,12 +35,6 @@ def cross(ax, ay, az, bx, by, bz):
         difference_of_products(az, bx, ax, bz),
         difference_of_products(ax, by, ay, bx),
     )
-
-
-@inlined
-def offset_of(slot):
-    """Offset in ``reals`` of the first number of the triangle at a slot; the others follow eight apart."""
-    return BLOCK_STRIDE * (slot // LANES) + slot % LANES
 
 
 @inlined
@@ -105,16 +99,6 @@ def point_triangle_distance_sq(p, a, b, c):
 
 
 @inlined
-def corners_of_block(reals, base):
-    """The corners of the eight triangles at *base*, (x, y, z) each."""
-    return (
-        (load(reals, base), load(reals, base + 8), load(reals, base + 16)),
-        (load(reals, base + 24), load(reals, base + 32), load(reals, base + 40)),
-        (load(reals, base + 48), load(reals, base + 56), load(reals, base + 64)),
-    )
-
-
-@inlined
 def point_block_distance_sq(blocks, base, p):
     """Squared distances from a point, (x, y, z) of float64x8, to the eight triangles at *base*."""
     return point_triangle_distance_sq(p, *corners_of_block(blocks, base))
@@ -152,14 +136,12 @@ def height_over(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz):
 
 
 __all__ = [
-    "corners_of_block",
     "cross",
     "difference_of_products",
     "dot",
     "edge_distance_sq",
     "height_over",
     "maximum",
-    "offset_of",
     "point_block_distance_sq",
     "point_triangle_distance_sq",
 ]

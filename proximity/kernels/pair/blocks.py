@@ -9,12 +9,21 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.triangle import TINY, corners_of_block, cross, dot
+from proximity.kernels.geometry.triangle import TINY, cross, dot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, ORIENTED_STRIDE
-from proximity.kernels.pair.boxes import SHRINK, mapped
-from proximity.kernels.pair.connection import BOTH, connect, read_both
+from proximity.kernels.nodes import corners_at, corners_of_block
+from proximity.kernels.pair.boxes import MAP_ROUNDING, SHRINK, mapped
 from proximity.kernels.pair.meeting import APART_HERE, ON_SURFACE, meeting_reach, share_at
-from proximity.kernels.pair.triangles import CROSSING, SIDE_ROUNDING, between, triangles_apart
+from proximity.kernels.pair.triangles import (
+    BOTH,
+    CROSSING,
+    SIDE_ROUNDING,
+    between,
+    connect,
+    in_all_lanes,
+    read_both,
+    triangles_apart,
+)
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
@@ -31,18 +40,6 @@ from proximity.native.simd import (
 
 REACH_ROUNDING = 1.0 + 2.0**-40
 """Factor on distances, where their squares have `SHRINK`."""
-MAP_ROUNDING = 2.0**-48
-"""More than rounding can move a box that is taken into the other frame, in sizes of coordinates."""
-
-
-@inlined
-def _triangle_in_all(reals, at):
-    """The corners of the triangle at *at*, in all lanes."""
-    return (
-        (splat(reals[at]), splat(reals[at + 8]), splat(reals[at + 16])),
-        (splat(reals[at + 24]), splat(reals[at + 32]), splat(reals[at + 40])),
-        (splat(reals[at + 48]), splat(reals[at + 56]), splat(reals[at + 64])),
-    )
 
 
 @inlined
@@ -178,7 +175,7 @@ def nearer_in_blocks(model, pair, first, second, frame_map, slack, best, axis, s
     while left:
         lane = trailing_zeros(left)
         left &= left - 1
-        triangle = _triangle_in_all(reals, base + lane)
+        triangle = in_all_lanes(*corners_at(reals, base + lane))
         along = splat(axis[0]), splat(axis[1]), splat(axis[2])
         bound = select(is_used, _gap_along(along, triangle, others, margin, splat(1.0)), far)
         if bits(bound < splat(best)):

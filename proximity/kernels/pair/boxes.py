@@ -6,19 +6,23 @@ connection so far bounds their distance, too: there turned boxes are no larger t
 
 import numpy as np
 
-from proximity.kernels.layout import LANES
+from proximity.kernels.nodes import lower_at, upper_at, wide_boxes_of
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import inlined, kernel
-from proximity.native.simd import fma, like, load, maximum, minimum, splat, widen
+from proximity.native.simd import fma, like, maximum, minimum, splat
 
 SHRINK = 1.0 - 2.0**-40
 """Factor on squared distances of boxes: it makes up for their rounding."""
+MAP_ROUNDING = 2.0**-48
+"""More than rounding can move a box that is taken into the other frame, in sizes of coordinates."""
+POSE_SIZE = 12
+"""Numbers of a part's pose: rotation, row by row, and translation."""
 
 
 @kernel
 def frames_between(frames, first, second, turn, offset):
     """Fill the map from the local frame of part *second* to that of *first*: (9,) row by row, and (3,)."""
-    one, other = stack_f64(12), stack_f64(12)
+    one, other = stack_f64(POSE_SIZE), stack_f64(POSE_SIZE)
     for k in range(9):
         one[k], other[k] = frames[first].rotation[k], frames[second].rotation[k]
     for k in range(3):
@@ -28,7 +32,7 @@ def frames_between(frames, first, second, turn, offset):
 
 @kernel
 def frames_at(frames, first, second, one, other, turn, offset):
-    """As `frames_between`, of parts in poses *one* and *other*, (12,): rotation row by row, translation."""
+    """As `frames_between`, of parts in poses *one* and *other*, (`POSE_SIZE`,)."""
     ratio = frames[first].scale / frames[second].scale
     moved = stack_f64(3)
     for axis in range(3):
@@ -58,18 +62,38 @@ def mapped(turn, offset, x, y, z):
 
 
 @inlined
-def _reach_along(turn, row, hx, hy, hz):
-    """Half the side of the box around turned boxes with those half sides."""
-    return fma(splat(abs(turn[row])), hx, fma(splat(abs(turn[row + 1])), hy, splat(abs(turn[row + 2])) * hz))
+def to_second(frame_map, x, y, z):
+    """A point of the first frame in that of the second; `frames_between` gives the map."""
+    turn, offset = frame_map
+    inverse_sq = 1.0 / (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+    dx, dy, dz = x - offset[0], y - offset[1], z - offset[2]
+    return (
+        (turn[0] * dx + turn[3] * dy + turn[6] * dz) * inverse_sq,
+        (turn[1] * dx + turn[4] * dy + turn[7] * dz) * inverse_sq,
+        (turn[2] * dx + turn[5] * dy + turn[8] * dz) * inverse_sq,
+    )
 
 
 @inlined
-def boxes_at(words, base):
-    """The eight boxes at *base*: lower and upper corners, float64x8."""
-    return (
-        (widen(load(words, base)), widen(load(words, base + 8)), widen(load(words, base + 16))),
-        (widen(load(words, base + 24)), widen(load(words, base + 32)), widen(load(words, base + 40))),
-    )
+def rounding_size(frames, first, second, offset):
+    """The size of coordinates of both parts in the frame of the first, for `MAP_ROUNDING`."""
+    ratio = abs(frames[first].scale / frames[second].scale)
+    size = 1.0 + 2.0 * ratio
+    for k in range(3):
+        size = max(size, abs(offset[k]) + 2.0 * ratio)
+    return size
+
+
+@inlined
+def gap_along(one, other, axis):
+    """Gap between the boxes of two parts along an axis, m; negative where they overlap. *one*: its frame."""
+    return max(one.box_lower[axis] - other.box_upper[axis], other.box_lower[axis] - one.box_upper[axis])
+
+
+@inlined
+def _reach_along(turn, row, hx, hy, hz):
+    """Half the side of the box around turned boxes with those half sides."""
+    return fma(splat(abs(turn[row])), hx, fma(splat(abs(turn[row + 1])), hy, splat(abs(turn[row + 2])) * hz))
 
 
 @inlined
@@ -78,7 +102,7 @@ def mapped_boxes(words, base, turn, offset):
 
     Unused lanes, of which the sides are infinite, become anything.
     """
-    (lx, ly, lz), (ux, uy, uz) = boxes_at(words, base)
+    (lx, ly, lz), (ux, uy, uz) = wide_boxes_of(words, base)
     half = splat(0.5)
     hx, hy, hz = (ux - lx) * half, (uy - ly) * half, (uz - lz) * half
     x, y, z = mapped(turn, offset, (lx + ux) * half, (ly + uy) * half, (lz + uz) * half)
@@ -105,7 +129,7 @@ def box_at(words, position, axis, box):
     """Write the box at a child's position: lower and upper corner, and where it ends along an axis; (7,)."""
     end = 0.0
     for k in range(3):
-        low, high = np.float64(words[position + LANES * k]), np.float64(words[position + 24 + LANES * k])
+        low, high = np.float64(lower_at(words, position, k)), np.float64(upper_at(words, position, k))
         box[k], box[k + 3] = low, high
         end += max(axis[k] * low, axis[k] * high)
     box[6] = end
@@ -118,13 +142,13 @@ def mapped_box_at(words, position, turn, offset, axis, box):
     for row in range(3):
         middle, reach = offset[row], 0.0
         for k in range(3):
-            low, high = np.float64(words[position + LANES * k]), np.float64(words[position + 24 + LANES * k])
+            low, high = np.float64(lower_at(words, position, k)), np.float64(upper_at(words, position, k))
             middle += turn[3 * row + k] * 0.5 * (low + high)
             reach += abs(turn[3 * row + k]) * 0.5 * (high - low)
         box[row], box[row + 3] = middle - reach, middle + reach
         begin += axis[row] * middle
     for k in range(3):
-        side = np.float64(words[position + 24 + LANES * k]) - np.float64(words[position + LANES * k])
+        side = np.float64(upper_at(words, position, k)) - np.float64(lower_at(words, position, k))
         begin -= abs(_axis_along(axis, turn, k)) * 0.5 * side
     box[6] = begin
 
@@ -146,7 +170,7 @@ def ends_of(boxes, axis):
 @inlined
 def begins_of(words, base, turn, offset, axis):
     """Where the eight boxes at *base* of the second part begin along an axis of the first frame."""
-    (lx, ly, lz), (ux, uy, uz) = boxes_at(words, base)
+    (lx, ly, lz), (ux, uy, uz) = wide_boxes_of(words, base)
     x = splat(_axis_along(axis, turn, 0))
     y = splat(_axis_along(axis, turn, 1))
     z = splat(_axis_along(axis, turn, 2))

@@ -11,13 +11,21 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.geometry.frames import ROUNDED_UP
-from proximity.kernels.geometry.triangle import corners_of_block, cross, dot, offset_of
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.geometry.triangle import cross, dot
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_STRIDE
+from proximity.kernels.nodes import (
+    child_at,
+    corner_at,
+    corners_at,
+    corners_of_block,
+    lower_at,
+    offset_of,
+    upper_at,
+    used_lanes,
+)
 from proximity.kernels.pair.boxes import mapped
 from proximity.kernels.pair.deepest_state import (
-    BOUND,
     CAPACITY,
-    STEPS,
     contains,
     distance_to_slot,
     goal_of,
@@ -25,17 +33,18 @@ from proximity.kernels.pair.deepest_state import (
     nearest_outer,
     normal_of_slot,
     open_meeting,
-    triangle_at,
     widened_box,
 )
-from proximity.kernels.pair.triangles import CROSSING, SIDE_ROUNDING, between, triangles_apart
-from proximity.kernels.pair.walk import used
-from proximity.kernels.stack_arrays import stack_f64, stack_f64_rows, stack_i64
+from proximity.kernels.pair.triangles import CROSSING, SIDE_ROUNDING, between, in_all_lanes, triangles_apart
+from proximity.kernels.stack_arrays import stack_arrays_of, stack_f64, stack_i64
 from proximity.kernels.traverse.depth_first import depth_first, in_blocks
-from proximity.native import inlined, kernel
-from proximity.native.simd import bits, load_int, splat, trailing_zeros
+from proximity.native import inlined, kernel, record
+from proximity.native.simd import bits, splat, trailing_zeros
 
 NODES = 1024
+PIECE = record("Piece", corners="(3, 3)f8", bound="f8")
+"""A piece of the inner surface, in the outer local frame, and a depth that it nowhere exceeds."""
+stack_pieces, _ = stack_arrays_of(PIECE)
 LEAST_CUT = 2.0**-10
 """A cut leaves at least this share of a piece on either side."""
 
@@ -58,13 +67,15 @@ _walk_crossing = depth_first(open_meeting, in_blocks(_find_crossing))
 @inlined
 def _corner(pieces, row, k):
     """A corner of a piece."""
-    return pieces[row, 3 * k], pieces[row, 3 * k + 1], pieces[row, 3 * k + 2]
+    corners = pieces[row].corners
+    return corners[k, 0], corners[k, 1], corners[k, 2]
 
 
 @inlined
 def _put(pieces, row, k, p):
     """Write a corner of a piece."""
-    pieces[row, 3 * k], pieces[row, 3 * k + 1], pieces[row, 3 * k + 2] = p
+    corners = pieces[row].corners
+    corners[k, 0], corners[k, 1], corners[k, 2] = p
 
 
 @kernel
@@ -73,12 +84,8 @@ def _crossing_slot(model, outer, a, b, c, workspace):
     lower = min(a[0], b[0], c[0]), min(a[1], b[1], c[1]), min(a[2], b[2], c[2])
     upper = max(a[0], b[0], c[0]), max(a[1], b[1], c[1]), max(a[2], b[2], c[2])
     rounding = splat(SIDE_ROUNDING * SIDE_ROUNDING)
-    triangle = (
-        (splat(a[0]), splat(a[1]), splat(a[2])),
-        (splat(b[0]), splat(b[1]), splat(b[2])),
-        (splat(c[0]), splat(c[1]), splat(c[2])),
-    )
-    query, best = (widened_box(lower, upper, 0.0), triangle, rounding), (np.float32(0.0), np.int64(NO_SLOT))
+    query = widened_box(lower, upper, 0.0), in_all_lanes(a, b, c), rounding
+    best = np.float32(0.0), np.int64(NO_SLOT)
     root = model.parts[outer].root
     return _walk_crossing(model, root, 0, query, best, workspace.stacks)[1]
 
@@ -119,7 +126,7 @@ def _add_piece(pieces, count, a, b, c, bound):
     _put(pieces, count, 0, a)
     _put(pieces, count, 1, b)
     _put(pieces, count, 2, c)
-    pieces[count, 9] = bound
+    pieces[count].bound = bound
     normal = cross(*between(a, b), *between(a, c))
     return count + (1 if dot(*normal, *normal) > 0.0 else 0)
 
@@ -127,7 +134,7 @@ def _add_piece(pieces, count, a, b, c, bound):
 @kernel
 def _fill_heights(reals, slot, pieces, row, heights):
     """Fill the heights of a piece's corners over the plane of a triangle; return the largest."""
-    a, b, c = triangle_at(reals, slot)
+    a, b, c = corners_at(reals, offset_of(slot))
     normal, highest = cross(*between(a, b), *between(a, c)), 0.0
     length = sqrt(dot(*normal, *normal))
     for k in range(3):
@@ -139,7 +146,7 @@ def _fill_heights(reals, slot, pieces, row, heights):
 @kernel
 def _fill_beyond(reals, slot, pieces, row, heights):
     """Fill how far corners of a piece are beyond the edge that cuts it best; return the length cut off."""
-    a, b, c = triangle_at(reals, slot)
+    a, b, c = corners_at(reals, offset_of(slot))
     normal, best = cross(*between(a, b), *between(a, c)), 0.0
     heights[0] = heights[1] = heights[2] = 0.0
     for _ in range(3):
@@ -163,7 +170,7 @@ def _bound_of_piece(reals, slot, other, pieces, row, far):
     """A depth that a piece nowhere exceeds: half the sum of the distances to two triangles; its corner."""
     farthest = -1.0
     for k in range(3):
-        x, y, z = pieces[row, 3 * k], pieces[row, 3 * k + 1], pieces[row, 3 * k + 2]
+        x, y, z = _corner(pieces, row, k)
         length = 0.5 * (distance_to_slot(reals, slot, (x, y, z)) + distance_to_slot(reals, other, (x, y, z)))
         if length > farthest:
             farthest, far[0], far[1], far[2] = length, x, y, z
@@ -179,17 +186,15 @@ def _is_shallow(model, outer, pieces, count, middle, slot, goal, heights, worksp
     """
     x, y, z = normal_of_slot(model.reals, slot)
     for k in range(3):
-        pieces[count, 3 * k] += goal * x
-        pieces[count, 3 * k + 1] += goal * y
-        pieces[count, 3 * k + 2] += goal * z
+        ax, ay, az = _corner(pieces, count, k)
+        _put(pieces, count, k, (ax + goal * x, ay + goal * y, az + goal * z))
     a, b, c = _corner(pieces, count, 0), _corner(pieces, count, 1), _corner(pieces, count, 2)
     crossing = _crossing_slot(model, outer, a, b, c, workspace)
     if crossing != NO_SLOT:
         _fill_heights(model.reals, crossing, pieces, count, heights)
     for k in range(3):
-        pieces[count, 3 * k] -= goal * x
-        pieces[count, 3 * k + 1] -= goal * y
-        pieces[count, 3 * k + 2] -= goal * z
+        ax, ay, az = _corner(pieces, count, k)
+        _put(pieces, count, k, (ax - goal * x, ay - goal * y, az - goal * z))
     if crossing != NO_SLOT:
         return -1
     position = middle[0] + goal * x, middle[1] + goal * y, middle[2] + goal * z
@@ -209,7 +214,7 @@ def _bound_or_cut(model, outer, pieces, count, state, limits, workspace):
         radius_sq = max(radius_sq, dot(*arm, *arm))
     distance, slot = nearest_outer(model, outer, middle, np.int64(NO_SLOT), workspace)
     is_inside = distance > limits[2] and contains(model, outer, middle, slot, workspace)
-    bound = min(pieces[count, 9], _bound_of_piece(reals, slot, slot, pieces, count, far))
+    bound = min(pieces[count].bound, _bound_of_piece(reals, slot, slot, pieces, count, far))
     if distance > sqrt(radius_sq) + limits[2] and not is_inside:
         return count
     if bound > goal and distance <= sqrt(radius_sq) + goal:
@@ -229,22 +234,22 @@ def _bound_or_cut(model, outer, pieces, count, state, limits, workspace):
     if bound > goal_of(state, limits):
         _fill_beyond(reals, slot, pieces, count, heights)
         return _cut(pieces, count, heights, bound)
-    state[BOUND] = max(state[BOUND], bound)
+    state.bound = max(state.bound, bound)
     return count
 
 
 @kernel
 def _search_pieces(model, outer, pieces, count, state, limits, budget, workspace):
     """Settle pieces of the inner surface; what the budget leaves counts with its bound."""
-    while count > 0 and state[STEPS] < budget and count + 3 < CAPACITY:
+    while count > 0 and state.steps < budget and count + 3 < CAPACITY:
         count -= 1
-        state[STEPS] += 1.0
-        if pieces[count, 9] > goal_of(state, limits):
+        state.steps += 1
+        if pieces[count].bound > goal_of(state, limits):
             count = _bound_or_cut(model, outer, pieces, count, state, limits, workspace)
         else:
-            state[BOUND] = max(state[BOUND], pieces[count, 9])
+            state.bound = max(state.bound, pieces[count].bound)
     for row in range(count):
-        state[BOUND] = max(state[BOUND], pieces[row, 9])
+        state.bound = max(state.bound, pieces[row].bound)
 
 
 @kernel
@@ -252,19 +257,19 @@ def search_surface(model, inner, outer, frame_map, cap, state, limits, budget, w
     """Look for the deepest point of the inner part's surface."""
     reals, words, frames, parts = model
     turn, offset = frame_map
-    nodes, pieces = stack_i64(NODES), stack_f64_rows(CAPACITY, 10)
+    nodes, pieces = stack_i64(NODES), stack_pieces(CAPACITY)
     ratio = abs(frames[outer].scale / frames[inner].scale)
     nodes[0], count, known = parts[inner].root, 1, np.int64(NO_SLOT)
     while count > 0:
         count -= 1
         base = NODE_STRIDE * nodes[count]
-        left = used(words, base)
+        left = bits(used_lanes(words, base))
         while left:
             lane = trailing_zeros(left)
             left &= left - 1
             at, middle, radius_sq = base + lane, stack_f64(3), 0.0
             for k in range(3):
-                low, high = np.float64(words[at + 8 * k]), np.float64(words[at + 24 + 8 * k])
+                low, high = np.float64(lower_at(words, at, k)), np.float64(upper_at(words, at, k))
                 middle[k] = 0.5 * (low + high)
                 radius_sq += 0.25 * (high - low) * (high - low)
             radius = sqrt(radius_sq) * ratio * ROUNDED_UP + limits[2]
@@ -272,16 +277,16 @@ def search_surface(model, inner, outer, frame_map, cap, state, limits, budget, w
             if max(abs(p[0]), abs(p[1]), abs(p[2])) > 1.0 + radius:
                 continue
             distance, known = nearest_outer(model, outer, p, known, workspace)
-            state[STEPS] += 1.0
+            state.steps += 1
             if distance > radius and not contains(model, outer, p, known, workspace):
                 continue
             bound = min(distance + radius, cap)
             if bound <= goal_of(state, limits):
-                state[BOUND] = max(state[BOUND], bound)
+                state.bound = max(state.bound, bound)
                 continue
-            child = load_int(words, at + NODE_CHILDREN)
-            if state[STEPS] >= budget or (child >= 0 and count + 1 >= NODES):
-                state[BOUND] = max(state[BOUND], bound)
+            child = child_at(words, at)
+            if state.steps >= budget or (child >= 0 and count + 1 >= NODES):
+                state.bound = max(state.bound, bound)
             elif child >= 0:
                 nodes[count] = child
                 count += 1
@@ -298,8 +303,7 @@ def _read_block(reals, block, frame_map, bound, pieces):
         at = offset_of(slot)
         if reals[at] == reals[at]:
             for k in range(3):
-                x, y, z = reals[at + 24 * k], reals[at + 24 * k + 8], reals[at + 24 * k + 16]
-                _put(pieces, count, k, mapped(frame_map[0], frame_map[1], x, y, z))
-            pieces[count, 9] = bound
+                _put(pieces, count, k, mapped(frame_map[0], frame_map[1], *corner_at(reals, at, k)))
+            pieces[count].bound = bound
             count += 1
     return count

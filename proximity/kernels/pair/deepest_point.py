@@ -13,25 +13,19 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.answers import DEEPEST_LOWER, DEEPEST_POINT, DEEPEST_STEPS, DEEPEST_UPPER
 from proximity.kernels.geometry.closest_feature import (
-    CLOSEST_ARM,
-    CLOSEST_POINT,
     closest_on_triangle,
     read_corners,
 )
 from proximity.kernels.geometry.frames import ROUNDED_DOWN, ROUNDED_UP, to_scene
-from proximity.kernels.geometry.triangle import corners_of_block, cross, dot
+from proximity.kernels.geometry.rows import vector
+from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, SIGN_NONE, ModelArrays
-from proximity.kernels.pair.boxes import frames_between, mapped
+from proximity.kernels.nodes import corners_of_block
+from proximity.kernels.pair.boxes import frames_between, mapped, to_second
 from proximity.kernels.pair.deepest_pieces import search_surface
 from proximity.kernels.pair.deepest_state import (
-    BEST,
-    BOUND,
     CAPACITY,
-    POSITION,
-    STATE_SIZE,
-    STEPS,
     contains,
     distance_to_slot,
     goal_of,
@@ -39,17 +33,20 @@ from proximity.kernels.pair.deepest_state import (
     nearest_outer,
     normal_of_slot,
     open_meeting,
+    stack_search,
     widened_box,
 )
-from proximity.kernels.pair.meeting import to_second
 from proximity.kernels.pair.triangles import SIDE_ROUNDING, between
 from proximity.kernels.ray.walk import ray_in_part
 from proximity.kernels.scene.inside.chunk_tables import new_workspace, reset_recent
-from proximity.kernels.stack_arrays import stack_f64, stack_f64_rows
+from proximity.kernels.stack_arrays import stack_arrays_of, stack_f64
 from proximity.kernels.traverse.depth_first import depth_first, in_blocks
-from proximity.native import entry, inlined, kernel
+from proximity.native import entry, inlined, kernel, record
 from proximity.native.simd import absolute, bits, maximum, minimum, splat, trailing_zeros
 
+VOLUME_BOX = record("VolumeBox", middle="(3,)f8", half="(3,)f8", bound="f8")
+"""A box of the common volume, outer local frame: middle, half sides, and a depth that it nowhere exceeds."""
+stack_boxes, _ = stack_arrays_of(VOLUME_BOX)
 SIDES = 8
 """Directions that are tried for the side to which all faces near a box look."""
 FACING = 2.0**-10
@@ -84,11 +81,12 @@ _walk_averted = depth_first(open_meeting, in_blocks(_find_averted))
 
 @inlined
 def _box_corner(boxes, row, k):
-    """One of the eight corners of a waiting box, which has middle and half sides."""
+    """One of the eight corners of a waiting box."""
+    middle, half = boxes[row].middle, boxes[row].half
     return (
-        boxes[row, 0] + (boxes[row, 3] if k & 1 else -boxes[row, 3]),
-        boxes[row, 1] + (boxes[row, 4] if k & 2 else -boxes[row, 4]),
-        boxes[row, 2] + (boxes[row, 5] if k & 4 else -boxes[row, 5]),
+        middle[0] + (half[0] if k & 1 else -half[0]),
+        middle[1] + (half[1] if k & 2 else -half[1]),
+        middle[2] + (half[2] if k & 4 else -half[2]),
     )
 
 
@@ -117,14 +115,11 @@ def _bound_in_box(model, outer, boxes, row, middle, distance, slot, bound, goal,
 @inlined
 def _away(reals, slot, p, distance, workspace):
     """The unit direction from the nearest point of a triangle to *p*."""
-    closest = workspace.closest
+    closest = workspace.closest[0]
     read_corners(reals, slot, closest)
     closest_on_triangle(p[0], p[1], p[2], closest)
-    return (
-        closest[CLOSEST_ARM] / distance,
-        closest[CLOSEST_ARM + 1] / distance,
-        closest[CLOSEST_ARM + 2] / distance,
-    )
+    x, y, z = vector(closest.arm)
+    return x / distance, y / distance, z / distance
 
 
 @kernel
@@ -155,11 +150,10 @@ def _has_critical(model, outer, boxes, row, middle, distance, slot, is_inside, b
 @kernel
 def _foot(reals, slot, p, frame_map, workspace):
     """The point of a triangle of the inner part that is nearest to *p*, in the outer frame."""
-    closest = workspace.closest
+    closest = workspace.closest[0]
     read_corners(reals, slot, closest)
     closest_on_triangle(p[0], p[1], p[2], closest)
-    x, y, z = closest[CLOSEST_POINT], closest[CLOSEST_POINT + 1], closest[CLOSEST_POINT + 2]
-    return mapped(frame_map[0], frame_map[1], x, y, z)
+    return mapped(frame_map[0], frame_map[1], *vector(closest.point))
 
 
 @kernel
@@ -167,18 +161,15 @@ def search_volume(model, inner, outer, frame_map, boxes, state, limits, budget, 
     """Look for deep points within the volume that both parts may have in common: in a first box and below."""
     ratio = abs(model.frames[inner].scale / model.frames[outer].scale)
     count, known, inner_known = 1, np.int64(NO_SLOT), np.int64(NO_SLOT)
-    while count > 0 and state[STEPS] < budget and count + 2 < CAPACITY:
+    while count > 0 and state.steps < budget and count + 2 < CAPACITY:
         count -= 1
-        middle, bound = (boxes[count, 0], boxes[count, 1], boxes[count, 2]), boxes[count, 6]
+        box = boxes[count]
+        middle, half, bound = vector(box.middle), box.half, box.bound
         if bound <= goal_of(state, limits):
-            state[BOUND] = max(state[BOUND], bound)
+            state.bound = max(state.bound, bound)
             continue
-        radius = sqrt(
-            boxes[count, 3] * boxes[count, 3]
-            + boxes[count, 4] * boxes[count, 4]
-            + boxes[count, 5] * boxes[count, 5]
-        )
-        state[STEPS] += 1.0
+        radius = sqrt(half[0] * half[0] + half[1] * half[1] + half[2] * half[2])
+        state.steps += 1
         distance, known = nearest_outer(model, outer, middle, known, workspace)
         is_inside = contains(model, outer, middle, known, workspace)
         if distance > radius * ROUNDED_UP and not is_inside:
@@ -196,30 +187,31 @@ def search_volume(model, inner, outer, frame_map, boxes, state, limits, budget, 
         if bound > goal:
             bound = _bound_in_box(model, outer, boxes, count, middle, distance, known, bound, goal, workspace)
         if bound <= goal:
-            state[BOUND] = max(state[BOUND], bound)
+            state.bound = max(state.bound, bound)
         elif _has_critical(model, outer, boxes, count, middle, distance, known, is_inside, bound, workspace):
             count = _halve(boxes, count, bound)
     for row in range(count):
-        state[BOUND] = max(state[BOUND], boxes[row, 6])
+        state.bound = max(state.bound, boxes[row].bound)
 
 
 @kernel
 def _halve(boxes, row, bound):
     """Replace a box by its halves along the longest side; return the count."""
-    axis = 0
+    box, other, axis = boxes[row], boxes[row + 1], 0
     for k in range(1, 3):
-        axis = k if boxes[row, 3 + k] > boxes[row, 3 + axis] else axis
-    for k in range(7):
-        boxes[row + 1, k] = boxes[row, k]
-    half = 0.5 * boxes[row, 3 + axis]
-    for k in range(2):
-        boxes[row + k, 3 + axis], boxes[row + k, 6] = half, bound
-        boxes[row + k, axis] += half if k else -half
+        axis = k if box.half[k] > box.half[axis] else axis
+    quarter = 0.5 * box.half[axis]
+    box.half[axis] = quarter
+    for k in range(3):
+        other.middle[k], other.half[k] = box.middle[k], box.half[k]
+    box.middle[axis] -= quarter
+    other.middle[axis] += quarter
+    box.bound = other.bound = bound
     return row + 2
 
 
 @kernel
-def fill_common_box(model, inner, outer, frame_map, boxes):
+def fill_common_box(model, inner, outer, frame_map, box):
     """Fill the common box of both parts, outer local frame; return a depth that no point of it exceeds."""
     frames, corner, least = model.frames, stack_f64(3), np.inf
     turn, offset = frame_map
@@ -235,24 +227,24 @@ def fill_common_box(model, inner, outer, frame_map, boxes):
         upper = (frames[outer].own_upper[axis] - frames[outer].centre[axis]) * frames[outer].scale
         least = min(least, 0.5 * (upper - lower))
         low, high = max(low, lower), min(high, upper)
-        boxes[0, axis], boxes[0, 3 + axis] = 0.5 * (low + high), max(0.5 * (high - low), 0.0) * ROUNDED_UP
-    boxes[0, 6] = least * ROUNDED_UP
-    return boxes[0, 6]
+        box.middle[axis], box.half[axis] = 0.5 * (low + high), max(0.5 * (high - low), 0.0) * ROUNDED_UP
+    box.bound = least * ROUNDED_UP
+    return box.bound
 
 
-@entry(ModelArrays, "int, int, float, float, int, float64[:]")
-def deepest_point(model, inner, outer, tolerance, rest, budget, deepest):
-    """Fill how deep points of one part are inside another at most; (`DEEPEST_SIZE`,).
+@entry(ModelArrays, "int, int, float, float, int, DeepestAnswer[:]")
+def deepest_point(model, inner, outer, tolerance, rest, budget, answers):
+    """Fill how deep points of one part are inside another at most; (1,).
 
     *tolerance*, *rest*: share of the depth, and length, m, that may be left between its bounds. *budget*:
-    steps at most. The lower bound that is in *deepest* before is known from elsewhere.
+    steps at most. The lower bound that is in *answers* before is known from elsewhere.
     """
-    frames, scale = model.frames, model.frames[outer].scale
-    workspace, state, boxes = new_workspace(), stack_f64(STATE_SIZE), stack_f64_rows(CAPACITY, 7)
+    frames, scale, deepest = model.frames, model.frames[outer].scale, answers[0]
+    workspace, state, boxes = new_workspace(), stack_search(1)[0], stack_boxes(CAPACITY)
     turn, offset = stack_f64(9), stack_f64(3)
     reset_recent(workspace)
-    known = deepest[DEEPEST_LOWER]
-    deepest[DEEPEST_UPPER], deepest[DEEPEST_STEPS] = known, 0.0
+    known = deepest.lower
+    deepest.upper, deepest.steps = known, 0
     if model.parts[outer].sign == SIGN_NONE or model.parts[inner].sign == SIGN_NONE:
         return
     frames_between(frames, outer, inner, turn, offset)
@@ -260,12 +252,12 @@ def deepest_point(model, inner, outer, tolerance, rest, budget, deepest):
     for k in range(3):
         slack = max(slack, abs(offset[k]) + 2.0 * abs(scale / frames[inner].scale))
     limits = tolerance, max(rest * scale, 16.0 * SIDE_ROUNDING * slack), 16.0 * SIDE_ROUNDING * slack
-    state[BEST], state[BOUND], state[STEPS] = known * scale, 0.0, 0.0
-    cap = fill_common_box(model, inner, outer, (turn, offset), boxes)
+    state.best, state.bound, state.steps = known * scale, 0.0, 0
+    cap = fill_common_box(model, inner, outer, (turn, offset), boxes[0])
     search_surface(model, inner, outer, (turn, offset), cap, state, limits, budget, workspace)
-    search_volume(model, inner, outer, (turn, offset), boxes, state, limits, 2.0 * budget, workspace)
-    deepest[DEEPEST_STEPS] = state[STEPS]
-    deepest[DEEPEST_UPPER] = max(known, max(state[BEST], state[BOUND]) / scale * ROUNDED_UP)
-    if state[BEST] > known * scale:
-        deepest[DEEPEST_LOWER] = state[BEST] / scale * ROUNDED_DOWN
-        to_scene(frames, model.parts, outer, state, POSITION, deepest, DEEPEST_POINT)
+    search_volume(model, inner, outer, (turn, offset), boxes, state, limits, 2 * budget, workspace)
+    deepest.steps = state.steps
+    deepest.upper = max(known, max(state.best, state.bound) / scale * ROUNDED_UP)
+    if state.best > known * scale:
+        deepest.lower = state.best / scale * ROUNDED_DOWN
+        to_scene(frames, model.parts, outer, state.position, 0, deepest.point, 0)

@@ -4,22 +4,29 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.triangle import cross, dot, offset_of
+from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import CELL_CROSSED, CELL_INSIDE, NO_SLOT
+from proximity.kernels.nodes import boxes_of, corners_at, offset_of
 from proximity.kernels.pair.triangles import between
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part, slot_distance_sq
 from proximity.kernels.scene.inside.containment import state_in_part
 from proximity.kernels.sign.side import signed_of_slot
-from proximity.native import inlined
-from proximity.native.simd import load, select, splat32
+from proximity.kernels.stack_arrays import stack_arrays_of
+from proximity.native import inlined, record
+from proximity.native.simd import select, splat32
 
 CAPACITY = 512
 """Pieces or boxes that wait at once."""
 WIDENING = np.float32(2.0**-20)
 """Local units by which boxes are widened for the rounding to float32."""
-# State of a search in the outer part's local frame: the deepest point found so far and how deep it is; the
-# largest bound of what was settled; steps.
-BEST, POSITION, BOUND, STEPS, STATE_SIZE = 0, 1, 4, 5, 6
+DEEPEST_SEARCH = record(
+    "DeepestSearch",
+    best="f8",  # outer part's local frame, as all that follows: depth of the deepest point found so far
+    position="(3,)f8",
+    bound="f8",  # the largest of what was settled
+    steps="i8",
+)
+stack_search, _ = stack_arrays_of(DEEPEST_SEARCH)
 
 
 @inlined
@@ -38,7 +45,7 @@ def contains(model, part, p, slot, workspace):
     """Whether a part contains *p*, of which the nearest triangle is known."""
     state = state_in_part(model, part, p)
     return (
-        signed_of_slot(model, part, slot, p, workspace.closest) < 0.0
+        signed_of_slot(model, part, slot, p, workspace.closest[0]) < 0.0
         if state == CELL_CROSSED
         else state == CELL_INSIDE
     )
@@ -47,30 +54,25 @@ def contains(model, part, p, slot, workspace):
 @inlined
 def goal_of(state, limits):
     """A bound up to this settles a piece; *limits*: the share and the length, local, left between bounds."""
-    return state[BEST] * (1.0 + limits[0]) + limits[1]
+    return state.best * (1.0 + limits[0]) + limits[1]
 
 
 @inlined
 def keep_deeper(state, depth, p):
     """Keep a point inside both parts if it is the deepest so far."""
-    state[STEPS] += 1.0
-    if depth > state[BEST]:
-        state[BEST] = depth
-        state[POSITION], state[POSITION + 1], state[POSITION + 2] = p
+    state.steps += 1
+    if depth > state.best:
+        state.best = depth
+        state.position[0], state.position[1], state.position[2] = p
 
 
 @inlined
 def _meets_box(words, base, box):
     """Which children of a node meet a box: lower and upper corners, float32."""
-    (lx, ly, lz), (ux, uy, uz) = box
-    return (
-        (load(words, base) <= splat32(ux))
-        & (load(words, base + 24) >= splat32(lx))
-        & (load(words, base + 8) <= splat32(uy))
-        & (load(words, base + 32) >= splat32(ly))
-        & (load(words, base + 16) <= splat32(uz))
-        & (load(words, base + 40) >= splat32(lz))
-    )
+    lower, upper = boxes_of(words, base)
+    is_met = (lower[0] <= splat32(box[1][0])) & (upper[0] >= splat32(box[0][0]))
+    is_met = is_met & (lower[1] <= splat32(box[1][1])) & (upper[1] >= splat32(box[0][1]))
+    return is_met & (lower[2] <= splat32(box[1][2])) & (upper[2] >= splat32(box[0][2]))
 
 
 @inlined
@@ -105,20 +107,9 @@ def distance_to_slot(reals, slot, p):
 
 
 @inlined
-def triangle_at(reals, slot):
-    """The corners of a triangle."""
-    at = offset_of(slot)
-    return (
-        (reals[at], reals[at + 8], reals[at + 16]),
-        (reals[at + 24], reals[at + 32], reals[at + 40]),
-        (reals[at + 48], reals[at + 56], reals[at + 64]),
-    )
-
-
-@inlined
 def normal_of_slot(reals, slot):
     """The unit normal of a triangle; 0 where it has no area."""
-    a, b, c = triangle_at(reals, slot)
+    a, b, c = corners_at(reals, offset_of(slot))
     x, y, z = cross(*between(a, b), *between(a, c))
     length = sqrt(dot(x, y, z, x, y, z))
     return (x / length, y / length, z / length) if length > 0.0 else (0.0, 0.0, 0.0)

@@ -9,12 +9,18 @@ Source: neighbourhoods of edges and faces in set operations, Requicha, Voelcker 
 
 from math import floor, sqrt
 
-from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
+from proximity.kernels.geometry.closest_feature import stack_closest
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import SIGN_NONE
-from proximity.kernels.pair.boxes import mapped
-from proximity.kernels.pair.connection import BOTH, between_edges, corner_of, on_triangle, read_both
-from proximity.kernels.pair.triangles import between
+from proximity.kernels.pair.boxes import mapped, to_second
+from proximity.kernels.pair.triangles import (
+    BOTH,
+    between,
+    between_edges,
+    corner_of,
+    on_triangle,
+    read_both,
+)
 from proximity.kernels.scene.inside.chunk_tables import new_workspace, reset_recent
 from proximity.kernels.scene.inside.containment import is_deep
 from proximity.kernels.stack_arrays import stack_f64
@@ -44,7 +50,7 @@ def meeting_reach(slack):
 @kernel
 def _add_common(corners, triangle, point, reach, points, count):
     """Append *point* if it lies on a triangle, 0 or 1; return the count."""
-    off = between(point, on_triangle(corners, triangle, *point, stack_f64(CLOSEST_SIZE)))
+    off = between(point, on_triangle(corners, triangle, *point, stack_closest(1)[0]))
     if dot(*off, *off) > reach * reach:
         return count
     points[3 * count], points[3 * count + 1], points[3 * count + 2] = point
@@ -238,19 +244,6 @@ def _width(corners, reach, line):
         x, y, z = points[3 * row] - line[0], points[3 * row + 1] - line[1], points[3 * row + 2] - line[2]
         widest = max(widest, _across(x, y, z, line)[3])
     return widest
-
-
-@inlined
-def to_second(frame_map, x, y, z):
-    """A point of the first frame in that of the second; `frames_between` gives the map."""
-    turn, offset = frame_map
-    inverse_sq = 1.0 / (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
-    dx, dy, dz = x - offset[0], y - offset[1], z - offset[2]
-    return (
-        (turn[0] * dx + turn[3] * dy + turn[6] * dz) * inverse_sq,
-        (turn[1] * dx + turn[4] * dy + turn[7] * dz) * inverse_sq,
-        (turn[2] * dx + turn[5] * dy + turn[8] * dz) * inverse_sq,
-    )
 
 
 @kernel

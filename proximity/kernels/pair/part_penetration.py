@@ -12,7 +12,6 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.answers import DEPTH_LOWER, DEPTH_NORMAL, DEPTH_STEPS, DEPTH_UPPER
 from proximity.kernels.geometry.frames import (
     ROUNDED_DOWN,
     direction_to_local,
@@ -20,19 +19,19 @@ from proximity.kernels.geometry.frames import (
     to_scene,
     turn_to_scene,
 )
+from proximity.kernels.geometry.rows import vector
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import NO_SLOT, ModelArrays
-from proximity.kernels.pair.boxes import frames_at
-from proximity.kernels.pair.held_motion import POSE_SIZE
+from proximity.kernels.pair.boxes import POSE_SIZE, frames_at, rounding_size
 from proximity.kernels.pair.meeting import SHARING, share_at
 from proximity.kernels.pair.part_query import fill_ends, turn_normal
 from proximity.kernels.pair.triangles import CROSSING
-from proximity.kernels.pair.walk import nearest_of_parts, rounding_size
+from proximity.kernels.pair.walk import nearest_of_parts
 from proximity.kernels.ray.walk import ray_in_part
 from proximity.kernels.scene.inside.chunk_tables import new_workspace, reset_recent
 from proximity.kernels.scene.inside.containment import contained_corner, is_deep
-from proximity.kernels.stack_arrays import stack_f64, stack_i64
-from proximity.native import entry, inlined, kernel
+from proximity.kernels.stack_arrays import stack_arrays_of, stack_f64, stack_i64
+from proximity.native import entry, inlined, kernel, record
 
 MOST_PROBES = 48
 CLOSEST_PROBE_TOLERANCE = 0.1
@@ -41,12 +40,23 @@ NEAR_CEILING = 0.8
 SKIPPED_AHEAD = 2.0**-36
 """Local units ahead of a point that are not looked at: the point may lie on a face."""
 
-# What is known: the first part is free nowhere below `LOWER`, and free at `UPPER`; the next probe is between
-# `FLOOR` and `CEILING`, and `NEXT_STRIDE` beyond the floor: 0 at first, since flush parts come free there.
-LOWER, UPPER, FLOOR, CEILING, NEXT_STRIDE, FIRST_STRIDE, KNOWN_SIZE = 0, 1, 2, 3, 4, 5, 6
-# What a probe finds: whether the parts are apart, and how far; or a point of both, scene's frame.
-STATE, GAP, POINT = 0, 1, 2
-PROBE_APART, PROBE_OVERLAPS, PROBE_UNDECIDED = 1.0, 0.0, -1.0
+PROBE_APART, PROBE_OVERLAPS, PROBE_UNDECIDED = 1, 0, -1
+PROBE_RESULT = record(
+    "ProbeResult",
+    state="i8",  # one of the three above
+    gap="f8",  # m: the parts are so far apart
+    point="(3,)f8",  # scene's frame: a point of both
+)
+DISPLACEMENTS = record(
+    "Displacements",
+    lower="f8",  # m: the first part is free nowhere below
+    upper="f8",  # m: it is free here
+    floor="f8",  # m: the next probe is between these two
+    ceiling="f8",
+    next_stride="f8",  # share beyond the floor of the next probe: 0 at first, flush parts come free there
+    first_stride="f8",
+)
+stack_result, stack_displacements = stack_arrays_of(PROBE_RESULT)[0], stack_arrays_of(DISPLACEMENTS)[0]
 
 
 @inlined
@@ -95,14 +105,14 @@ def _point_of_both(model, first, second, slots, frame_map, shift, found, workspa
     slack = rounding_size(frames, first, second, frame_map[1])
     if share_at(model, first, second, slots, frame_map, slack, inside) != SHARING:
         return False
-    to_scene(frames, parts, first, inside, 0, found, POINT)
+    to_scene(frames, parts, first, inside, 0, found.point, 0)
     turn_to_scene(frames, parts, first, inside, 3, direction, 0)
-    x, y, z = found[POINT], found[POINT + 1], found[POINT + 2]
+    x, y, z = vector(found.point)
     along, there = (direction[0], direction[1], direction[2]), (x + shift[0], y + shift[1], z + shift[2])
     reach = _inside_ahead(model, first, (x, y, z), along, np.inf, workspace)
     reach = min(reach, _inside_ahead(model, second, there, along, np.inf, workspace))
     for k in range(3):
-        found[POINT + k] = there[k] + 0.5 * reach * direction[k]
+        found.point[k] = there[k] + 0.5 * reach * direction[k]
     return True
 
 
@@ -128,41 +138,41 @@ def _probe(model, first, second, faces, shift, nearest, found, normal, last, bud
         last[0], last[1] = slots[0], slots[1]
     if best == CROSSING:
         is_found = _point_of_both(model, first, second, slots, (turn, offset), shift, found, workspace)
-        found[STATE] = PROBE_OVERLAPS if is_found else PROBE_UNDECIDED
+        found.state = PROBE_OVERLAPS if is_found else PROBE_UNDECIDED
         return steps
-    found[GAP], point = min(sqrt(max(lower_sq, 0.0)) / scale, nearest), stack_f64(3)
+    found.gap, point = min(sqrt(max(lower_sq, 0.0)) / scale, nearest), stack_f64(3)
     back = -shift[0], -shift[1], -shift[2]
-    found[STATE] = PROBE_APART if found[GAP] > 0.0 or budget == 0 or steps < budget else PROBE_UNDECIDED
+    found.state = PROBE_APART if found.gap > 0.0 or budget == 0 or steps < budget else PROBE_UNDECIDED
     if contained_corner(model, second, first, faces[0], shift, point, workspace):
-        found[STATE] = PROBE_OVERLAPS
+        found.state = PROBE_OVERLAPS
     elif contained_corner(model, first, second, faces[1], back, point, workspace):
-        found[STATE] = PROBE_OVERLAPS
+        found.state = PROBE_OVERLAPS
         for k in range(3):
             point[k] += shift[k]
     elif slots[0] != NO_SLOT:
         if best > 0.0:
             ends = stack_f64(6)
-            fill_ends(model, first, second, (turn, offset), False, slots, ends, 0)
+            fill_ends(model, first, second, (turn, offset), False, slots, ends)
             normal[0], normal[1], normal[2], _ = _unit(
                 ends[0] - ends[3], ends[1] - ends[4], ends[2] - ends[5]
             )
         else:
             turn_normal(model, first, (turn, offset), slots, normal)
     for k in range(3):
-        found[POINT + k] = point[k]
+        found.point[k] = point[k]
     return steps
 
 
 @kernel
 def _learn(model, first, second, at, direction, shift, known, found, workspace):
     """Take into account what a probe has found with the first part displaced by *at*."""
-    if found[STATE] == PROBE_APART:
-        known[UPPER] = max(min(known[UPPER], at - found[GAP] * ROUNDED_DOWN), known[LOWER])
-        known[CEILING] = min(known[CEILING], known[UPPER])
+    if found.state == PROBE_APART:
+        known.upper = max(min(known.upper, at - found.gap * ROUNDED_DOWN), known.lower)
+        known.ceiling = min(known.ceiling, known.upper)
         return
     begin = end = at
-    if found[STATE] == PROBE_OVERLAPS:
-        there = found[POINT], found[POINT + 1], found[POINT + 2]
+    if found.state == PROBE_OVERLAPS:
+        there = vector(found.point)
         here = there[0] - shift[0], there[1] - shift[1], there[2] - shift[2]
         along = direction[0], direction[1], direction[2]
         against = -direction[0], -direction[1], -direction[2]
@@ -170,64 +180,65 @@ def _learn(model, first, second, at, direction, shift, known, found, workspace):
         end += _inside_ahead(model, first, here, against, np.inf, workspace)
         begin -= _inside_ahead(model, second, there, against, np.inf, workspace)
         begin -= _inside_ahead(model, first, here, along, np.inf, workspace)
-        end = min(end * ROUNDED_DOWN, known[UPPER])
-    known[NEXT_STRIDE] = 4.0 * known[NEXT_STRIDE] + known[FIRST_STRIDE]
+        end = min(end * ROUNDED_DOWN, known.upper)
+    known.next_stride = 4.0 * known.next_stride + known.first_stride
     # Stretches that only meet leave an instant at which the parts may be free.
-    if begin < known[LOWER] * ROUNDED_DOWN:
-        known[LOWER] = max(known[LOWER], end)
-        known[FLOOR] = max(known[FLOOR], end)
-    elif begin <= known[FLOOR]:
-        known[FLOOR] = max(known[FLOOR], end)
+    if begin < known.lower * ROUNDED_DOWN:
+        known.lower = max(known.lower, end)
+        known.floor = max(known.floor, end)
+    elif begin <= known.floor:
+        known.floor = max(known.floor, end)
     else:
-        known[CEILING] = min(known[CEILING], begin)
-        known[FLOOR] = known[FLOOR] if end > begin else at
+        known.ceiling = min(known.ceiling, begin)
+        known.floor = known.floor if end > begin else at
 
 
-@entry(ModelArrays, "int, int, int32[:], int32[:], float64[:], float, float, int, float64[:]")
-def depth_along(model, first, second, faces, other_faces, direction, limit, tolerance, budget, depth):
-    """Fill how far the first part must move along a unit *direction*, scene's frame; (`DEPTH_SIZE`,).
+@entry(ModelArrays, "int, int, int32[:], int32[:], float64[:], float, float, int, DepthAnswer[:]")
+def depth_along(model, first, second, faces, other_faces, direction, limit, tolerance, budget, depths):
+    """Fill how far the first part must move along a unit *direction*, scene's frame; (1,).
 
     *faces*, *other_faces*: one of each of their surfaces. *limit*, m: a depth beyond it is not looked for.
     *tolerance*: share of it by which its bounds may differ. *budget*: steps at most; 0: as many as it takes.
-    The bound from above that is in *depth* before is where it is looked first; 0: nowhere.
+    The first probe is at the upper bound that *depths* holds before; 0: nowhere.
     """
-    frames, known, found, shift = model.frames, stack_f64(KNOWN_SIZE), stack_f64(5), stack_f64(3)
+    known, found, depth = stack_displacements(1)[0], stack_result(1)[0], depths[0]
+    frames, shift = model.frames, stack_f64(3)
     normal, last, workspace = stack_f64(3), stack_i64(2), new_workspace()
     last[0] = last[1] = NO_SLOT
     reset_recent(workspace)
     size = _boxes_apart_from(frames[first], frames[second], direction)
-    known[LOWER] = known[FLOOR] = 0.0
-    known[UPPER] = known[CEILING] = size
-    known[FIRST_STRIDE] = max(0.5 * tolerance, 1e-6)
-    known[NEXT_STRIDE] = -0.25 * known[FIRST_STRIDE]
+    known.lower = known.floor = 0.0
+    known.upper = known.ceiling = size
+    known.first_stride = max(0.5 * tolerance, 1e-6)
+    known.next_stride = -0.25 * known.first_stride
     normal[0] = normal[1] = normal[2] = 0.0
-    at, steps, probes, is_open = min(depth[DEPTH_UPPER], size), 0, 0, size > 0.0
+    at, steps, probes, is_open = min(depth.upper, size), 0, 0, size > 0.0
     while is_open:
         for k in range(3):
             shift[k] = at * direction[k]
-        nearest = max(at - known[LOWER], 1e-9 * size) * 1.001
+        nearest = max(at - known.lower, 1e-9 * size) * 1.001
         left = budget - steps if budget > 0 else 0
         steps += _probe(
             model, first, second, (faces, other_faces), shift, nearest, found, normal, last, left, workspace
         )
         _learn(model, first, second, at, direction, shift, known, found, workspace)
         probes += 1
-        if known[CEILING] - known[FLOOR] <= tolerance * known[CEILING] + 1e-12 * size:
+        if known.ceiling - known.floor <= tolerance * known.ceiling + 1e-12 * size:
             # A gap that is left open below: it is looked on beyond it.
-            known[CEILING] = known[UPPER]
-            known[FLOOR] = max(known[FLOOR], min(at, known[UPPER]))
+            known.ceiling = known.upper
+            known.floor = max(known.floor, min(at, known.upper))
         is_open = (
-            known[UPPER] - known[FLOOR] > tolerance * known[UPPER] + 1e-12 * size
-            and known[LOWER] <= limit
+            known.upper - known.floor > tolerance * known.upper + 1e-12 * size
+            and known.lower <= limit
             and probes < MOST_PROBES
             and (budget == 0 or steps < budget)
         )
-        at = 0.5 * (known[FLOOR] + known[CEILING])
-        if found[STATE] == PROBE_APART and probes % 2 == 1:
-            at = max(at, (1.0 - NEAR_CEILING * tolerance) * known[CEILING])
-        elif found[STATE] != PROBE_APART:
-            stride = known[NEXT_STRIDE]
-            at = min(at, known[FLOOR] / ROUNDED_DOWN * (1.0 + stride) + stride * 1e-3 * size)
-    depth[DEPTH_LOWER], depth[DEPTH_UPPER], depth[DEPTH_STEPS] = known[LOWER], known[UPPER], steps
+        at = 0.5 * (known.floor + known.ceiling)
+        if found.state == PROBE_APART and probes % 2 == 1:
+            at = max(at, (1.0 - NEAR_CEILING * tolerance) * known.ceiling)
+        elif found.state != PROBE_APART:
+            stride = known.next_stride
+            at = min(at, known.floor / ROUNDED_DOWN * (1.0 + stride) + stride * 1e-3 * size)
+    depth.lower, depth.upper, depth.steps = known.lower, known.upper, steps
     for k in range(3):
-        depth[DEPTH_NORMAL + k] = normal[k]
+        depth.normal[k] = normal[k]

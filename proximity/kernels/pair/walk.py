@@ -1,34 +1,31 @@
-"""The walk over two parts' trees at once: the nearest two triangles, or two that cross.
+"""The nearest two triangles of two parts, or two that cross: walks over both trees at once.
 
-Everything is computed in the local frame of the first part. A pair of boxes waits with a squared distance
-below which nothing in them lies; the larger box of the nearest pair is opened, and its eight children are
-compared with the other box at once. A box of the second part is taken into the frame of the first with a box
-around it.
+Everything is computed in the local frame of the first part, and boxes in float64. The larger box of a pair
+is opened, and its eight children are compared with the other box at once. A box of the second part is taken
+into the frame of the first with a box around it.
 
-Boxes and pairs are looked at in float64: the turned boxes of the second part are the looser ones by far.
+A walk from nothing opens the nearest pair first; its limits are squared distances. A walk from the frontier
+of the last one continues where that ended: limits, which are distances, are lowered by how far a part has
+moved, and only entries that are then nearer than the best are opened again.
 """
+
+from math import sqrt
 
 import numpy as np
 
 from proximity.kernels.geometry.closest_feature import (
-    CLOSEST_POINT,
-    CLOSEST_SIZE,
     closest_on_triangle,
     read_corners,
+    stack_closest,
 )
-from proximity.kernels.layout import (
-    LANES,
-    MAX_DEPTH,
-    NO_SLOT,
-    NODE_CHILDREN,
-    NODE_STRIDE,
-    STACKS_SIZE,
-)
-from proximity.kernels.pair.blocks import MAP_ROUNDING, nearer_in_blocks, turn_axis
+from proximity.kernels.geometry.rows import vector
+from proximity.kernels.layout import LANES, MAX_DEPTH, NO_SLOT, NODE_STRIDE, STACKS_SIZE
+from proximity.kernels.nodes import used_lanes, wide_boxes_of
+from proximity.kernels.pair.blocks import nearer_in_blocks, turn_axis
 from proximity.kernels.pair.boxes import (
+    MAP_ROUNDING,
     begins_of,
     box_at,
-    boxes_at,
     ends_of,
     farther,
     gaps_sq,
@@ -36,69 +33,43 @@ from proximity.kernels.pair.boxes import (
     mapped,
     mapped_box_at,
     mapped_boxes,
+    rounding_size,
+    to_second,
 )
-from proximity.kernels.pair.meeting import meeting_reach, to_second
+from proximity.kernels.pair.meeting import meeting_reach
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part
-from proximity.kernels.stack_arrays import stack_f32, stack_f64, stack_i64, stack_i64_rows
-from proximity.native import inlined, kernel
-from proximity.native.simd import (
-    bits,
-    load,
-    load_int,
-    splat,
-    store,
-    trailing_zeros,
+from proximity.kernels.stack_arrays import stack_f32, stack_f64, stack_i32_rows, stack_i64
+from proximity.kernels.traverse.dual_first import (
+    NEARLY,
+    OVERFLOW,
+    Frontier,
+    append_children,
+    append_entry,
+    dual_first,
+    lower_limits,
+    nearest_to_end,
 )
+from proximity.native import inlined, kernel
+from proximity.native.simd import bits, splat, square_root, store, trailing_zeros
 
 MOST_TURNS = 4
 """Times that a search between surfaces goes to and fro."""
-MOST_PAIRS = 2 * MAX_DEPTH * (LANES - 1) + LANES * LANES
+MOST_PAIRS = 2 * MAX_DEPTH * (LANES - 1) + LANES * LANES + 3 * LANES
 """Each opened box leaves at most seven children waiting; at first all children of both roots wait."""
 
 
 @inlined
-def used(words, base):
-    """Which lanes of a node have children: bits."""
-    return bits(load(words, base) <= load(words, base + 24))
-
-
-@inlined
-def size_at(words, position):
-    """The longest side of the box at a child's position."""
-    return max(
-        words[position + 24] - words[position],
-        words[position + 32] - words[position + 8],
-        words[position + 40] - words[position + 16],
-    )
-
-
-@inlined
-def opens_first(words, below_one, below_other, one, other, ratio):
-    """Whether the box of the first part is opened, not that of the second: the larger, if no block."""
-    return below_other < 0 or (below_one >= 0 and size_at(words, one) > ratio * size_at(words, other))
-
-
-@inlined
-def rounding_size(frames, first, second, offset):
-    """The size of coordinates of both parts in the frame of the first, for `MAP_ROUNDING`."""
-    ratio = abs(frames[first].scale / frames[second].scale)
-    size = 1.0 + 2.0 * ratio
-    for k in range(3):
-        size = max(size, abs(offset[k]) + 2.0 * ratio)
-    return size
-
-
-@inlined
-def bounds_of_children(words, one, other, is_first, frame_map, margin, axis, box):
+def _children_sq(model, query, one, other, is_first):
     """Squared distances of the eight children of a node with a box that none of them is nearer than.
 
     *one*, *other*: that of the part whose node is opened (*is_first*: the first) is a node, the other the
-    position of a box. *box*: (7,), written to.
+    position of a box.
     """
-    turn, offset = frame_map
+    (_, (turn, offset), slack, _, _, axis, box, _), words = query, model.words
+    margin = splat(MAP_ROUNDING * slack)
     if is_first:
         mapped_box_at(words, other, turn, offset, axis, box)
-        opened = boxes_at(words, one)
+        opened = wide_boxes_of(words, one)
         return farther(gaps_sq(opened, lanes_of(box), margin), splat(box[6]), ends_of(opened, axis), margin)
     box_at(words, one, axis, box)
     bounds = gaps_sq(lanes_of(box), mapped_boxes(words, other, turn, offset), margin)
@@ -106,34 +77,37 @@ def bounds_of_children(words, one, other, is_first, frame_map, margin, axis, box
 
 
 @inlined
-def _wait(waiting, at, one, other, bounds, open_lanes, is_first):
-    """Leave pairs of the children at a node with a box waiting, the nearest as the last; *at* behind them.
-
-    *one*, *other*: positions; of the part whose node is opened (*is_first*: the first) that of its lane 0.
-    """
-    positions, limits, lane_bounds = waiting
-    store(lane_bounds, 0, bounds)
-    begin, nearest = at, at
-    while open_lanes:
-        lane = trailing_zeros(open_lanes)
-        open_lanes &= open_lanes - 1
-        positions[at, 0] = one + (lane if is_first else 0)
-        positions[at, 1] = other + (0 if is_first else lane)
-        limits[at] = lane_bounds[lane]
-        if limits[at] < limits[nearest]:
-            nearest = at
-        at += 1
-    if at > begin:
-        _swap(positions, limits, nearest, at - 1)
-    return at
+def _children(model, query, one, other, is_first):
+    return square_root(_children_sq(model, query, one, other, is_first))
 
 
 @inlined
-def _swap(positions, limits, one, other):
-    """Exchange two pairs that wait."""
-    limits[one], limits[other] = limits[other], limits[one]
-    for k in range(2):
-        positions[one, k], positions[other, k] = positions[other, k], positions[one, k]
+def _look_into_sq(model, query, first, second, best):
+    """The best squared distance with what two blocks have, and one below which none of their triangles is."""
+    pair, frame_map, slack, _, _, axis, _, slots = query
+    return nearer_in_blocks(model, pair, first, second, frame_map, slack, best, axis, slots)
+
+
+@inlined
+def _look_into(model, query, first, second, best):
+    best, least_sq = _look_into_sq(model, query, first, second, best)
+    meeting_sq = query[3]
+    return best, _reach(query, best) if best == meeting_sq else sqrt(max(least_sq, 0.0))
+
+
+@inlined
+def _reach_sq(query, best):
+    """Squared distance from which on nothing is looked for: the best, less a share."""
+    return best * query[4]
+
+
+@inlined
+def _reach(query, best):
+    return sqrt(max(best, 0.0)) * query[4]
+
+
+_walk_from_nothing = dual_first(_children_sq, _look_into_sq, _reach_sq, is_kept=False)
+_walk_from_frontier = dual_first(_children, _look_into, _reach, is_kept=True)
 
 
 @kernel
@@ -183,10 +157,26 @@ def _keep_shorter(reals, tried, turn, offset, best, axis, slots):
 @kernel
 def _nearest_on(reals, slot, x, y, z):
     """The point of a triangle that is nearest to another point."""
-    closest = stack_f64(CLOSEST_SIZE)
+    closest = stack_closest(1)[0]
     read_corners(reals, slot, closest)
     closest_on_triangle(x, y, z, closest)
-    return closest[CLOSEST_POINT], closest[CLOSEST_POINT + 1], closest[CLOSEST_POINT + 2]
+    return vector(closest.point)
+
+
+@inlined
+def _begin(model, first, second, frame_map, best, share, axis, box, slots):
+    """The query of a walk, and the best squared distance to begin with."""
+    slack, (turn, offset) = rounding_size(model.frames, first, second, frame_map[1]), frame_map
+    meeting_sq = meeting_reach(slack) * meeting_reach(slack)
+    axis[0], axis[1], axis[2] = 0.0, 0.0, 0.0
+    best = max(begin_short(model, first, second, turn, offset, best, axis, slots), meeting_sq)
+    return ((first, second), frame_map, slack, meeting_sq, share, axis, box, slots), best
+
+
+@inlined
+def _ratio(frames, first, second):
+    """Length of the second part's local unit in the first's."""
+    return abs(frames[first].scale / frames[second].scale)
 
 
 @kernel
@@ -198,59 +188,58 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
     most; 0: as many as it takes. *slots* (2,) int64: of the last answer, or `NO_SLOT`; filled with those of
     the nearest triangles, or of two that cross, or `NO_SLOT`.
     """
-    _, words, frames, parts = model
-    turn, offset = frame_map
-    positions, limits = stack_i64_rows(MOST_PAIRS, 2), stack_f64(MOST_PAIRS)
-    waiting = positions, limits, stack_f64(LANES)
-    box, axis = stack_f64(7), stack_f64(3)
-    axis[0], axis[1], axis[2] = 0.0, 0.0, 0.0
-    ratio = abs(frames[first].scale / frames[second].scale)
-    slack = rounding_size(frames, first, second, offset)
-    margin = splat(MAP_ROUNDING * slack)
-    meeting_sq = meeting_reach(slack) * meeting_reach(slack)
-    best = max(begin_short(model, first, second, turn, offset, best, axis, slots), meeting_sq)
+    words, parts, (turn, offset) = model.words, model.parts, frame_map
+    limits, entries = stack_f64(MOST_PAIRS), stack_i32_rows(MOST_PAIRS, 3)
+    frontier = Frontier(limits, entries, np.int64(0), np.int64(MOST_PAIRS))
+    axis, box, lane_limits = stack_f64(3), stack_f64(7), stack_f64(LANES)
+    share = 1.0 / ((1.0 + tolerance) * (1.0 + tolerance))
+    query, best = _begin(model, first, second, frame_map, best, share, axis, box, slots)
+    margin = splat(MAP_ROUNDING * query[2])
     one, other = NODE_STRIDE * parts[first].root, NODE_STRIDE * parts[second].root
-    at, left = 0, used(words, one)
+    count, left = 0, bits(used_lanes(words, one))
     while left:
-        lane = trailing_zeros(left)
+        position, begin = one + trailing_zeros(left), count
         left &= left - 1
-        box_at(words, one + lane, axis, box)
-        bounds = gaps_sq(lanes_of(box), mapped_boxes(words, other, turn, offset), margin)
-        at = _wait(waiting, at, one + lane, other, bounds, used(words, other), False)
-    nearest = at - 1
-    for k in range(at):
-        if limits[k] < limits[nearest]:
-            nearest = k
-    _swap(positions, limits, nearest, at - 1)
-    share_sq = 1.0 / ((1.0 + tolerance) * (1.0 + tolerance))
-    reach, steps = best * share_sq, 0
-    while at > 0 and best > 0.0 and (budget == 0 or steps < budget):
-        at -= 1
-        if not limits[at] < reach:
-            continue
-        steps += 1
-        one, other = positions[at, 0], positions[at, 1]
-        below_one = load_int(words, one + NODE_CHILDREN)
-        below_other = load_int(words, other + NODE_CHILDREN)
-        if below_one < 0 and below_other < 0:
-            best, _ = nearer_in_blocks(
-                model, (first, second), ~below_one, ~below_other, frame_map, slack, best, axis, slots
-            )
-            reach = best * share_sq
-        elif opens_first(words, below_one, below_other, one, other, ratio):
-            node = NODE_STRIDE * below_one
-            bounds = bounds_of_children(words, node, other, True, frame_map, margin, axis, box)
-            is_open = bits(bounds < splat(reach)) & used(words, node)
-            at = _wait(waiting, at, node, other, bounds, is_open, True)
-        else:
-            node = NODE_STRIDE * below_other
-            bounds = bounds_of_children(words, one, node, False, frame_map, margin, axis, box)
-            is_open = bits(bounds < splat(reach)) & used(words, node)
-            at = _wait(waiting, at, one, node, bounds, is_open, False)
-    if best == meeting_sq and slots[0] != NO_SLOT:
+        box_at(words, position, axis, box)
+        store(lane_limits, 0, gaps_sq(lanes_of(box), mapped_boxes(words, other, turn, offset), margin))
+        used = bits(used_lanes(words, other))
+        count = append_children(frontier, count, position, other, False, used, lane_limits)
+        nearest_to_end(frontier, begin, begin, count)
+    nearest_to_end(frontier, count - 1, 0, count)
+    ratio = _ratio(model.frames, first, second)
+    best, count, steps = _walk_from_nothing(model, query, ratio, frontier, count, best, budget)
+    if best == query[3] and slots[0] != NO_SLOT:
         return 0.0, 0.0, steps
     # What still waits was not looked into.
-    lower = reach
-    for k in range(at):
-        lower = min(lower, limits[k])
-    return best, lower, steps
+    return best, min(_reach_sq(query, best), lower_limits(frontier, count, 0.0)), steps
+
+
+@kernel
+def nearest_from_frontier(
+    model, first, second, frame_map, frontier, count, moved, best, tolerance, budget, slots
+):
+    """As `nearest_of_parts`, from a frontier of *count* entries, 0: none, which it renews.
+
+    *moved*: how far anything on either part has moved since, local units. Also returns the new count;
+    `OVERFLOW` where there was no room for the frontier: then nothing else is of use.
+    """
+    words, parts, axis, box = model.words, model.parts, stack_f64(3), stack_f64(7)
+    share = 1.0 / (1.0 + tolerance)
+    query, best = _begin(model, first, second, frame_map, best, share, axis, box, slots)
+    if count > 0:
+        lower_limits(frontier, count, moved)
+    else:
+        one, other = NODE_STRIDE * parts[first].root, NODE_STRIDE * parts[second].root
+        left, marks = bits(used_lanes(words, one)), bits(used_lanes(words, other))
+        while left:
+            count = append_entry(frontier, count, one + trailing_zeros(left), other, marks, 0.0)
+            left &= left - 1
+    ratio = _ratio(model.frames, first, second)
+    best, count, steps = _walk_from_frontier(model, query, ratio, frontier, count, best, budget)
+    if count == OVERFLOW:
+        return best, 0.0, steps, count
+    if best == query[3] and slots[0] != NO_SLOT:
+        return 0.0, 0.0, steps, count
+    reach, lowest = _reach(query, best), lower_limits(frontier, count, 0.0)
+    lower = reach if lowest >= reach * NEARLY else max(lowest, 0.0)
+    return best, lower * lower if best > 0.0 else 0.0, steps, count

@@ -7,14 +7,20 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.box import LARGEST_BOUND, LARGEST_REST, SHRINK_FAR, point_boxes_distance_sq
+from proximity.kernels.geometry.box import (
+    LARGEST_BOUND,
+    LARGEST_REST,
+    SHRINK_FAR,
+    point_boxes_distance_sq,
+    wide_gaps_sq,
+)
 from proximity.kernels.geometry.frames import to_local
 from proximity.kernels.layout import MOMENT_STRIDE, NODE_STRIDE
 from proximity.kernels.point.walk import best_of_block, nearer_in_block, slot_distance_sq
 from proximity.kernels.traverse.best_first import best_first
 from proximity.kernels.tree.normal_slab import SMALLEST_BOUND, slabs_distance_sq
 from proximity.native import inlined
-from proximity.native.simd import fma, load, maximum, minimum, narrow, select, splat, splat32, widen
+from proximity.native.simd import maximum, minimum, narrow, select, splat, splat32
 
 NO_TOLERANCE = 0.0, 0.0
 """Tolerance of an exact search, see `_target_sq`."""
@@ -45,19 +51,9 @@ def _bounds(words, base, query):
     """
     px, py, pz, factor, is_far = query
     if is_far:
-        wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
-        zero = splat(0.0)
-        gap_x = maximum(
-            maximum(widen(load(words, base)) - wide_x, wide_x - widen(load(words, base + 24))), zero
-        )
-        gap_y = maximum(
-            maximum(widen(load(words, base + 8)) - wide_y, wide_y - widen(load(words, base + 32))), zero
-        )
-        gap_z = maximum(
-            maximum(widen(load(words, base + 16)) - wide_z, wide_z - widen(load(words, base + 40))), zero
-        )
-        wide = fma(gap_x, gap_x, fma(gap_y, gap_y, gap_z * gap_z)) * splat(SHRINK_FAR * BOUND_SHRINK * factor)
-        wide = select(wide > splat(SMALLEST_BOUND), wide, zero)
+        wide = wide_gaps_sq(words, base, splat(px), splat(py), splat(pz))
+        wide = wide * splat(SHRINK_FAR * BOUND_SHRINK * factor)
+        wide = select(wide > splat(SMALLEST_BOUND), wide, splat(0.0))
         return narrow(select(wide < splat(np.inf), minimum(wide, splat(LARGEST_REST)), wide))
     x, y, z = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
     shrunk = np.float32(BOUND_SHRINK * factor if factor > SMALLEST_BOUND else 0.0)

@@ -26,7 +26,8 @@ import numpy as np
 from proximity.kernels.geometry.box import nearest_in_boxes
 from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import BLOCK_STRIDE, ENTRY, LANES, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.layout import BLOCK_STRIDE, ENTRY, LANES, NODE_STRIDE
+from proximity.kernels.nodes import child_at, corner_at, corners_of_block, lower_at, upper_at
 from proximity.kernels.point.budgeted_walk import NO_TOLERANCE, best_known, factor_of, nearest_with_budget
 from proximity.kernels.point.walk import nearer_in_block
 from proximity.native import inlined, kernel
@@ -88,9 +89,7 @@ face may recede as the plane comes, less what the sum is rounded by."""
 def _plane_of_block(reals, base, px, py, pz):
     """A plane that has all triangles of a block behind, and is nearly as far from *p* as they are."""
     wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
-    ax, ay, az = load(reals, base), load(reals, base + 8), load(reals, base + 16)
-    bx, by, bz = load(reals, base + 24), load(reals, base + 32), load(reals, base + 40)
-    cx, cy, cz = load(reals, base + 48), load(reals, base + 56), load(reals, base + 64)
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners_of_block(reals, base)
     to_a = dot(wide_x - ax, wide_y - ay, wide_z - az, wide_x - ax, wide_y - ay, wide_z - az)
     to_b = dot(wide_x - bx, wide_y - by, wide_z - bz, wide_x - bx, wide_y - by, wide_z - bz)
     to_c = dot(wide_x - cx, wide_y - cy, wide_z - cz, wide_x - cx, wide_y - cy, wide_z - cz)
@@ -102,14 +101,14 @@ def _plane_of_block(reals, base, px, py, pz):
     # The corner that is nearest; triangles share corners.
     corner, nearest = 0, bits(to_a <= splat(least_sq))
     if not nearest:
-        corner, nearest = 24, bits(to_b <= splat(least_sq))
+        corner, nearest = 1, bits(to_b <= splat(least_sq))
     if not nearest:
-        corner, nearest = 48, bits(to_c <= splat(least_sq))
-    at = base + corner + trailing_zeros(nearest)
+        corner, nearest = 2, bits(to_c <= splat(least_sq))
+    x, y, z = corner_at(reals, base + trailing_zeros(nearest), corner)
     share = 1.0 / sqrt(least_sq)
-    gx = np.float64(np.float32((px - reals[at]) * share))
-    gy = np.float64(np.float32((py - reals[at + 8]) * share))
-    gz = np.float64(np.float32((pz - reals[at + 16]) * share))
+    gx = np.float64(np.float32((px - x) * share))
+    gy = np.float64(np.float32((py - y) * share))
+    gz = np.float64(np.float32((pz - z) * share))
     wide_x, wide_y, wide_z = splat(gx), splat(gy), splat(gz)
     farthest = maximum(
         dot(wide_x, wide_y, wide_z, ax, ay, az),
@@ -119,11 +118,11 @@ def _plane_of_block(reals, base, px, py, pz):
 
 
 @inlined
-def _plane_of_box(words, base, qx, qy, qz):
+def _plane_of_box(words, position, qx, qy, qz):
     """The plane of one child's box as it is from *q*: direction and offset; and how far the box is."""
-    at_x = min(max(qx, words[base]), words[base + 24])
-    at_y = min(max(qy, words[base + 8]), words[base + 32])
-    at_z = min(max(qz, words[base + 16]), words[base + 40])
+    at_x = min(max(qx, lower_at(words, position, 0)), upper_at(words, position, 0))
+    at_y = min(max(qy, lower_at(words, position, 1)), upper_at(words, position, 1))
+    at_z = min(max(qz, lower_at(words, position, 2)), upper_at(words, position, 2))
     gx, gy, gz = qx - at_x, qy - at_y, qz - at_z
     length_sq = gx * gx + gy * gy + gz * gz
     length = np.float32(sqrt(length_sq))
@@ -299,14 +298,14 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
                 break
             looked_at |= opened & -opened
             lane = trailing_zeros(opened)
-            base = NODE_STRIDE * np.int64(frontier[FRONTIER_NODES + node]) + lane
-            plane = _plane_of_box(words, base, qx, qy, qz)
+            position = NODE_STRIDE * np.int64(frontier[FRONTIER_NODES + node]) + lane
+            plane = _plane_of_box(words, position, qx, qy, qz)
             if plane[4] <= reach:
                 if work >= budget:
                     is_found = False
                     break
                 work += 1
-                reference = np.int64(load_int(words, base + NODE_CHILDREN))
+                reference = np.int64(child_at(words, position))
                 if reference >= 0:
                     if count >= limit or reference >= MOST_NODES:
                         begins, is_found = True, not has_begun

@@ -17,8 +17,9 @@ import numpy as np
 
 from proximity.kernels.geometry.box import bound_of, lanes_of_point, node_bounds_sq
 from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
-from proximity.kernels.geometry.triangle import offset_of, point_block_distance_sq, point_triangle_distance_sq
+from proximity.kernels.geometry.triangle import point_block_distance_sq, point_triangle_distance_sq
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_PART, NO_SLOT, ORIENTED_STRIDE
+from proximity.kernels.nodes import corners_at, offset_of
 from proximity.kernels.traverse.depth_first import (
     SCENE_STACKS,
     depth_first,
@@ -63,13 +64,7 @@ def best_of_block(reals, slot, px, py, pz):
 @inlined
 def slot_distance_sq(reals, slot, px, py, pz):
     """Squared distance from *p* to the triangle at *slot*: to the bit what the walk computes for it."""
-    base = offset_of(slot)
-    return point_triangle_distance_sq(
-        (px, py, pz),
-        (reals[base], reals[base + 8], reals[base + 16]),
-        (reals[base + 24], reals[base + 32], reals[base + 40]),
-        (reals[base + 48], reals[base + 56], reals[base + 64]),
-    )
+    return point_triangle_distance_sq((px, py, pz), *corners_at(reals, offset_of(slot)))
 
 
 @inlined

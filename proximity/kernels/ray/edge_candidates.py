@@ -8,12 +8,13 @@ those whose boxes it reaches, eight triangles at a time.
 import numpy as np
 
 from proximity.kernels.geometry.triangle import cross, dot
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.nodes import boxes_of, child_at, corners_of_block, is_used, lower_at, upper_at
 from proximity.kernels.ray.edge_contact import EDGE_CREASED, edge_ray, has_corner, kind_of_edge, lies_on
 from proximity.kernels.ray.walk import hits_in_block, look_along
 from proximity.kernels.stack_arrays import stack_f32, stack_i64
 from proximity.native import inlined, kernel
-from proximity.native.simd import bits, load, load_int, maximum, minimum, splat, splat32, trailing_zeros
+from proximity.native.simd import bits, maximum, minimum, splat, splat32, trailing_zeros
 
 MOST_NEAR = 32
 """Blocks that are listed for one: where there are more, as next to long faces, it is sooner said of all edges
@@ -28,17 +29,14 @@ UNKNOWN = -1
 
 
 @kernel
-def _list_near(words, root, base, lane, stack, near, near_boxes):
-    """List the blocks whose boxes overlap that in a lane of the node at *base*; how many, or too many.
+def _list_near(words, root, position, stack, near, near_boxes):
+    """List the blocks whose boxes overlap that of the child at a position; how many, or too many.
 
     *near_boxes*: the sides of eight boxes at a time, as in nodes.
     """
-    low_x, low_y, low_z = (
-        splat32(words[base + lane]), splat32(words[base + 8 + lane]), splat32(words[base + 16 + lane])
-    )  # fmt: skip
-    high_x, high_y, high_z = (
-        splat32(words[base + 24 + lane]), splat32(words[base + 32 + lane]), splat32(words[base + 40 + lane])
-    )  # fmt: skip
+    low_x, high_x = splat32(lower_at(words, position, 0)), splat32(upper_at(words, position, 0))
+    low_y, high_y = splat32(lower_at(words, position, 1)), splat32(upper_at(words, position, 1))
+    low_z, high_z = splat32(lower_at(words, position, 2)), splat32(upper_at(words, position, 2))
     stack[0] = root
     count, waiting = 0, 1
     while waiting:
@@ -48,7 +46,7 @@ def _list_near(words, root, base, lane, stack, near, near_boxes):
         while met:
             child = trailing_zeros(met)
             met &= met - 1
-            reference = load_int(words, node + NODE_CHILDREN + child)
+            reference = child_at(words, node + child)
             if reference >= 0:
                 stack[waiting] = reference
                 waiting += 1
@@ -66,11 +64,10 @@ def _list_near(words, root, base, lane, stack, near, near_boxes):
 @inlined
 def _overlapping(words, at, low_x, low_y, low_z, high_x, high_y, high_z):
     """Which of the eight boxes at *at* overlap a box: bits."""
+    (lx, ly, lz), (ux, uy, uz) = boxes_of(words, at)
     return bits(
-        (load(words, at) <= high_x) & (load(words, at + 24) >= low_x)
-        & (load(words, at + 8) <= high_y) & (load(words, at + 32) >= low_y)
-        & (load(words, at + 16) <= high_z) & (load(words, at + 40) >= low_z)
-    )  # fmt: skip
+        (lx <= high_x) & (ux >= low_x) & (ly <= high_y) & (uy >= low_y) & (lz <= high_z) & (uz >= low_z)
+    )
 
 
 @inlined
@@ -163,11 +160,8 @@ def _edges_through(corners, faces, slot_faces, reals, face, block, lanes, edges,
 @inlined
 def planes_of_block(reals, base):
     """A corner and a normal of each of eight triangles."""
-    ax, ay, az = load(reals, base), load(reals, base + 8), load(reals, base + 16)
-    normals = cross(
-        load(reals, base + 24) - ax, load(reals, base + 32) - ay, load(reals, base + 40) - az,
-        load(reals, base + 48) - ax, load(reals, base + 56) - ay, load(reals, base + 64) - az,
-    )  # fmt: skip
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners_of_block(reals, base)
+    normals = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
     return (ax, ay, az), normals
 
 
@@ -299,14 +293,14 @@ def note_candidates(corners, faces, neighbors, slot_faces, reals, words, root, d
         waiting -= 1
         base = NODE_STRIDE * inner[waiting]
         for lane in range(LANES):
-            if not words[base + lane] <= words[base + 24 + lane]:
+            if not is_used(words, base + lane):
                 continue
-            reference = load_int(words, base + NODE_CHILDREN + lane)
+            reference = child_at(words, base + lane)
             if reference >= 0:
                 inner[waiting] = reference
                 waiting += 1
                 continue
-            count = _list_near(words, root, base, lane, stack, near, near_boxes)
+            count = _list_near(words, root, base + lane, stack, near, near_boxes)
             _compare_block(
                 corners, faces, neighbors, slot_faces, reals, ~reference, near, near_boxes, count, depth,
                 candidates,

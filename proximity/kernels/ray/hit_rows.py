@@ -13,8 +13,9 @@ from proximity.kernels.answers import (
     RAY_ANSWER_REALS,
 )
 from proximity.kernels.geometry.frames import part_of_slot
-from proximity.kernels.geometry.triangle import cross, dot, offset_of
-from proximity.kernels.layout import FRAME, FRAME_COLUMNS, LANES, NO_FACE, NO_PART, field_at
+from proximity.kernels.geometry.triangle import cross, dot
+from proximity.kernels.layout import CORNER_STRIDE, FRAME, FRAME_COLUMNS, LANES, NO_FACE, NO_PART, field_at
+from proximity.kernels.nodes import offset_of
 from proximity.kernels.ray.ray_lanes import RAY_CHUNK, VIEW_DIRECTION, VIEW_WEIGHTS, load_three, store_three
 from proximity.kernels.stack_arrays import reals_of
 from proximity.native import inlined
@@ -70,8 +71,8 @@ def fill_hits(reals, words, frames, parts, slots, at, views, owners, hit_offsets
     store_three(hits, RAY_ANSWER_BARYCENTRIC, at, b0, b1, b2)
 
     ax, ay, az = _corner(reals, hit_offsets, at, 0)
-    bx, by, bz = _corner(reals, hit_offsets, at, 24)
-    cx, cy, cz = _corner(reals, hit_offsets, at, 48)
+    bx, by, bz = _corner(reals, hit_offsets, at, CORNER_STRIDE)
+    cx, cy, cz = _corner(reals, hit_offsets, at, 2 * CORNER_STRIDE)
     # From the corner that weighs most: nothing is lost where the hit is a corner.
     is_b, is_c = b1 > b0, b2 > maximum(b0, b1)
     second, third = _after(is_b, is_c, b0, b1, b2)
@@ -106,8 +107,8 @@ def fill_hits(reals, words, frames, parts, slots, at, views, owners, hit_offsets
 def _corner(reals, hit_offsets, at, corner):
     return (
         load_each(reals, hit_offsets, at, corner),
-        load_each(reals, hit_offsets, at, corner + 8),
-        load_each(reals, hit_offsets, at, corner + 16),
+        load_each(reals, hit_offsets, at, corner + LANES),
+        load_each(reals, hit_offsets, at, corner + 2 * LANES),
     )
 
 

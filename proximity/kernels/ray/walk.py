@@ -19,7 +19,8 @@ import numpy as np
 from proximity.kernels.geometry.box import FAR
 from proximity.kernels.geometry.frames import direction_to_local, to_local
 from proximity.kernels.geometry.triangle import difference_of_products
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_UPPER
+from proximity.kernels.nodes import lower_along, turned_corners_of_block, upper_along
 from proximity.kernels.traverse.depth_first import depth_first, in_blocks, in_blocks_and_parts, in_order
 from proximity.native import inlined
 from proximity.native.simd import (
@@ -29,7 +30,6 @@ from proximity.native.simd import (
     horizontal_min,
     lane,
     like,
-    load,
     maximum,
     minimum,
     narrow,
@@ -122,7 +122,7 @@ def near_plane(rate):
 
     *rate*: as `slab` gives it.
     """
-    return 24 if rate < 0.0 else 0
+    return NODE_UPPER if rate < 0.0 else 0
 
 
 @inlined
@@ -142,12 +142,12 @@ def open_boxes(words, base, aim, zero, best32):
     rate_x, in_x, out_x, rate_y, in_y, out_y, rate_z, in_z, out_z = aim
     near_x, near_y, near_z = near_plane(rate_x), near_plane(rate_y), near_plane(rate_z)
     rate_x, rate_y, rate_z = splat32(rate_x), splat32(rate_y), splat32(rate_z)
-    enter_x = fma(load(words, base + near_x), rate_x, splat32(in_x))
-    enter_y = fma(load(words, base + 8 + near_y), rate_y, splat32(in_y))
-    enter_z = fma(load(words, base + 16 + near_z), rate_z, splat32(in_z))
-    leave_x = fma(load(words, base + 24 - near_x), rate_x, splat32(out_x))
-    leave_y = fma(load(words, base + 32 - near_y), rate_y, splat32(out_y))
-    leave_z = fma(load(words, base + 40 - near_z), rate_z, splat32(out_z))
+    enter_x = fma(lower_along(words, base + near_x, 0), rate_x, splat32(in_x))
+    enter_y = fma(lower_along(words, base + near_y, 1), rate_y, splat32(in_y))
+    enter_z = fma(lower_along(words, base + near_z, 2), rate_z, splat32(in_z))
+    leave_x = fma(upper_along(words, base - near_x, 0), rate_x, splat32(out_x))
+    leave_y = fma(upper_along(words, base - near_y, 1), rate_y, splat32(out_y))
+    leave_z = fma(upper_along(words, base - near_z, 2), rate_z, splat32(out_z))
     enter = maximum(maximum(enter_x, enter_y), maximum(enter_z, zero))
     leave = minimum(minimum(leave_x, leave_y), minimum(leave_z, splat32(best32)))
     return enter, leave, enter <= leave
@@ -212,15 +212,9 @@ def _seen_along(reals, base, view):
     """`ray_triangle_sides` of the eight triangles at *base*, and which of them the line hits."""
     axis, px, py, pz, lean_x, lean_y, _ = view
     z = np.int64(axis)
-    x, y, z = 8 * ((z + 1) % 3), 8 * ((z + 2) % 3), 8 * z
-    u, v, w, height = ray_triangle_sides(
-        (splat(px), splat(py), splat(pz)),
-        splat(lean_x),
-        splat(lean_y),
-        (load(reals, base + x), load(reals, base + y), load(reals, base + z)),
-        (load(reals, base + 24 + x), load(reals, base + 24 + y), load(reals, base + 24 + z)),
-        (load(reals, base + 48 + x), load(reals, base + 48 + y), load(reals, base + 48 + z)),
-    )
+    a, b, c = turned_corners_of_block(reals, base, (z + 1) % 3, (z + 2) % 3, z)
+    origin = splat(px), splat(py), splat(pz)
+    u, v, w, height = ray_triangle_sides(origin, splat(lean_x), splat(lean_y), a, b, c)
     zero = splat(0.0)
     is_hit = (minimum(u, minimum(v, w)) >= zero) | (maximum(u, maximum(v, w)) <= zero)
     return u, v, w, height, is_hit

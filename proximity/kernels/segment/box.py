@@ -17,68 +17,47 @@ import numpy as np
 from proximity.kernels.geometry.box import LARGEST_REST, bound_of
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES
+from proximity.kernels.nodes import boxes_of, load_points, wide_boxes_of
 from proximity.kernels.segment.plan import (
-    PLAN_HIGH,
-    PLAN_LOW,
-    PLAN_OFFSET,
-    PLAN_PROBE,
-    PROBE_AXIS,
-    PROBE_AXIS_STRIDE,
-    PROBE_DIRECTION,
-    PROBE_HALF,
-    PROBE_INVERSE_SQ,
-    PROBE_LOWER,
-    PROBE_ONE,
-    PROBE_SLACK,
-    PROBE_START,
-    PROBE_TOUCH,
-    PROBE_UPPER,
-    PROBE_ZERO,
     TOUCHING,
 )
 from proximity.native import inlined, kernel
-from proximity.native.simd import absolute, fma, load, maximum, minimum, narrow, select, splat, widen
+from proximity.native.simd import absolute, fma, load, maximum, minimum, narrow, select, splat
 
 SEGMENT_SHRINK_FAR = 1.0 - 2.0**-44
 """Factor on squared float64 bounds, for the rounding of them and of the distances they are compared with."""
 
 
 @inlined
-def _of(values, at, index):
-    """Eight lanes of a plan or a probe."""
-    return load(values, at + LANES * index)
+def _of(lanes, index):
+    """Eight lanes of a field of a probe."""
+    return load(lanes, LANES * index)
 
 
 @inlined
-def _side_gap(lower, upper, values, at, axis):
+def _side_gap(lower, upper, probe, axis):
     """Gap between boxes and the segment's own box along a coordinate."""
-    gap = maximum(lower - _of(values, at, PROBE_UPPER + axis), _of(values, at, PROBE_LOWER + axis) - upper)
-    return maximum(gap, _of(values, at, PROBE_ZERO))
+    gap = maximum(lower - _of(probe.upper, axis), _of(probe.lower, axis) - upper)
+    return maximum(gap, _of(probe.zero, 0))
 
 
 @inlined
-def _axis_gap(sum_j, sum_k, width_j, width_k, values, at, axis):
+def _axis_gap(sum_j, sum_k, width_j, width_k, probe, axis):
     """Gap between boxes and the segment along a perpendicular; NaN, of unused lanes, gives 0."""
-    first = PROBE_AXIS + PROBE_AXIS_STRIDE * axis
-    n_j, n_k = _of(values, at, first), _of(values, at, first + 1)
-    apart = absolute(fma(n_j, sum_j, n_k * sum_k) - _of(values, at, first + 2))
-    within = fma(absolute(n_j), width_j, fma(absolute(n_k), width_k, _of(values, at, first + 3)))
-    return maximum(apart - within, _of(values, at, PROBE_ZERO))
+    n_j, n_k = _of(probe.first, axis), _of(probe.second, axis)
+    apart = absolute(fma(n_j, sum_j, n_k * sum_k) - _of(probe.middle, axis))
+    within = fma(absolute(n_j), width_j, fma(absolute(n_k), width_k, _of(probe.spread, axis)))
+    return maximum(apart - within, _of(probe.zero, 0))
 
 
 @inlined
-def _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, values, at):
+def _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, probe):
     """Squared gap from each box's middle to the segment, or NaN; first fraction in the box."""
-    zero, half, one = _of(values, at, PROBE_ZERO), _of(values, at, PROBE_HALF), _of(values, at, PROBE_ONE)
-    slack, inverse_sq = _of(values, at, PROBE_SLACK), _of(values, at, PROBE_INVERSE_SQ)
-    dx, dy, dz = (
-        _of(values, at, PROBE_DIRECTION),
-        _of(values, at, PROBE_DIRECTION + 1),
-        _of(values, at, PROBE_DIRECTION + 2),
-    )
-    cx = fma(-half, sum_x, _of(values, at, PROBE_START))
-    cy = fma(-half, sum_y, _of(values, at, PROBE_START + 1))
-    cz = fma(-half, sum_z, _of(values, at, PROBE_START + 2))
+    zero, half, one = _of(probe.zero, 0), _of(probe.half, 0), _of(probe.one, 0)
+    slack, inverse_sq = _of(probe.slack, 0), _of(probe.inverse_sq, 0)
+    dx, dy, dz = load_points(probe.direction, 0)
+    sx, sy, sz = load_points(probe.origin, 0)
+    cx, cy, cz = fma(-half, sum_x, sx), fma(-half, sum_y, sy), fma(-half, sum_z, sz)
     hx, hy, hz = fma(half, wide_x, slack), fma(half, wide_y, slack), fma(half, wide_z, slack)
     along = -dot(cx, cy, cz, dx, dy, dz)
     t = minimum(maximum(along * inverse_sq, zero), one)
@@ -94,43 +73,38 @@ def _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, values, at):
 
 
 @inlined
-def _bounds_sq(lx, ly, lz, ux, uy, uz, values, at):
+def _bounds_sq(lx, ly, lz, ux, uy, uz, probe):
     """Squared distances, or less, to boxes; earliest fractions times `TOUCHING`. Unused lanes: inf and 0."""
     sum_x, sum_y, sum_z = lx + ux, ly + uy, lz + uz
     wide_x, wide_y, wide_z = ux - lx, uy - ly, uz - lz
-    gap_x = _side_gap(lx, ux, values, at, 0)
-    gap_y = _side_gap(ly, uy, values, at, 1)
-    gap_z = _side_gap(lz, uz, values, at, 2)
-    beside_x = _axis_gap(sum_y, sum_z, wide_y, wide_z, values, at, 0)
-    beside_y = _axis_gap(sum_z, sum_x, wide_z, wide_x, values, at, 1)
-    beside_z = _axis_gap(sum_x, sum_y, wide_x, wide_y, values, at, 2)
+    gap_x = _side_gap(lx, ux, probe, 0)
+    gap_y = _side_gap(ly, uy, probe, 1)
+    gap_z = _side_gap(lz, uz, probe, 2)
+    beside_x = _axis_gap(sum_y, sum_z, wide_y, wide_z, probe, 0)
+    beside_y = _axis_gap(sum_z, sum_x, wide_z, wide_x, probe, 1)
+    beside_z = _axis_gap(sum_x, sum_y, wide_x, wide_y, probe, 2)
     xx, yy, zz = gap_x * gap_x, gap_y * gap_y, gap_z * gap_z
-    middle_sq, early = _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, values, at)
+    middle_sq, early = _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, probe)
     axes_sq = maximum(fma(beside_x, beside_x, xx), fma(beside_y, beside_y, yy))
     axes_sq = maximum(axes_sq, maximum(fma(beside_z, beside_z, zz), xx + yy + zz))
     # NaN first: then the other one is taken.
-    return maximum(middle_sq, axes_sq), early * _of(values, at, PROBE_TOUCH)
+    return maximum(middle_sq, axes_sq), early * _of(probe.touch, 0)
 
 
 @inlined
 def segment_boxes_distance_sq(nodes, base, probe):
     """Bounds in float32 from the segment to the boxes of the node at *base*: see `node_bounds_sq`."""
-    bounds, early = _bounds_sq(
-        load(nodes, base), load(nodes, base + 8), load(nodes, base + 16),
-        load(nodes, base + 24), load(nodes, base + 32), load(nodes, base + 40), probe, 0,
-    )  # fmt: skip
+    lower, upper = boxes_of(nodes, base)
+    bounds, early = _bounds_sq(*lower, *upper, probe)
     return bounds + early
 
 
 @inlined
 def far_segment_boxes_distance_sq(nodes, base, plan):
-    """The same from float64 arithmetic, less PLAN_OFFSET: see `geometry.box.far_point_boxes_distance_sq`."""
-    bounds, early = _bounds_sq(
-        widen(load(nodes, base)), widen(load(nodes, base + 8)), widen(load(nodes, base + 16)),
-        widen(load(nodes, base + 24)), widen(load(nodes, base + 32)), widen(load(nodes, base + 40)),
-        plan, PLAN_PROBE,
-    )  # fmt: skip
-    rest = maximum(bounds * splat(SEGMENT_SHRINK_FAR) - splat(plan[PLAN_OFFSET]), splat(0.0)) + early
+    """The same in float64, less the plan's offset: see `geometry.box.far_point_boxes_distance_sq`."""
+    lower, upper = wide_boxes_of(nodes, base)
+    bounds, early = _bounds_sq(*lower, *upper, plan)
+    rest = maximum(bounds * splat(SEGMENT_SHRINK_FAR) - splat(plan.offset), splat(0.0)) + early
     # Only the rest of unused lanes may leave float32.
     return narrow(select(rest < splat(np.inf), minimum(rest, splat(LARGEST_REST)), rest))
 
@@ -150,10 +124,10 @@ def open_bound(plan, best_sq, best_fraction):
     The fraction is of the whole segment and counts where the distance is 0.
     """
     if best_sq > 0.0:
-        return max(bound_of(best_sq, plan[PLAN_OFFSET]), np.float32(1.001 * TOUCHING))
-    span = plan[PLAN_HIGH] - plan[PLAN_LOW]
+        return max(bound_of(best_sq, plan.offset), np.float32(1.001 * TOUCHING))
+    span = plan.high - plan.low
     rest = 1.0
-    if best_fraction < plan[PLAN_HIGH]:
+    if best_fraction < plan.high:
         # Fractions of the whole segment are coarse where the span is short.
-        rest = min(max((best_fraction - plan[PLAN_LOW]) / span, 0.0) + 2.0**-50 / span + 1e-5, 1.0)
+        rest = min(max((best_fraction - plan.low) / span, 0.0) + 2.0**-50 / span + 1e-5, 1.0)
     return np.float32(1.001 * TOUCHING * rest)

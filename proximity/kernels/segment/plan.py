@@ -1,8 +1,8 @@
 """The *plan* of a segment: everything a walk needs of it, in the local frame of one part.
 
 It is cut down to what can hold the nearest point, and all that bounds and distances need is worked out and
-spread over eight lanes. Two arrays, filled once for a segment and part: ``plan`` (float64, `PLAN_SIZE`) and,
-for what is near, ``probe`` (float32, `PROBE_SIZE`).
+spread over eight lanes. Two records, filled once for a segment and part: ``plan`` and, for what is near,
+``probe``.
 """
 
 from math import sqrt
@@ -10,40 +10,52 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.geometry.box import FAR, round_down, round_up
+from proximity.kernels.geometry.rows import vector
 from proximity.kernels.geometry.triangle import TINY, dot
 from proximity.kernels.layout import LANES
-from proximity.native import inlined, kernel
+from proximity.kernels.stack_arrays import stack_arrays_of
+from proximity.native import inlined, kernel, record
 from proximity.native.simd import fma, splat, splat32, store
 
-# --- what bounds need, eight lanes each: in a plan from PLAN_PROBE on, or in a probe ---
-PROBE_LOWER = 0  # box of the segment, three each
-PROBE_UPPER = 3
-PROBE_AXIS = 6  # of three perpendiculars: half its two components, the segment's position along it, slack
-PROBE_AXIS_STRIDE = 4
-PROBE_START = 18  # the segment: start, step to its end, 1 / length²
-PROBE_DIRECTION = 21
-PROBE_INVERSE_SQ = 24
-PROBE_SLACK = 25  # for the rounding of positions
-PROBE_ZERO = 26
-PROBE_HALF = 27
-PROBE_ONE = 28
-PROBE_TOUCH = 29
-PROBE_SIZE = 30 * LANES
 
-# --- a plan ---
-PLAN_START = 0  # of what is left of the segment, local
-PLAN_END = 3
-PLAN_LOW = 6  # where on the whole segment that is, as fractions of it
-PLAN_HIGH = 7
-PLAN_IS_FAR = 8  # 1 where float32 would not tell the boxes apart
-PLAN_OFFSET = 9  # a squared distance below that of anything in the local cube; 0 if not far
-PLAN_PART = 10  # whose frame it is; set by who knows
-PLAN_AXIS_X = 11  # axes in cyclic order, that in which the segment is longest last
-PLAN_SLOPE_X = 12  # step along the first and second of them for each unit along the last
-PLAN_SLOPE_Y = 13
-PLAN_PER_LENGTH_SQ = 14  # 1 / length²
-PLAN_PROBE = 16
-PLAN_SIZE = PLAN_PROBE + PROBE_SIZE
+def _probe_fields(number):
+    """What bounds need, eight lanes each, of numbers of one type."""
+    return {
+        "lower": f"({3 * LANES},){number}",  # box of the segment
+        "upper": f"({3 * LANES},){number}",
+        "first": f"({3 * LANES},){number}",  # of three perpendiculars: half its two components
+        "second": f"({3 * LANES},){number}",
+        "middle": f"({3 * LANES},){number}",  # where the segment is along it
+        "spread": f"({3 * LANES},){number}",  # how far it reaches from there, and slack
+        "origin": f"({3 * LANES},){number}",  # start of the segment, and the step to its end
+        "direction": f"({3 * LANES},){number}",
+        "inverse_sq": f"({LANES},){number}",  # 1 / length²
+        "slack": f"({LANES},){number}",  # for the rounding of positions
+        "zero": f"({LANES},){number}",
+        "half": f"({LANES},){number}",
+        "one": f"({LANES},){number}",
+        "touch": f"({LANES},){number}",
+    }
+
+
+PROBE = record("Probe", **_probe_fields("f4"))
+"""What bounds need of a segment near the part."""
+PLAN = record(
+    "Plan",
+    start="(3,)f8",  # of what is left of the segment, local
+    end="(3,)f8",
+    low="f8",  # where on the whole segment that is, as fractions of it
+    high="f8",
+    is_far="i8",  # 1 where float32 would not tell the boxes apart
+    part="i8",  # whose frame it is; set by who knows
+    offset="f8",  # a squared distance below that of anything in the local cube; 0 if not far
+    axis_x="i8",  # axes in cyclic order, that in which the segment is longest last
+    slope_x="f8",  # step along the first and second of them for each unit along the last
+    slope_y="f8",
+    per_length_sq="f8",  # 1 / length²
+    **_probe_fields("f8"),  # what bounds need of a segment far from the part
+)
+stack_plans, stack_probes = stack_arrays_of(PLAN)[0], stack_arrays_of(PROBE)[0]
 
 NEAR_REACH = 8.0
 """A segment within this (part sizes) is compared with boxes in float32."""
@@ -84,15 +96,15 @@ def _largest(x, y, z):
 
 @kernel
 def _clip(plan, sx, sy, sz, ex, ey, ez):
-    """Put what matters of the segment into *plan*: PLAN_START, PLAN_END, PLAN_LOW, PLAN_HIGH, PLAN_OFFSET.
+    """Fill what is left of the segment: start, end, low, high and offset of *plan*.
 
     Let r be the distance from the middle of the cube to the segment. The surface lies within √3 of the
     middle, so the answer is at most r + √3 and its point on the segment within r + 2 √3 of the middle: no
     farther along than √(4 √3 r + 12) from where the segment passes.
     """
-    plan[PLAN_START], plan[PLAN_START + 1], plan[PLAN_START + 2] = sx, sy, sz
-    plan[PLAN_END], plan[PLAN_END + 1], plan[PLAN_END + 2] = ex, ey, ez
-    plan[PLAN_LOW], plan[PLAN_HIGH], plan[PLAN_OFFSET] = 0.0, 1.0, 0.0
+    plan.start[0], plan.start[1], plan.start[2] = sx, sy, sz
+    plan.end[0], plan.end[1], plan.end[2] = ex, ey, ez
+    plan.low, plan.high, plan.offset = 0.0, 1.0, 0.0
     reach = max(_largest(sx, sy, sz), _largest(ex, ey, ez))
     if reach <= FAR:
         return
@@ -106,52 +118,35 @@ def _clip(plan, sx, sy, sz, ex, ey, ez):
     if length > 0.0:
         low, high = max(middle - half / length, 0.0), min(middle + half / length, 1.0)
         for axis in range(3):
-            start, end = plan[PLAN_START + axis], plan[PLAN_END + axis]
-            plan[PLAN_START + axis] = _point_along(start, end, low)
-            plan[PLAN_END + axis] = _point_along(start, end, high)
-        plan[PLAN_LOW], plan[PLAN_HIGH] = low, high
+            start, end = plan.start[axis], plan.end[axis]
+            plan.start[axis] = _point_along(start, end, low)
+            plan.end[axis] = _point_along(start, end, high)
+        plan.low, plan.high = low, high
     beyond = max(passing - rounding - CUBE_RADIUS, 0.0)
-    plan[PLAN_OFFSET] = beyond * beyond * (1.0 - 2.0**-40)
-
-
-@kernel
-def make_plan(plan, probe, sx, sy, sz, ex, ey, ez):
-    """Fill *plan* and *probe* for a segment in a part's local frame."""
-    _clip(plan, sx, sy, sz, ex, ey, ez)
-    _order_axes(plan)
-    reach = max(
-        _largest(plan[PLAN_START], plan[PLAN_START + 1], plan[PLAN_START + 2]),
-        _largest(plan[PLAN_END], plan[PLAN_END + 1], plan[PLAN_END + 2]),
-    )
-    if reach <= NEAR_REACH:
-        plan[PLAN_IS_FAR], plan[PLAN_OFFSET] = 0.0, 0.0
-        _aim_near(plan, probe, SEGMENT_ROUNDING * (1.0 + reach))
-    else:
-        plan[PLAN_IS_FAR] = 1.0
-        _aim_far(plan, SEGMENT_ROUNDING_FAR * (1.0 + reach))
+    plan.offset = beyond * beyond * (1.0 - 2.0**-40)
 
 
 @inlined
 def _order_axes(plan):
     """Fill what distances need; a segment without length has slopes of nan and crosses nothing."""
     dx, dy, dz = (
-        plan[PLAN_END] - plan[PLAN_START],
-        plan[PLAN_END + 1] - plan[PLAN_START + 1],
-        plan[PLAN_END + 2] - plan[PLAN_START + 2],
+        plan.end[0] - plan.start[0],
+        plan.end[1] - plan.start[1],
+        plan.end[2] - plan.start[2],
     )
-    plan[PLAN_PER_LENGTH_SQ] = 1.0 / max(dot(dx, dy, dz, dx, dy, dz), TINY)
+    plan.per_length_sq = 1.0 / max(dot(dx, dy, dz, dx, dy, dz), TINY)
     if abs(dz) >= abs(dx) and abs(dz) >= abs(dy):
-        plan[PLAN_AXIS_X], plan[PLAN_SLOPE_X], plan[PLAN_SLOPE_Y] = 0.0, dx / dz, dy / dz
+        plan.axis_x, plan.slope_x, plan.slope_y = 0, dx / dz, dy / dz
     elif abs(dx) >= abs(dy):
-        plan[PLAN_AXIS_X], plan[PLAN_SLOPE_X], plan[PLAN_SLOPE_Y] = 1.0, dy / dx, dz / dx
+        plan.axis_x, plan.slope_x, plan.slope_y = 1, dy / dx, dz / dx
     else:
-        plan[PLAN_AXIS_X], plan[PLAN_SLOPE_X], plan[PLAN_SLOPE_Y] = 2.0, dz / dy, dx / dy
+        plan.axis_x, plan.slope_x, plan.slope_y = 2, dz / dy, dx / dy
 
 
 @inlined
 def ordered_axes(plan):
     """The three axes in cyclic order, the last that in which the segment is longest."""
-    first = np.int64(plan[PLAN_AXIS_X])
+    first = plan.axis_x
     return first, (first + 1) % 3, (first + 2) % 3
 
 
@@ -161,7 +156,7 @@ def _perpendicular(plan, j, k):
 
     Half, because it is multiplied with the sum of a box's ends.
     """
-    step_j, step_k = plan[PLAN_END + j] - plan[PLAN_START + j], plan[PLAN_END + k] - plan[PLAN_START + k]
+    step_j, step_k = plan.end[j] - plan.start[j], plan.end[k] - plan.start[k]
     length = sqrt(step_j * step_j + step_k * step_k)
     if not length > 0.0:
         return 0.0, 0.0
@@ -171,72 +166,80 @@ def _perpendicular(plan, j, k):
 @inlined
 def _extent_along(plan, n_j, n_k, j, k):
     """Middle and half width of the segment along a vector, which is given by its half."""
-    start = 2.0 * (n_j * plan[PLAN_START + j] + n_k * plan[PLAN_START + k])
-    end = 2.0 * (n_j * plan[PLAN_END + j] + n_k * plan[PLAN_END + k])
+    start = 2.0 * (n_j * plan.start[j] + n_k * plan.start[k])
+    end = 2.0 * (n_j * plan.end[j] + n_k * plan.end[k])
     return 0.5 * (start + end), 0.5 * abs(end - start)
 
 
 @inlined
 def _inverse_sq(plan):
     """1 / length² for bounds: 0 where float32 could not hold it."""
-    return plan[PLAN_PER_LENGTH_SQ] if plan[PLAN_PER_LENGTH_SQ] < 1e30 else 0.0
+    return plan.per_length_sq if plan.per_length_sq < 1e30 else 0.0
 
 
 @inlined
-def _put32(probe, at, value):
-    store(probe, LANES * at, splat32(np.float32(value)))
+def _put32(lanes, at, value):
+    store(lanes, LANES * at, splat32(np.float32(value)))
 
 
 @inlined
-def _put(plan, at, value):
-    store(plan, PLAN_PROBE + LANES * at, splat(value))
+def _put(lanes, at, value):
+    store(lanes, LANES * at, splat(value))
+
+
+@inlined
+def _narrowed(value):
+    return np.float64(np.float32(value))
+
+
+@inlined
+def _unchanged(value):
+    return value
+
+
+def _aiming(put, below, above, component):
+    """Return a kernel that fills a probe, or a plan's own, for bounds of one precision."""
+
+    @kernel
+    def aim(plan, probe, rounding):
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            start, end = plan.start[i], plan.end[i]
+            put(probe.lower, i, below(min(start, end)))
+            put(probe.upper, i, above(max(start, end)))
+            put(probe.origin, i, start)
+            put(probe.direction, i, end - start)
+            n_j, n_k = _perpendicular(plan, j, k)
+            # What is rounded here is the vector that counts.
+            n_j, n_k = component(n_j), component(n_k)
+            middle, spread = _extent_along(plan, n_j, n_k, j, k)
+            put(probe.first, i, n_j)
+            put(probe.second, i, n_k)
+            put(probe.middle, i, middle)
+            put(probe.spread, i, spread + rounding)
+        put(probe.inverse_sq, 0, _inverse_sq(plan))
+        put(probe.slack, 0, rounding)
+        put(probe.zero, 0, 0.0)
+        put(probe.half, 0, 0.5)
+        put(probe.one, 0, 1.0)
+        put(probe.touch, 0, TOUCHING)
+
+    return aim
+
+
+_aim_near = _aiming(_put32, round_down, round_up, _narrowed)
+_aim_far = _aiming(_put, _unchanged, _unchanged, _unchanged)
 
 
 @kernel
-def _aim_near(plan, probe, rounding):
-    """Fill *probe* for a segment near the part."""
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        start, end = plan[PLAN_START + i], plan[PLAN_END + i]
-        _put32(probe, PROBE_LOWER + i, round_down(min(start, end)))
-        _put32(probe, PROBE_UPPER + i, round_up(max(start, end)))
-        _put32(probe, PROBE_START + i, start)
-        _put32(probe, PROBE_DIRECTION + i, end - start)
-        n_j, n_k = _perpendicular(plan, j, k)
-        # What is rounded here is the vector that counts.
-        n_j, n_k = np.float64(np.float32(n_j)), np.float64(np.float32(n_k))
-        middle, spread = _extent_along(plan, n_j, n_k, j, k)
-        _put32(probe, PROBE_AXIS + PROBE_AXIS_STRIDE * i, n_j)
-        _put32(probe, PROBE_AXIS + PROBE_AXIS_STRIDE * i + 1, n_k)
-        _put32(probe, PROBE_AXIS + PROBE_AXIS_STRIDE * i + 2, middle)
-        _put32(probe, PROBE_AXIS + PROBE_AXIS_STRIDE * i + 3, spread + rounding)
-    _put32(probe, PROBE_INVERSE_SQ, _inverse_sq(plan))
-    _put32(probe, PROBE_SLACK, rounding)
-    _put32(probe, PROBE_ZERO, 0.0)
-    _put32(probe, PROBE_HALF, 0.5)
-    _put32(probe, PROBE_ONE, 1.0)
-    _put32(probe, PROBE_TOUCH, TOUCHING)
-
-
-@kernel
-def _aim_far(plan, rounding):
-    """The same in float64, into the plan itself."""
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        start, end = plan[PLAN_START + i], plan[PLAN_END + i]
-        _put(plan, PROBE_LOWER + i, min(start, end))
-        _put(plan, PROBE_UPPER + i, max(start, end))
-        _put(plan, PROBE_START + i, start)
-        _put(plan, PROBE_DIRECTION + i, end - start)
-        n_j, n_k = _perpendicular(plan, j, k)
-        middle, spread = _extent_along(plan, n_j, n_k, j, k)
-        _put(plan, PROBE_AXIS + PROBE_AXIS_STRIDE * i, n_j)
-        _put(plan, PROBE_AXIS + PROBE_AXIS_STRIDE * i + 1, n_k)
-        _put(plan, PROBE_AXIS + PROBE_AXIS_STRIDE * i + 2, middle)
-        _put(plan, PROBE_AXIS + PROBE_AXIS_STRIDE * i + 3, spread + rounding)
-    _put(plan, PROBE_INVERSE_SQ, _inverse_sq(plan))
-    _put(plan, PROBE_SLACK, rounding)
-    _put(plan, PROBE_ZERO, 0.0)
-    _put(plan, PROBE_HALF, 0.5)
-    _put(plan, PROBE_ONE, 1.0)
-    _put(plan, PROBE_TOUCH, TOUCHING)
+def make_plan(plan, probe, sx, sy, sz, ex, ey, ez):
+    """Fill *plan* and *probe* for a segment in a part's local frame."""
+    _clip(plan, sx, sy, sz, ex, ey, ez)
+    _order_axes(plan)
+    reach = max(_largest(*vector(plan.start)), _largest(*vector(plan.end)))
+    if reach <= NEAR_REACH:
+        plan.is_far, plan.offset = 0, 0.0
+        _aim_near(plan, probe, SEGMENT_ROUNDING * (1.0 + reach))
+    else:
+        plan.is_far = 1
+        _aim_far(plan, plan, SEGMENT_ROUNDING_FAR * (1.0 + reach))

@@ -14,24 +14,28 @@ common perpendicular; Woop, Benthin, Wald 2013, "Watertight ray/triangle interse
 from math import inf, sqrt
 
 from proximity.kernels.geometry.closest_feature import (
-    CLOSEST_LENGTH,
-    CLOSEST_POINT,
-    CLOSEST_TRIANGLE,
-    CLOSEST_WEIGHT,
+    CLOSEST_FIELDS,
     closest_on_triangle,
+    corner_of,
 )
+from proximity.kernels.geometry.rows import vector
 from proximity.kernels.geometry.triangle import TINY, cross, difference_of_products, dot
-from proximity.kernels.segment.plan import PLAN_END, PLAN_SLOPE_X, PLAN_SLOPE_Y, PLAN_START, ordered_axes
-from proximity.native import inlined, kernel
+from proximity.kernels.segment.plan import ordered_axes
+from proximity.kernels.stack_arrays import stack_arrays_of
+from proximity.native import inlined, kernel, record
 from proximity.native.simd import absolute, fma, like, maximum, minimum, select
 
-# Behind the columns of `witness`: the answer for a segment.
-WITNESS_GAP = 24  # distance
-WITNESS_FRACTION = 25  # along the planned segment
-WITNESS_ON_SEGMENT = 26
-WITNESS_ON_SOLID = 29
-WITNESS_WEIGHT = 32  # barycentric weights
-WITNESS_SIZE = 36
+WITNESS = record(
+    "Witness",
+    **CLOSEST_FIELDS,  # of the triangle, and of an end of the segment
+    gap="f8",  # distance
+    fraction="f8",  # along the planned segment
+    on_segment="(3,)f8",
+    on_solid="(3,)f8",
+    solid_weights="(3,)f8",  # barycentric
+)
+"""The answer for a segment and a triangle, local."""
+stack_witness, _ = stack_arrays_of(WITNESS)
 
 
 @inlined
@@ -170,15 +174,15 @@ def segment_triangle_distance_sq(a, b, c, d, slope_x, slope_y, inverse_sq):
 
 
 @kernel
-def _take_end(plan, at, fraction, witness):
+def _take_end(end, fraction, witness):
     """Offer the point of the triangle nearest to an end of the segment."""
-    closest_on_triangle(plan[at], plan[at + 1], plan[at + 2], witness)
-    if witness[CLOSEST_LENGTH] < witness[WITNESS_GAP]:
-        witness[WITNESS_GAP], witness[WITNESS_FRACTION] = witness[CLOSEST_LENGTH], fraction
+    closest_on_triangle(end[0], end[1], end[2], witness)
+    if witness.length < witness.gap:
+        witness.gap, witness.fraction = witness.length, fraction
         for k in range(3):
-            witness[WITNESS_ON_SEGMENT + k] = plan[at + k]
-            witness[WITNESS_ON_SOLID + k] = witness[CLOSEST_POINT + k]
-            witness[WITNESS_WEIGHT + k] = witness[CLOSEST_WEIGHT + k]
+            witness.on_segment[k] = end[k]
+            witness.on_solid[k] = witness.point[k]
+            witness.solid_weights[k] = witness.weights[k]
 
 
 @inlined
@@ -192,52 +196,32 @@ def _from_nearer_end(start, end, fraction):
 @inlined
 def _take_passing(plan, corner, t, u, witness):
     """Offer two points: at *t* along the segment, and at *u* along the edge that starts at *corner*."""
-    a, b = CLOSEST_TRIANGLE + 3 * corner, CLOSEST_TRIANGLE + 3 * ((corner + 1) % 3)
-    px, wx = _from_nearer_end(plan[PLAN_START], plan[PLAN_END], t)
-    py, wy = _from_nearer_end(plan[PLAN_START + 1], plan[PLAN_END + 1], t)
-    pz, wz = _from_nearer_end(plan[PLAN_START + 2], plan[PLAN_END + 2], t)
-    qx, vx = _from_nearer_end(witness[a], witness[b], u)
-    qy, vy = _from_nearer_end(witness[a + 1], witness[b + 1], u)
-    qz, vz = _from_nearer_end(witness[a + 2], witness[b + 2], u)
+    px, wx = _from_nearer_end(plan.start[0], plan.end[0], t)
+    py, wy = _from_nearer_end(plan.start[1], plan.end[1], t)
+    pz, wz = _from_nearer_end(plan.start[2], plan.end[2], t)
+    (ax, ay, az), (bx, by, bz) = corner_of(witness, corner), corner_of(witness, (corner + 1) % 3)
+    qx, vx = _from_nearer_end(ax, bx, u)
+    qy, vy = _from_nearer_end(ay, by, u)
+    qz, vz = _from_nearer_end(az, bz, u)
     gap_x, gap_y, gap_z = (px - qx) + (wx - vx), (py - qy) + (wy - vy), (pz - qz) + (wz - vz)
     gap = sqrt(dot(gap_x, gap_y, gap_z, gap_x, gap_y, gap_z))
-    if gap < witness[WITNESS_GAP] or (gap == witness[WITNESS_GAP] and t < witness[WITNESS_FRACTION]):
+    if gap < witness.gap or (gap == witness.gap and t < witness.fraction):
         other = (corner + 1) % 3
-        witness[WITNESS_GAP], witness[WITNESS_FRACTION] = gap, t
-        witness[WITNESS_ON_SEGMENT], witness[WITNESS_ON_SEGMENT + 1], witness[WITNESS_ON_SEGMENT + 2] = (
-            px + wx,
-            py + wy,
-            pz + wz,
-        )
-        witness[WITNESS_ON_SOLID], witness[WITNESS_ON_SOLID + 1], witness[WITNESS_ON_SOLID + 2] = (
-            qx + vx,
-            qy + vy,
-            qz + vz,
-        )
-        witness[WITNESS_WEIGHT + corner], witness[WITNESS_WEIGHT + other] = 1.0 - u, u
-        witness[WITNESS_WEIGHT + 3 - corner - other] = 0.0
+        witness.gap, witness.fraction = gap, t
+        on_segment, on_solid = witness.on_segment, witness.on_solid
+        on_segment[0], on_segment[1], on_segment[2] = px + wx, py + wy, pz + wz
+        on_solid[0], on_solid[1], on_solid[2] = qx + vx, qy + vy, qz + vz
+        witness.solid_weights[corner], witness.solid_weights[other] = 1.0 - u, u
+        witness.solid_weights[3 - corner - other] = 0.0
 
 
 @inlined
 def _take_edge(plan, corner, witness):
     """Offer what the edge from *corner* to the next has: its corner, and where the two lines pass."""
-    a, b = CLOSEST_TRIANGLE + 3 * corner, CLOSEST_TRIANGLE + 3 * ((corner + 1) % 3)
-    dx, dy, dz = (
-        plan[PLAN_END] - plan[PLAN_START],
-        plan[PLAN_END + 1] - plan[PLAN_START + 1],
-        plan[PLAN_END + 2] - plan[PLAN_START + 2],
-    )
-    ex, ey, ez = witness[b] - witness[a], witness[b + 1] - witness[a + 1], witness[b + 2] - witness[a + 2]
-    wx, wy, wz = (
-        witness[a] - plan[PLAN_START],
-        witness[a + 1] - plan[PLAN_START + 1],
-        witness[a + 2] - plan[PLAN_START + 2],
-    )
-    vx, vy, vz = (
-        witness[a] - plan[PLAN_END],
-        witness[a + 1] - plan[PLAN_END + 1],
-        witness[a + 2] - plan[PLAN_END + 2],
-    )
+    (sx, sy, sz), (tx, ty, tz) = vector(plan.start), vector(plan.end)
+    (ax, ay, az), (bx, by, bz) = corner_of(witness, corner), corner_of(witness, (corner + 1) % 3)
+    dx, dy, dz, ex, ey, ez = tx - sx, ty - sy, tz - sz, bx - ax, by - ay, bz - az
+    wx, wy, wz, vx, vy, vz = ax - sx, ay - sy, az - sz, ax - tx, ay - ty, az - tz
     length_sq = max(dot(dx, dy, dz, dx, dy, dz), TINY)
     from_start, from_end = dot(wx, wy, wz, dx, dy, dz), -dot(vx, vy, vz, dx, dy, dz)
     t = from_start / length_sq if from_start <= from_end else 1.0 - from_end / length_sq
@@ -256,42 +240,39 @@ def _take_edge(plan, corner, witness):
 def _take_crossing(plan, witness):
     """Answer with the crossing, if there is one: to the sign what `segment_triangle_distance_sq` decides."""
     i, j, k = ordered_axes(plan)
-    px, py, pz = plan[PLAN_START + i], plan[PLAN_START + j], plan[PLAN_START + k]
-    a, b, c = CLOSEST_TRIANGLE, CLOSEST_TRIANGLE + 3, CLOSEST_TRIANGLE + 6
+    px, py, pz = plan.start[i], plan.start[j], plan.start[k]
+    corners = witness.corners
     is_hit, part, whole, weight_a, weight_b, weight_c, total = segment_triangle_crossing(
-        (witness[a + i] - px, witness[a + j] - py, witness[a + k] - pz),
-        (witness[b + i] - px, witness[b + j] - py, witness[b + k] - pz),
-        (witness[c + i] - px, witness[c + j] - py, witness[c + k] - pz),
-        plan[PLAN_SLOPE_X],
-        plan[PLAN_SLOPE_Y],
-        plan[PLAN_END + k] - pz,
+        (corners[0, i] - px, corners[0, j] - py, corners[0, k] - pz),
+        (corners[1, i] - px, corners[1, j] - py, corners[1, k] - pz),
+        (corners[2, i] - px, corners[2, j] - py, corners[2, k] - pz),
+        plan.slope_x,
+        plan.slope_y,
+        plan.end[k] - pz,
     )
     if not is_hit:
         return False
     t = min(part / whole, 1.0)
-    witness[WITNESS_GAP], witness[WITNESS_FRACTION] = 0.0, t
-    witness[WITNESS_WEIGHT], witness[WITNESS_WEIGHT + 1], witness[WITNESS_WEIGHT + 2] = (
-        weight_a / total,
-        weight_b / total,
-        weight_c / total,
-    )
+    witness.gap, witness.fraction = 0.0, t
+    weights = witness.solid_weights
+    weights[0], weights[1], weights[2] = weight_a / total, weight_b / total, weight_c / total
     for axis in range(3):
-        near, step = _from_nearer_end(plan[PLAN_START + axis], plan[PLAN_END + axis], t)
-        witness[WITNESS_ON_SEGMENT + axis], witness[WITNESS_ON_SOLID + axis] = near + step, near + step
+        near, step = _from_nearer_end(plan.start[axis], plan.end[axis], t)
+        witness.on_segment[axis], witness.on_solid[axis] = near + step, near + step
     return True
 
 
 @kernel
 def segment_on_triangle(plan, witness):
-    """Fill *witness* from `WITNESS_GAP` on: the nearest points of the planned segment and of its triangle.
+    """Fill *witness* with the nearest points of the planned segment and of its triangle.
 
     Among equals the first along the segment. Degenerate: see `closest_on_triangle`; a segment without length
     answers with its start.
     """
-    witness[WITNESS_GAP] = inf
+    witness.gap = inf
     if _take_crossing(plan, witness):
         return
-    _take_end(plan, PLAN_START, 0.0, witness)
+    _take_end(plan.start, 0.0, witness)
     for corner in range(3):
         _take_edge(plan, corner, witness)
-    _take_end(plan, PLAN_END, 1.0, witness)
+    _take_end(plan.end, 1.0, witness)

@@ -11,49 +11,40 @@ import numpy as np
 from proximity.kernels.geometry.closest_feature import read_corners
 from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_PART, NO_SLOT
+from proximity.kernels.nodes import turned_corners_of_block
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
 from proximity.kernels.segment.plan import (
-    PLAN_END,
-    PLAN_HIGH,
-    PLAN_IS_FAR,
-    PLAN_LOW,
-    PLAN_PART,
-    PLAN_PER_LENGTH_SQ,
-    PLAN_SLOPE_X,
-    PLAN_SLOPE_Y,
-    PLAN_START,
     make_plan,
     ordered_axes,
 )
 from proximity.kernels.segment.triangle import (
-    WITNESS_FRACTION,
     segment_on_triangle,
     segment_triangle_distance_sq,
 )
 from proximity.kernels.traverse.depth_first import SCENE_STACKS, depth_first, in_blocks, in_blocks_and_parts
 from proximity.native import inlined, kernel
-from proximity.native.simd import bits, horizontal_min, load, select, splat, splat32, trailing_zeros
+from proximity.native.simd import bits, horizontal_min, select, splat, splat32, trailing_zeros
 
 
 @inlined
 def segment_block_distance_sq(reals, base, plan):
     """Squared distances from the planned segment to the eight triangles at *base*."""
     i, j, k = ordered_axes(plan)
-    px, py, pz = splat(plan[PLAN_START + i]), splat(plan[PLAN_START + j]), splat(plan[PLAN_START + k])
+    px, py, pz = splat(plan.start[i]), splat(plan.start[j]), splat(plan.start[k])
     dx, dy, dz = (
-        splat(plan[PLAN_END + i]) - px,
-        splat(plan[PLAN_END + j]) - py,
-        splat(plan[PLAN_END + k]) - pz,
+        splat(plan.end[i]) - px,
+        splat(plan.end[j]) - py,
+        splat(plan.end[k]) - pz,
     )
-    x, y, z = base + 8 * i, base + 8 * j, base + 8 * k
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = turned_corners_of_block(reals, base, i, j, k)
     return segment_triangle_distance_sq(
-        (load(reals, x) - px, load(reals, y) - py, load(reals, z) - pz),
-        (load(reals, x + 24) - px, load(reals, y + 24) - py, load(reals, z + 24) - pz),
-        (load(reals, x + 48) - px, load(reals, y + 48) - py, load(reals, z + 48) - pz),
+        (ax - px, ay - py, az - pz),
+        (bx - px, by - py, bz - pz),
+        (cx - px, cy - py, cz - pz),
         (dx, dy, dz),
-        splat(plan[PLAN_SLOPE_X]),
-        splat(plan[PLAN_SLOPE_Y]),
-        splat(plan[PLAN_PER_LENGTH_SQ]),
+        splat(plan.slope_x),
+        splat(plan.slope_y),
+        splat(plan.per_length_sq),
     )
 
 
@@ -80,7 +71,7 @@ def segment_in_block(reals, block, plan, best_sq, best_fraction, best_slot, witn
         found &= found - 1
         read_corners(reals, slot, witness)
         segment_on_triangle(plan, witness)
-        fraction = plan[PLAN_LOW] + witness[WITNESS_FRACTION] * (plan[PLAN_HIGH] - plan[PLAN_LOW])
+        fraction = plan.low + witness.fraction * (plan.high - plan.low)
         is_first = fraction < best_fraction or (
             fraction == best_fraction and (slot < best_slot or best_slot == NO_SLOT)
         )
@@ -113,7 +104,7 @@ def segment_in_part(reals, words, start, plan, probe, best_sq, best_fraction, be
     *start*, *best_sq*, *best_slot*: as for `point.walk.closest_in_part`. *plan*, *probe*: from
     `plan.make_plan`.
     """
-    query = plan, probe, plan[PLAN_IS_FAR] != 0.0, witness, 0
+    query = plan, probe, plan.is_far != 0, witness, 0
     best = open_bound(plan, best_sq, best_fraction), best_sq, best_fraction, best_slot
     _, best_sq, best_fraction, best_slot = _walk_part((reals, words), start, 0, query, best, stacks)
     return best_sq, best_fraction, best_slot
@@ -122,12 +113,12 @@ def segment_in_part(reals, words, start, plan, probe, best_sq, best_fraction, be
 @kernel
 def plan_in_part(frames, parts, part, segment, plan, probe):
     """Make the plan of a segment (six coordinates, scene's frame) in the local frame of *part*, once."""
-    if plan[PLAN_PART] == part:
+    if plan.part == part:
         return
     sx, sy, sz = to_local(frames, parts, part, segment[0], segment[1], segment[2])
     ex, ey, ez = to_local(frames, parts, part, segment[3], segment[4], segment[5])
     make_plan(plan, probe, sx, sy, sz, ex, ey, ez)
-    plan[PLAN_PART] = part
+    plan.part = part
 
 
 @inlined
@@ -154,13 +145,13 @@ def segment_in_scene(model, segment, best_sq, known_slot, plans, probes, witness
 
     *best_sq* is the limit. *known_slot*, or `NO_SLOT`: a triangle that may be near; it changes the cost, not
     the answer. Ties go to the lower part, then to the lower slot; of crossings the first along the segment
-    counts. Scratch: *plans* (2, `PLAN_SIZE`), of which the first is left as the plan of some part, *probes*
-    (2, `PROBE_SIZE`), *witness*, *stacks*.
+    counts. Scratch: *plans* (2,) records, of which the first is left as the plan of some part, *probes*
+    (2,), *witness*, *stacks*.
     """
     reals, words, frames, parts = model
     scene = len(parts) - 1
     plan, probe, scene_plan, scene_probe = plans[0], probes[0], plans[1], probes[1]
-    plan[PLAN_PART] = scene_plan[PLAN_PART] = NO_PART
+    plan.part = scene_plan.part = NO_PART
     fraction, slot = np.inf, np.int64(NO_SLOT)
     found_part = np.int64(0)
     if known_slot >= 0:
@@ -178,7 +169,7 @@ def segment_in_scene(model, segment, best_sq, known_slot, plans, probes, witness
         )
         return best_sq, found_part, slot
     plan_in_part(frames, parts, scene, segment, scene_plan, scene_probe)
-    is_far = scene_plan[PLAN_IS_FAR] != 0.0
+    is_far = scene_plan.is_far != 0
     query = scene_plan, scene_probe, is_far, witness, (segment, plan, probe)
     best = open_bound(scene_plan, best_sq, fraction), best_sq, fraction, slot
     _, best_sq, _, slot = _walk_scene(model, parts[scene].root, SCENE_STACKS, query, best, stacks)

@@ -5,15 +5,12 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.geometry.closest_feature import (
-    CLOSEST_ARM,
-    CLOSEST_LENGTH,
-    CLOSEST_NORMAL,
-    CLOSEST_TRIANGLE,
     closest_on_triangle,
     over_face,
     read_corners,
 )
-from proximity.kernels.geometry.closest_lanes import LANES_COLUMNS, LANES_FEATURE, LANES_WHICH
+from proximity.kernels.geometry.closest_lanes import LANES_COLUMNS, read_row
+from proximity.kernels.geometry.rows import vector
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import (
     FEATURE_EDGE,
@@ -74,9 +71,9 @@ def _add_face_normal(reals, words, corners_at, face_at, closest):
     nx, ny, nz = cross(ux, uy, uz, vx, vy, vz)
     length = sqrt(dot(nx, ny, nz, nx, ny, nz))
     if length > 0.0:
-        closest[CLOSEST_NORMAL] += nx / length
-        closest[CLOSEST_NORMAL + 1] += ny / length
-        closest[CLOSEST_NORMAL + 2] += nz / length
+        closest.normal[0] += nx / length
+        closest.normal[1] += ny / length
+        closest.normal[2] += nz / length
 
 
 @inlined
@@ -89,20 +86,16 @@ def pseudo_normal(model, part, face, feature, which, closest):
     if feature == FEATURE_VERTEX:
         corner = load_int(words, parts[part].faces + 3 * face + which)
         at = parts[part].corner_normals + 3 * corner
-        closest[CLOSEST_NORMAL], closest[CLOSEST_NORMAL + 1], closest[CLOSEST_NORMAL + 2] = (
-            reals[at],
-            reals[at + 1],
-            reals[at + 2],
-        )
+        closest.normal[0], closest.normal[1], closest.normal[2] = reals[at], reals[at + 1], reals[at + 2]
     elif feature == FEATURE_EDGE:
         neighbor = load_int(words, parts[part].neighbors + 3 * face + which)
         if neighbor >= 0:
             _add_face_normal(reals, words, parts[part].corners, parts[part].faces + 3 * neighbor, closest)
-            nx, ny, nz = closest[CLOSEST_NORMAL], closest[CLOSEST_NORMAL + 1], closest[CLOSEST_NORMAL + 2]
+            nx, ny, nz = vector(closest.normal)
             length = sqrt(dot(nx, ny, nz, nx, ny, nz))
             if length > 0.0:
                 for axis in range(3):
-                    closest[CLOSEST_NORMAL + axis] /= length
+                    closest.normal[axis] /= length
 
 
 @inlined
@@ -118,10 +111,7 @@ def closest_of_slot(model, part, slot, p, closest):
 @inlined
 def closest_of_lane(model, part, slot, p, table, k, closest):
     """As `closest_of_slot`, of what `closest_lanes.closest_of_lanes` has filled in column *k* of *table*."""
-    chunk = len(table) // LANES_COLUMNS
-    for column in range(CLOSEST_TRIANGLE):
-        closest[column] = table[column * chunk + k]
-    feature, which = np.int64(table[LANES_FEATURE * chunk + k]), np.int64(table[LANES_WHICH * chunk + k])
+    feature, which = read_row(table, len(table) // LANES_COLUMNS, k, closest)
     face = load_int(model.words, model.parts[part].slot_faces + slot)
     pseudo_normal(model, part, face, feature, which, closest)
     return face, feature, _is_inside(model, part, slot, p, closest)
@@ -131,18 +121,11 @@ def closest_of_lane(model, part, slot, p, table, k, closest):
 def _is_inside(model, part, slot, p, closest):
     """The side by a filled closest feature; on the surface: outside."""
     sign = model.parts[part].sign
-    length = closest[CLOSEST_LENGTH]
+    length = closest.length
     if sign == SIGN_NONE or length == 0.0 or is_beyond(p):
         return False
     if has_normals(model.words, model.parts, part, slot):
-        side = dot(
-            closest[CLOSEST_ARM],
-            closest[CLOSEST_ARM + 1],
-            closest[CLOSEST_ARM + 2],
-            closest[CLOSEST_NORMAL],
-            closest[CLOSEST_NORMAL + 1],
-            closest[CLOSEST_NORMAL + 2],
-        )
+        side = dot(*vector(closest.arm), *vector(closest.normal))
         if abs(side) > LEAST_SIDE_SINE * length:
             return side < 0.0
     is_inside, _ = is_inside_by_winding(model, part, p)
@@ -158,4 +141,4 @@ def signed_of_slot(model, part, slot, p, closest):
         if is_over and not is_beyond(p):
             return height + 0.0  # never -0.0
     _, _, inside = closest_of_slot(model, part, slot, p, closest)
-    return -closest[CLOSEST_LENGTH] if inside else closest[CLOSEST_LENGTH]
+    return -closest.length if inside else closest.length

@@ -11,7 +11,8 @@ Source: the half-open rule for edges of Haines 1994, "Point in polygon strategie
 
 import numpy as np
 
-from proximity.kernels.layout import BLOCK_STRIDE, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.layout import BLOCK_STRIDE, CORNER_STRIDE, LANES, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.nodes import lower_along, upper_along, used_lanes
 from proximity.kernels.stack_arrays import stack_f32
 from proximity.kernels.traverse.depth_first import through_all
 from proximity.native import inlined, kernel
@@ -34,17 +35,19 @@ def _turns_of_block(reals, base, ray):
     """How many of a block's faces the ray leaves by, less those by which it enters."""
     axis, u_axis, v_axis, sign, along, across_u, across_v = ray
     zero, to_sign = splat(0.0), splat(sign)
-    au, av = load(reals, base + 8 * u_axis) - across_u, load(reals, base + 8 * v_axis) - across_v
-    bu, bv = load(reals, base + 24 + 8 * u_axis) - across_u, load(reals, base + 24 + 8 * v_axis) - across_v
-    cu, cv = load(reals, base + 48 + 8 * u_axis) - across_u, load(reals, base + 48 + 8 * v_axis) - across_v
+    u, v = base + LANES * u_axis, base + LANES * v_axis
+    au, av = load(reals, u) - across_u, load(reals, v) - across_v
+    bu, bv = load(reals, u + CORNER_STRIDE) - across_u, load(reals, v + CORNER_STRIDE) - across_v
+    cu, cv = load(reals, u + 2 * CORNER_STRIDE) - across_u, load(reals, v + 2 * CORNER_STRIDE) - across_v
     # Products and differences, not fused: the same number for both faces of an edge, but for its sign.
     ab, bc, ca = au * bv - av * bu, bu * cv - bv * cu, cu * av - cv * au
     turn = _turn_of_edge(av, bv, ab) + _turn_of_edge(bv, cv, bc) + _turn_of_edge(cv, av, ca)
     if not bits((turn > zero) | (turn < zero)):
         return np.int64(0)
-    a = to_sign * (load(reals, base + 8 * axis) - along)
-    b = to_sign * (load(reals, base + 24 + 8 * axis) - along)
-    c = to_sign * (load(reals, base + 48 + 8 * axis) - along)
+    at = base + LANES * axis
+    a = to_sign * (load(reals, at) - along)
+    b = to_sign * (load(reals, at + CORNER_STRIDE) - along)
+    c = to_sign * (load(reals, at + 2 * CORNER_STRIDE) - along)
     height = turn * (bc * a + ca * b + ab * c)
     nearest, farthest = minimum(a, minimum(b, c)), maximum(a, maximum(b, c))
     is_ahead = (nearest > zero) | ((farthest > zero) & (height > zero))
@@ -68,12 +71,12 @@ def _open_children(words, node, ray, total):
     """The children that the ray may meet; a step more."""
     axis, u_axis, v_axis, sign, along, across_u, across_v = ray
     base = NODE_STRIDE * node
-    far = widen(load(words, base + 8 * axis + (24 if sign > 0.0 else 0)))
+    far = widen(upper_along(words, base, axis) if sign > 0.0 else lower_along(words, base, axis))
     is_met = (far >= along) if sign > 0.0 else (far <= along)
-    is_met = is_met & (widen(load(words, base + 8 * u_axis)) <= across_u)
-    is_met = is_met & (widen(load(words, base + 8 * v_axis)) <= across_v)
-    is_met = is_met & (widen(load(words, base + 24 + 8 * u_axis)) >= across_u)
-    is_met = is_met & (widen(load(words, base + 24 + 8 * v_axis)) >= across_v)
+    is_met = is_met & (widen(lower_along(words, base, u_axis)) <= across_u)
+    is_met = is_met & (widen(lower_along(words, base, v_axis)) <= across_v)
+    is_met = is_met & (widen(upper_along(words, base, u_axis)) >= across_u)
+    is_met = is_met & (widen(upper_along(words, base, v_axis)) >= across_v)
     return (total[0], total[1] + 1), is_met
 
 
@@ -100,13 +103,13 @@ def _turns_ahead(reals, words, root, axis, sign, px, py, pz):
 def winding_along_ray(reals, words, root, px, py, pz):
     """Winding number around *p*, local, of a closed part with that root; the nodes and leaves it took."""
     base = NODE_STRIDE * root
-    is_used = load(words, base) <= load(words, base + 24)
+    is_used = used_lanes(words, base)
     none = splat32(np.float32(np.inf))
     axis, sign, least = 0, 1.0, np.inf
     for k in range(3):
         p = px if k == 0 else (py if k == 1 else pz)
-        below = p - horizontal_min(select(is_used, load(words, base + 8 * k), none))
-        above = -horizontal_min(select(is_used, -load(words, base + 24 + 8 * k), none)) - p
+        below = p - horizontal_min(select(is_used, lower_along(words, base, k), none))
+        above = -horizontal_min(select(is_used, -upper_along(words, base, k), none)) - p
         if below < least:
             axis, sign, least = k, -1.0, below
         if above < least:

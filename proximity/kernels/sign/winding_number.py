@@ -25,11 +25,25 @@ import numpy as np
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
+    CORNER_STRIDE,
     LANES,
+    MOMENT_AREA_NORMAL,
+    MOMENT_CENTRE,
+    MOMENT_FAR_SQ,
+    MOMENT_SPREAD,
     MOMENT_STRIDE,
-    NODE_CHILDREN,
     NODE_STRIDE,
     STACK_SIZE,
+)
+from proximity.kernels.nodes import (
+    child_at,
+    corners_at,
+    corners_of_block,
+    is_used,
+    load_points,
+    lower_at,
+    upper_at,
+    used_lanes,
 )
 from proximity.kernels.stack_arrays import stack_f32, stack_f64
 from proximity.kernels.traverse.depth_first import through_all
@@ -41,7 +55,6 @@ from proximity.native.simd import (
     lane,
     like,
     load,
-    load_int,
     maximum,
     select,
     splat,
@@ -52,6 +65,8 @@ from proximity.native.simd import (
 
 OPENING = 2.5
 """Ratio of distance to radius from which on a cluster counts as far."""
+ROUND = 2 * LANES
+"""Lanes twice in a row: from each, the others follow in cyclic order."""
 SMALLEST_PRODUCT, LARGEST_PRODUCT = 1e-300, 1e300
 """Range of a product that has a direction. Beyond it features are below 1e-100 local."""
 
@@ -70,10 +85,10 @@ def fill_moments(words, reals, node_count, moments):
         for k in range(LANES):
             at = MOMENT_STRIDE * node + k
             for row in range(12):
-                moments[at + 8 * row] = 0.0
-            if not words[base + k] <= words[base + 24 + k]:
+                moments[at + LANES * row] = 0.0
+            if not is_used(words, base + k):
                 continue
-            child = load_int(words, base + NODE_CHILDREN + k)
+            child = child_at(words, base + k)
             for number in range(16):
                 own[number] = sums[child, number] if child >= 0 else 0.0
             if child < 0:
@@ -84,15 +99,15 @@ def fill_moments(words, reals, node_count, moments):
             area = own[0]
             radius_sq = 0.0
             for axis in range(3):
-                low, high = words[base + 8 * axis + k], words[base + 24 + 8 * axis + k]
+                low, high = lower_at(words, base + k, axis), upper_at(words, base + k, axis)
                 centre = own[1 + axis] / area if area > 0.0 else 0.5 * (np.float64(low) + np.float64(high))
-                moments[at + 8 * axis] = centre
-                moments[at + 24 + 8 * axis] = own[4 + axis]
+                moments[at + MOMENT_CENTRE + LANES * axis] = centre
+                moments[at + MOMENT_AREA_NORMAL + LANES * axis] = own[4 + axis]
                 reach = max(high - centre, centre - low)
                 radius_sq += reach * reach
-            moments[at + 48] = OPENING * OPENING * radius_sq
+            moments[at + MOMENT_FAR_SQ] = OPENING * OPENING * radius_sq
             if area > 0.0:
-                _write_spread(own, moments, at + 56)
+                _write_spread(own, moments, at + MOMENT_SPREAD)
 
 
 @kernel
@@ -102,25 +117,26 @@ def _write_spread(sums, moments, at):
     xx, yy, zz = sums[7] - sums[4] * x, sums[11] - sums[5] * y, sums[15] - sums[6] * z
     trace = xx + yy + zz
     moments[at] = xx - trace / 3.0
-    moments[at + 8] = yy - trace / 3.0
-    moments[at + 16] = 0.5 * (sums[8] - sums[4] * y + sums[10] - sums[5] * x)
-    moments[at + 24] = 0.5 * (sums[9] - sums[4] * z + sums[13] - sums[6] * x)
-    moments[at + 32] = 0.5 * (sums[12] - sums[5] * z + sums[14] - sums[6] * y)
+    moments[at + LANES] = yy - trace / 3.0
+    moments[at + 2 * LANES] = 0.5 * (sums[8] - sums[4] * y + sums[10] - sums[5] * x)
+    moments[at + 3 * LANES] = 0.5 * (sums[9] - sums[4] * z + sums[13] - sums[6] * x)
+    moments[at + 4 * LANES] = 0.5 * (sums[12] - sums[5] * z + sums[14] - sums[6] * y)
 
 
 @kernel
-def _add_triangle(reals, b, sums):
-    """Add the triangle whose first coordinate is real *b* to the sums of `fill_moments`; NaN adds nothing."""
-    if reals[b] != reals[b]:
+def _add_triangle(reals, position, sums):
+    """Add a triangle to the sums of `fill_moments`; NaN adds nothing."""
+    a, b, c = corners_at(reals, position)
+    if a[0] != a[0]:
         return
-    ux, uy, uz = reals[b + 24] - reals[b], reals[b + 32] - reals[b + 8], reals[b + 40] - reals[b + 16]
-    vx, vy, vz = reals[b + 48] - reals[b], reals[b + 56] - reals[b + 8], reals[b + 64] - reals[b + 16]
+    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     nx, ny, nz = 0.5 * (uy * vz - uz * vy), 0.5 * (uz * vx - ux * vz), 0.5 * (ux * vy - uy * vx)
     area = sqrt(nx * nx + ny * ny + nz * nz)
     sums[0] += area
     for axis in range(3):
-        at = b + 8 * axis
-        middle = (reals[at] + reals[at + 24] + reals[at + 48]) / 3.0
+        at = position + LANES * axis
+        middle = (reals[at] + reals[at + CORNER_STRIDE] + reals[at + 2 * CORNER_STRIDE]) / 3.0
         sums[1 + axis] += area * middle
         sums[7 + axis] += nx * middle
         sums[10 + axis] += ny * middle
@@ -158,9 +174,10 @@ def turned(cosine, sine, turns, below, volume):
 @kernel
 def _turned_by_block(reals, base, x, y, z, cosine, sine, turns):
     """Turn each lane's angle on by half the solid angle of a block's triangle, seen from *p*."""
-    ax, ay, az = load(reals, base) - x, load(reals, base + 8) - y, load(reals, base + 16) - z
-    bx, by, bz = load(reals, base + 24) - x, load(reals, base + 32) - y, load(reals, base + 40) - z
-    cx, cy, cz = load(reals, base + 48) - x, load(reals, base + 56) - y, load(reals, base + 64) - z
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners_of_block(reals, base)
+    ax, ay, az = ax - x, ay - y, az - z
+    bx, by, bz = bx - x, by - y, bz - z
+    cx, cy, cz = cx - x, cy - y, cz - z
     a = square_root(dot(ax, ay, az, ax, ay, az))
     b = square_root(dot(bx, by, bz, bx, by, bz))
     c = square_root(dot(cx, cy, cz, cx, cy, cz))
@@ -183,18 +200,14 @@ def _turned_by_block(reals, base, x, y, z, cosine, sine, turns):
 @kernel
 def _sum_of_angles(cosine, sine, turns):
     """The sum of all lanes' angles: lane by lane with the one that is four, two and one further."""
-    workspace = stack_f64(48)
+    twice = stack_f64(ROUND), stack_f64(ROUND), stack_f64(ROUND)
     for step in (4, 2, 1):
-        for at in (0, 8):
-            store(workspace, at, cosine)
-            store(workspace, at + 16, sine)
-            store(workspace, at + 32, turns)
+        for at in (0, LANES):
+            store(twice[0], at, cosine)
+            store(twice[1], at, sine)
+            store(twice[2], at, turns)
         cosine, sine, turns = turned(
-            cosine,
-            sine,
-            turns + load(workspace, step + 32),
-            load(workspace, step),
-            load(workspace, step + 16),
+            cosine, sine, turns + load(twice[2], step), load(twice[0], step), load(twice[1], step)
         )
     return atan2(lane(sine, 0) + 0.0, lane(cosine, 0)) + 2.0 * pi * lane(turns, 0)
 
@@ -202,11 +215,12 @@ def _sum_of_angles(cosine, sine, turns):
 @kernel
 def _flux(words, at, dx, dy, dz, distance_sq):
     """Solid angle of the children of the node with moments *at*, seen as points."""
-    flux = dot(
-        dx, dy, dz, widen(load(words, at + 24)), widen(load(words, at + 32)), widen(load(words, at + 40))
-    )
-    xx, yy = widen(load(words, at + 56)), widen(load(words, at + 64))
-    xy, xz, yz = widen(load(words, at + 72)), widen(load(words, at + 80)), widen(load(words, at + 88))
+    nx, ny, nz = load_points(words, at + MOMENT_AREA_NORMAL)
+    flux = dot(dx, dy, dz, widen(nx), widen(ny), widen(nz))
+    spread = at + MOMENT_SPREAD
+    xx, yy = widen(load(words, spread)), widen(load(words, spread + LANES))
+    xy, xz, yz = load_points(words, spread + 2 * LANES)
+    xy, xz, yz = widen(xy), widen(xz), widen(yz)
     spread_x = dot(dx, dy, dz, xx, xy, xz)
     spread_y = dot(dx, dy, dz, xy, yy, yz)
     spread_z = dot(dx, dy, dz, xz, yz, -(xx + yy))
@@ -223,13 +237,14 @@ def _open_children(words, node, query, total):
     (x, y, z), moments = query
     cosine, sine, turns, fluxes = total
     base, at = NODE_STRIDE * node, moments + MOMENT_STRIDE * node
-    dx, dy, dz = (widen(load(words, at)) - x, widen(load(words, at + 8)) - y, widen(load(words, at + 16)) - z)
+    dx, dy, dz = load_points(words, at + MOMENT_CENTRE)
+    dx, dy, dz = widen(dx) - x, widen(dy) - y, widen(dz) - z
     distance_sq = dot(dx, dy, dz, dx, dy, dz)
-    is_used = load(words, base) <= load(words, base + 24)
-    is_far = is_used & (distance_sq > widen(load(words, at + 48)))
+    is_open = used_lanes(words, base)
+    is_far = is_open & (distance_sq > widen(load(words, at + MOMENT_FAR_SQ)))
     if bits(is_far):
         fluxes = fluxes + select(is_far, _flux(words, at, dx, dy, dz, distance_sq), splat(0.0))
-    return (cosine, sine, turns, fluxes), is_used & ~is_far
+    return (cosine, sine, turns, fluxes), is_open & ~is_far
 
 
 @inlined

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.geometry.closest_feature import CLOSEST_ARM, CLOSEST_LENGTH
 from proximity.kernels.geometry.frames import direction_to_scene, rounding_at
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES
@@ -91,15 +90,15 @@ def point_on_path(path, parameter, vectors):
 @inlined
 def outward_of(model, part, closest, out):
     """Fill *out* (3,) with the unit direction, scene's frame, from a closest point to its query."""
-    length = closest[CLOSEST_LENGTH]
+    length = closest.length
     factor = 1.0 / length if length > 1e-150 else 0.0
     out[0], out[1], out[2] = direction_to_scene(
         model.frames,
         model.parts,
         part,
-        closest[CLOSEST_ARM] * factor,
-        closest[CLOSEST_ARM + 1] * factor,
-        closest[CLOSEST_ARM + 2] * factor,
+        closest.arm[0] * factor,
+        closest.arm[1] * factor,
+        closest.arm[2] * factor,
     )
 
 

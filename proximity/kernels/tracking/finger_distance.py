@@ -10,9 +10,6 @@ import numpy as np
 
 from proximity.kernels.contact_record import IN_RANGE, INSIDE, SIGNED, SKIPPED
 from proximity.kernels.geometry.closest_feature import (
-    CLOSEST_LENGTH,
-    CLOSEST_NORMAL,
-    CLOSEST_POINT,
     closest_on_triangle,
 )
 from proximity.kernels.geometry.frames import (
@@ -24,6 +21,7 @@ from proximity.kernels.geometry.frames import (
     turn_to_scene,
     velocity_at,
 )
+from proximity.kernels.geometry.rows import vector
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import SIGN_NONE
 from proximity.kernels.point.coherent_search import FRONTIER_BEGINS, LONG_WALK, nearest_from_last_answer
@@ -36,7 +34,6 @@ from proximity.kernels.scene.queries.distance_bounds import (
 )
 from proximity.kernels.sign.side import pseudo_normal
 from proximity.kernels.tracking.conservative_advancement import outward_of
-from proximity.kernels.tracking.track import vector
 from proximity.native import inlined
 from proximity.native.simd import load_int
 
@@ -219,16 +216,16 @@ def _find_surface(model, settings, finger, part, slot, bits, scratch):
     closest, vectors, track = scratch.closest, scratch.vectors, finger.track
     x, y, z = vector(finger.record.position)
     outward_of(model, part, closest, vectors)
-    if closest[CLOSEST_LENGTH] <= 1e-150:
+    if closest.length <= 1e-150:
         px, py, pz = to_local(frames, parts, part, x, y, z)
         feature, which = closest_on_triangle(px, py, pz, closest)
         face = load_int(model.words, parts[part].slot_faces + slot)
         pseudo_normal(model, part, face, feature, which, closest)
-        turn_to_scene(frames, parts, part, closest, CLOSEST_NORMAL, vectors, 0)
+        turn_to_scene(frames, parts, part, closest.normal, 0, vectors, 0)
     elif bits & INSIDE:
         for axis in range(3):
             vectors[axis] = -vectors[axis]
-    to_scene(frames, parts, part, closest, CLOSEST_POINT, vectors, 3)
+    to_scene(frames, parts, part, closest.point, 0, vectors, 3)
     track.foot[0], track.foot[1], track.foot[2] = vectors[3], vectors[4], vectors[5]
     track.foot_from[0], track.foot_from[1], track.foot_from[2] = x, y, z
     track.foot_displacement = settings.displacement

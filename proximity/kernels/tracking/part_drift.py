@@ -13,8 +13,9 @@ import numpy as np
 from proximity.kernels.geometry.frames import ROUNDED_DOWN, ROUNDED_UP
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import ALL_LANES, FRAME, LANES, field_at
+from proximity.kernels.nodes import load_points
 from proximity.kernels.stack_arrays import reals_of
-from proximity.native import inlined, kernel
+from proximity.native import inlined, kernel, record
 from proximity.native.simd import (
     bits,
     horizontal_min,
@@ -28,14 +29,16 @@ from proximity.native.simd import (
     trailing_zeros,
 )
 
-# --- ``movers`` (float64): columns of as many numbers as parts that may move, one after another ---
-MOVER_VELOCITY = 0  # m/s, of the part's origin
-MOVER_TURN = 3  # m/s at most, by turning about it
-MOVER_LOWER = 4  # m, scene's frame: of the part's box
-MOVER_UPPER = 7
-MOVER_NEAR_GAP = 10  # m between a finger and a box, of the parts it gathered
-MOVER_NEAR_SPEED = 11  # their speed at most relative to a velocity, a unit of the path's parameter
-MOVER_COLUMNS = 12
+EIGHT_MOVERS = record(
+    "EightMovers",
+    velocity=f"({3 * LANES},)f8",  # m/s, of the part's origin
+    turn=f"({LANES},)f8",  # m/s at most, by turning about it
+    lower=f"({3 * LANES},)f8",  # m, scene's frame: of the part's box
+    upper=f"({3 * LANES},)f8",
+    near_gap=f"({LANES},)f8",  # m between a finger and a box, of the parts it gathered
+    near_speed=f"({LANES},)f8",  # their speed at most relative to a velocity, a unit of the path's parameter
+)
+"""Eight parts that may move; and eight of those that a finger has gathered."""
 SIX_LANES = 2**6 - 1
 
 MOST_COMINGS = 8
@@ -52,28 +55,27 @@ LAST_EIGHT = POSE_COLUMNS - LANES
 class Movers(NamedTuple):
     """The parts of a scene that have a velocity."""
 
-    columns: np.ndarray  # float64, as `gather_movers` fills them
-    moving_count: int  # parts in the columns
+    rows: np.ndarray  # EIGHT_MOVERS, as `gather_movers` fills them
+    moving_count: int
     any_stands: bool  # whether some part has no velocity
 
 
 class Drift(NamedTuple):
     """Speeds of surfaces toward a point of a path, at most; a unit is one of the path's parameter."""
 
-    columns: np.ndarray  # float64, as `gather_near` fills them
-    near_count: int  # parts in the columns
+    rows: np.ndarray  # EIGHT_MOVERS, as `gather_near` fills them
+    near_count: int
     least: float  # m a unit, of parts that are near from the start
 
 
 def movers_workspace(part_count):
-    """Return a table for so many parts, (`MOVER_COLUMNS` times some lanes,)."""
-    return np.zeros(MOVER_COLUMNS * LANES * (part_count // LANES + 2))
+    """Return a table for so many parts."""
+    return np.zeros(part_count // LANES + 2, EIGHT_MOVERS)
 
 
 @kernel
 def gather_movers(frames, parts, movers):
-    """Fill the columns of parts that have a velocity; how many there are, and whether any stands."""
-    size = len(movers) // MOVER_COLUMNS
+    """Fill the rows of parts that have a velocity; return their number, and whether any part stands."""
     rows, count, stands = reals_of(frames), 0, False
     for part in range(len(parts) - 1):
         # Both velocities follow each other; behind them is what does not count.
@@ -83,27 +85,27 @@ def gather_movers(frames, parts, movers):
         if is_still:
             stands = True
             continue
-        arm_sq, turn_sq = 0.0, 0.0
+        mover, k, arm_sq, turn_sq = movers[count // LANES], count % LANES, 0.0, 0.0
         for axis in range(3):
             arm = max(abs(frames[part].own_lower[axis]), abs(frames[part].own_upper[axis]))
             arm_sq += arm * arm
             turn_sq += frames[part].angular_velocity[axis] * frames[part].angular_velocity[axis]
-            movers[(MOVER_VELOCITY + axis) * size + count] = frames[part].velocity[axis]
-            movers[(MOVER_LOWER + axis) * size + count] = frames[part].box_lower[axis]
-            movers[(MOVER_UPPER + axis) * size + count] = frames[part].box_upper[axis]
-        movers[MOVER_TURN * size + count] = sqrt(arm_sq) * sqrt(turn_sq)
+            mover.velocity[LANES * axis + k] = frames[part].velocity[axis]
+            mover.lower[LANES * axis + k] = frames[part].box_lower[axis]
+            mover.upper[LANES * axis + k] = frames[part].box_upper[axis]
+        mover.turn[k] = sqrt(arm_sq) * sqrt(turn_sq)
         count += 1
     for k in range(count, count + LANES):
         for axis in range(3):
-            movers[(MOVER_LOWER + axis) * size + k] = np.inf
+            movers[k // LANES].lower[LANES * axis + k % LANES] = np.inf
     return count, stands
 
 
 @inlined
-def _gaps(movers, at, size, x):
+def _gaps(mover, axis, x):
     """Gaps between a coordinate and eight boxes along one axis; 0 within them."""
-    below = load(movers, MOVER_LOWER * size + at) - splat(x)
-    above = splat(x) - load(movers, MOVER_UPPER * size + at)
+    below = load(mover.lower, LANES * axis) - splat(x)
+    above = splat(x) - load(mover.upper, LANES * axis)
     return maximum(maximum(below, above), splat(0.0))
 
 
@@ -116,21 +118,18 @@ def gather_near(movers, velocity, point, off, speed, unit, extent):
     part counts if it can come within *off* m of the point. The fastest, m a unit, is that of all that move,
     however far.
     """
-    columns = movers.columns
-    size = len(columns) // MOVER_COLUMNS
+    rows = movers.rows
     x, y, z = point
     ux, uy, uz = velocity
     near = 0
     fastest = splat(0.0)
     for first in range(0, movers.moving_count, LANES):
-        gap_x = _gaps(columns, first, size, x)
-        gap_y = _gaps(columns, first + size, size, y)
-        gap_z = _gaps(columns, first + 2 * size, size, z)
+        mover = rows[first // LANES]
+        gap_x, gap_y, gap_z = _gaps(mover, 0, x), _gaps(mover, 1, y), _gaps(mover, 2, z)
         gaps = square_root(dot(gap_x, gap_y, gap_z, gap_x, gap_y, gap_z)) * splat(ROUNDED_DOWN) - splat(off)
-        vx = load(columns, MOVER_VELOCITY * size + first) - splat(ux)
-        vy = load(columns, (MOVER_VELOCITY + 1) * size + first) - splat(uy)
-        vz = load(columns, (MOVER_VELOCITY + 2) * size + first) - splat(uz)
-        speeds = square_root(dot(vx, vy, vz, vx, vy, vz)) + load(columns, MOVER_TURN * size + first)
+        vx, vy, vz = load_points(mover.velocity, 0)
+        vx, vy, vz = vx - splat(ux), vy - splat(uy), vz - splat(uz)
+        speeds = square_root(dot(vx, vy, vz, vx, vy, vz)) + load(mover.turn, 0)
         speeds = speeds * splat(unit * ROUNDED_UP)
         speeds = select(gaps < splat(np.inf), speeds, splat(0.0))
         fastest = maximum(fastest, speeds)
@@ -138,11 +137,12 @@ def gather_near(movers, velocity, point, off, speed, unit, extent):
         while coming:
             k = trailing_zeros(coming)
             coming &= coming - 1
-            columns[MOVER_NEAR_GAP * size + near] = lane(gaps, k)
-            columns[MOVER_NEAR_SPEED * size + near] = lane(speeds, k)
+            rows[near // LANES].near_gap[near % LANES] = lane(gaps, k)
+            rows[near // LANES].near_speed[near % LANES] = lane(speeds, k)
             near += 1
     for k in range(near, near + LANES):
-        columns[MOVER_NEAR_GAP * size + k], columns[MOVER_NEAR_SPEED * size + k] = np.inf, 0.0
+        row = rows[k // LANES]
+        row.near_gap[k % LANES], row.near_speed[k % LANES] = np.inf, 0.0
     return near, -horizontal_min(splat(0.0) - fastest)
 
 
@@ -155,26 +155,25 @@ def part_travel(drift, speed, elapsed):
     near, least = drift.near_count, drift.least
     if near == 0:
         return least, np.inf
-    size = len(drift.columns) // MOVER_COLUMNS
     soon = elapsed * ROUNDED_UP + AT_ONCE
     fastest = splat(least)
     for first in range(0, near, LANES):
-        gaps, speeds = _near_at(drift.columns, size, first)
+        gaps, speeds = _near_at(drift.rows[first // LANES])
         has_come = gaps <= (splat(speed) + speeds) * splat(soon)
         fastest = maximum(fastest, select(has_come, speeds, splat(least)))
     fastest_now = -horizontal_min(splat(0.0) - fastest)
     coming = splat(np.inf)
     for first in range(0, near, LANES):
-        gaps, speeds = _near_at(drift.columns, size, first)
+        gaps, speeds = _near_at(drift.rows[first // LANES])
         comes = gaps / (splat(speed) + speeds)
         coming = minimum(coming, select(speeds > splat(fastest_now), comes, splat(np.inf)))
     return fastest_now, horizontal_min(coming) * ROUNDED_DOWN
 
 
 @inlined
-def _near_at(columns, size, first):
+def _near_at(row):
     """Gaps, m, and speeds, m a unit, of eight parts that may come near."""
-    return load(columns, MOVER_NEAR_GAP * size + first), load(columns, MOVER_NEAR_SPEED * size + first)
+    return load(row.near_gap, 0), load(row.near_speed, 0)
 
 
 @inlined

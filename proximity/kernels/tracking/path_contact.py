@@ -10,6 +10,7 @@ import numpy as np
 
 from proximity.kernels.contact_record import CONTACT_FOUND, INSIDE, ON_PATH, PREDICTED
 from proximity.kernels.geometry.frames import rounding_at, velocity_at
+from proximity.kernels.geometry.rows import vector
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.point.budgeted_walk import DOWN
 from proximity.kernels.scene.queries.distance_bounds import bounds_at
@@ -22,7 +23,6 @@ from proximity.kernels.tracking.conservative_advancement import (
 )
 from proximity.kernels.tracking.part_drift import Drift, gather_near
 from proximity.kernels.tracking.prediction import STILL, count_steps, steps_left
-from proximity.kernels.tracking.track import vector
 from proximity.native import inlined, kernel
 
 PROBES = 3
@@ -174,7 +174,7 @@ def predict_contact_on_path(model, settings, finger, path, path_bends, bend, mov
         lower, upper, part, slot = _bounds_at_vectors(model, settings, finger, part, slot, scratch)
         if lower <= radius:
             return flags | _write_contact_now(record, speed, upper <= radius)
-    standing = Drift(movers.columns, np.int64(0), 0.0)
+    standing = Drift(movers.rows, np.int64(0), 0.0)
     advance = _advance_on_path(
         model, settings, finger, path, standing, current, lower - radius, part, slot, scratch
     )
@@ -192,7 +192,7 @@ def predict_contact_on_path(model, settings, finger, path, path_bends, bend, mov
             )  # fmt: skip
         if near:
             advance = _advance_on_path(
-                model, settings, finger, path, Drift(movers.columns, near, 0.0), current, lower - radius,
+                model, settings, finger, path, Drift(movers.rows, near, 0.0), current, lower - radius,
                 advance.part, advance.slot, scratch,
             )  # fmt: skip
         record.time_to_contact_lower = max(advance.free - current, 0.0) / speed * DOWN

@@ -13,6 +13,7 @@ import numpy as np
 
 from proximity.kernels.contact_record import IN_RANGE, INSIDE, PREDICTED
 from proximity.kernels.geometry.frames import ROUNDED_UP, rounding_at
+from proximity.kernels.geometry.rows import vector
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.scene.queries.distance_bounds import bounds_at, is_in_box_with_holes, may_pass_hole
 from proximity.kernels.tracking.conservative_advancement import Sphere, advance_conservatively
@@ -23,7 +24,6 @@ from proximity.kernels.tracking.part_drift import (
     gather_near,
     part_travel,
 )
-from proximity.kernels.tracking.track import vector
 from proximity.native import inlined
 
 STILL = 1e-6
@@ -85,7 +85,7 @@ def relative_motion(frames, settings, movers, finger, flags):
         x, y, z = vector(record.position)
         off = finger.track.radius + rounding_at(frames, x, y, z)
         near, fastest = gather_near(movers, part_velocity, (x, y, z), off, speed, 1.0, settings.horizon)
-    drift = Drift(movers.columns, near, least)
+    drift = Drift(movers.rows, near, least)
     return RelativeMotion(part_velocity, (vx, vy, vz), speed, drift, max(fastest, least))
 
 

@@ -19,9 +19,11 @@ from proximity.kernels.contact_record import (
     SURFACE_DEFORMABLE,
     TRACKED,
 )
-from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
+from proximity.kernels.geometry.closest_feature import stack_closest
 from proximity.kernels.geometry.frames import can_be_asked, is_alone, looks_like_millimetres
+from proximity.kernels.geometry.rows import vector
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_PART, ModelArrays
+from proximity.kernels.nodes import fetch_block
 from proximity.kernels.stack_arrays import stack_f64, stack_f64_rows
 from proximity.kernels.tracking.conservative_advancement import Path
 from proximity.kernels.tracking.finger_distance import find_distance
@@ -44,10 +46,8 @@ from proximity.kernels.tracking.track import (
     Scratch,
     TrackerArrays,
     forget_distances,
-    vector,
 )
 from proximity.native import ROWS_WITH_GIL, entry, inlined
-from proximity.native.simd import prefetch
 
 # --- bits of the answer of a tick: it is done, and what its caller should know ---
 NOT_DONE = 0
@@ -81,7 +81,7 @@ def tick(model, arrays, positions, pose_ns, now_ns, is_moved):
     settings, count = arrays.settings[0], len(arrays.tracks)
     if len(positions) != count or len(pose_ns) != count:
         return NOT_DONE
-    scratch = Scratch(arrays.workspace, stack_f64(CLOSEST_SIZE), stack_f64(9))
+    scratch = Scratch(arrays.workspace, stack_closest(1)[0], stack_f64(9))
     straight = Path(stack_f64_rows(2, 3), stack_f64(2))
     settings.steps_left = steps_for_all(settings.budget, count)
     settings.prediction_steps_left = PREDICTION_BUDGETS * settings.budget
@@ -222,9 +222,7 @@ def _find_all_distances(model, arrays, is_moved, scratch):
 def _fetch_face(reals, slot):
     """Have the face that a finger starts from brought from memory, while another finger is done."""
     if slot >= 0:
-        base = BLOCK_STRIDE * (slot // LANES)
-        for line in range(BLOCK_STRIDE // 8):
-            prefetch(reals, base + 8 * line)
+        fetch_block(reals, BLOCK_STRIDE * (slot // LANES))
 
 
 @inlined

@@ -98,12 +98,6 @@ class Scratch(NamedTuple):
     vectors: np.ndarray  # (9,) float64: three vectors, for each function to say which
 
 
-@inlined
-def vector(values):
-    """The first three numbers of an array."""
-    return values[0], values[1], values[2]
-
-
 bundle(
     TrackerArrays,
     settings="Settings[1]",
@@ -119,7 +113,7 @@ bundle(
     records="Contact[:]",
     unknown="Contact[1]",
     before=f"float64[:, {POSE_COLUMNS}]",
-    movers="float64[:]",
+    movers="EightMovers[:]",
     workspace="float32[:]",
 )
 

@@ -14,7 +14,8 @@ Tried and dropped (2026-11): see the figures beside `SWEEP_SHARE`.
 
 import numpy as np
 
-from proximity.kernels.layout import ENTRY, LANES, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.layout import ENTRY, LANES, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.nodes import child_at, children_of
 from proximity.kernels.traverse.depth_first import fetch
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
@@ -164,7 +165,7 @@ def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of):
                         follows = False
                         continue
                     bounds = close_bounds(words, parts, reference, query, above)
-                    references = load(words, NODE_STRIDE * reference + NODE_CHILDREN)
+                    references = children_of(words, NODE_STRIDE * reference)
                     opened = _push(workspace, count, bounds, references, part, bounds <= splat32(reach))
                     follows = follows and opened > count
                     if follows:
@@ -196,9 +197,9 @@ def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of):
                     left = is_open
                     if work < deep_end:
                         left = is_open & ~it
-                    at = _push(workspace, at, bounds, load(words, base + NODE_CHILDREN), part, left)
+                    at = _push(workspace, at, bounds, children_of(words, base), part, left)
                     if work < deep_end:
-                        reference = load_int(words, base + NODE_CHILDREN + nearest)
+                        reference = child_at(words, base + nearest)
                         continue
             elif ~reference < ENTRY:
                 best = leaf(reals, reference, query, best)

@@ -16,18 +16,17 @@ tree, and behind it, from `SCENE_STACKS` on, for the scene's.
 
 import numpy as np
 
-from proximity.kernels.layout import BLOCK_STRIDE, ENTRY, NODE_CHILDREN, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.layout import BLOCK_STRIDE, ENTRY, NODE_STRIDE, STACK_SIZE
+from proximity.kernels.nodes import child_at, children_of, fetch_block, fetch_node
 from proximity.native import inlined
 from proximity.native.simd import (
     bits,
     compress,
     count_bits,
     fma,
-    load,
     load_int,
     lowest_lane,
     nearest_lane,
-    prefetch,
     splat32,
     store,
 )
@@ -43,7 +42,7 @@ EMPTY = -1
 def _push(words, base, bounds, which, stacks, at):
     """Leave children of the node at *base* waiting; *at* behind them."""
     store(stacks, at, compress(bounds, which))
-    store(stacks, at + STACK_SIZE, compress(load(words, base + NODE_CHILDREN), which))
+    store(stacks, at + STACK_SIZE, compress(children_of(words, base), which))
     return at + count_bits(bits(which))
 
 
@@ -65,7 +64,7 @@ def to_nearest(_, words, base, bounds, __, is_open, stacks, at):
     """
     nearest, it = lowest_lane(bounds)
     at = _push(words, base, bounds, is_open & ~it, stacks, at)
-    return load_int(words, base + NODE_CHILDREN + nearest), at
+    return child_at(words, base + nearest), at
 
 
 @inlined
@@ -88,18 +87,15 @@ def in_order(reals, words, base, bounds, leaving, is_open, stacks, at):
     _fetch_child(reals, words, base, next_lane if bits(others) else nearest)
     at = _push(words, base, bounds, others & ~second, stacks, at)
     at = _push(words, base, bounds, others & second, stacks, at)
-    return load_int(words, base + NODE_CHILDREN + nearest), at
+    return child_at(words, base + nearest), at
 
 
 @inlined
 def _fetch_child(reals, words, base, lane):
-    """Have a child brought from memory, as a node and as a block: to ask what it is would take longer."""
-    reference = load_int(words, base + NODE_CHILDREN + lane)
-    node, block = NODE_STRIDE * max(reference, 0), BLOCK_STRIDE * max(~reference, 0)
-    for line in range(NODE_STRIDE // 16):
-        prefetch(words, node + 16 * line)
-    for line in range(BLOCK_STRIDE // 8):
-        prefetch(reals, block + 8 * line)
+    """Prefetch a child as node and as block; a branch would cost more."""
+    reference = child_at(words, base + lane)
+    fetch_node(words, NODE_STRIDE * max(reference, 0))
+    fetch_block(reals, BLOCK_STRIDE * max(~reference, 0))
 
 
 @inlined
@@ -121,11 +117,9 @@ def fetch_ahead(reals, words, stacks, bottom, at, reach):
 def fetch(reals, words, reference):
     """Have a node or a leaf brought from memory, while something else is done."""
     if reference >= 0:
-        for line in range(4):
-            prefetch(words, NODE_STRIDE * reference + 16 * line)
+        fetch_node(words, NODE_STRIDE * reference)
     elif ~reference < ENTRY:
-        for line in range(9):
-            prefetch(reals, BLOCK_STRIDE * ~reference + 8 * line)
+        fetch_block(reals, BLOCK_STRIDE * ~reference)
 
 
 def depth_first(open_children, at_leaf, descend=to_nearest):
@@ -204,7 +198,7 @@ def through_all(open_children, leaf):
                 total = leaf(reals, reference, query, total)
             else:
                 total, is_open = open_children(words, reference, query, total)
-                children = load(words, NODE_STRIDE * reference + NODE_CHILDREN)
+                children = children_of(words, NODE_STRIDE * reference)
                 store(stack, waiting, compress(children, is_open))
                 waiting += count_bits(bits(is_open))
             if waiting == 0:

@@ -7,7 +7,7 @@ Runs of faces are split until a leaf takes them (`binned_sah`), large subtrees a
 import numpy as np
 
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
-from proximity.kernels.layout import BLOCK_STRIDE, BOX_STRIDE, ENTRIES_SHIFT, LANES, NO_FACE
+from proximity.kernels.layout import BLOCK_STRIDE, BOX_STRIDE, CORNER_STRIDE, ENTRIES_SHIFT, LANES, NO_FACE
 from proximity.kernels.tree.binned_sah import halve
 from proximity.kernels.tree.collapse import widen_tree
 from proximity.kernels.tree.reinsertion import improve
@@ -57,10 +57,10 @@ def fill_blocks(vertices, faces, order, block_first, blocks, face_of_slot):
             if lane >= number:
                 face_of_slot[slot] = NO_FACE
                 for k in range(9):
-                    blocks[base + 8 * k] = np.nan
+                    blocks[base + LANES * k] = np.nan
                 continue
             face = order[first + lane]
             face_of_slot[slot] = face
             for corner in range(3):
                 for axis in range(3):
-                    blocks[base + 8 * (3 * corner + axis)] = vertices[faces[face, corner], axis]
+                    blocks[base + CORNER_STRIDE * corner + LANES * axis] = vertices[faces[face, corner], axis]

@@ -10,7 +10,8 @@ Laine 2017, "Efficient incoherent ray traversal on GPUs through compressed wide 
 
 import numpy as np
 
-from proximity.kernels.layout import BOX_STRIDE, LANES, MAX_DEPTH, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.layout import BOX_STRIDE, LANES, MAX_DEPTH, NODE_CHILDREN, NODE_STRIDE, NODE_UPPER
+from proximity.kernels.nodes import lower_along, upper_along
 from proximity.kernels.tree.binned_sah import (
     LINK_COUNT,
     LINK_FIRST,
@@ -36,8 +37,8 @@ NO_REFERENCE = -1
 def write_lane(words, base, lane, box, reference):
     """Write a child of the node at word *base*: its box, lower and upper, and what it is."""
     for axis in range(3):
-        words[base + 8 * axis + lane] = box[axis]
-        words[base + 24 + 8 * axis + lane] = box[axis + 3]
+        words[base + LANES * axis + lane] = box[axis]
+        words[base + NODE_UPPER + LANES * axis + lane] = box[axis + 3]
     words.view(np.int32)[base + NODE_CHILDREN + lane] = reference
 
 
@@ -46,7 +47,7 @@ def clear_node(words, node):
     """Make all lanes of a node unused."""
     base = NODE_STRIDE * node
     for k in range(0, NODE_STRIDE, LANES):
-        filling = np.inf if k < 24 else (-np.inf if k < NODE_CHILDREN else 0.0)
+        filling = np.inf if k < NODE_UPPER else (-np.inf if k < NODE_CHILDREN else 0.0)
         store(words, base + k, splat32(np.float32(filling)))
 
 
@@ -55,8 +56,8 @@ def node_box(words, node, box):
     """The box around all children of a node; unused lanes add nothing."""
     base = NODE_STRIDE * node
     for axis in range(3):
-        box[axis] = horizontal_min(load(words, base + 8 * axis))
-        box[axis + 3] = -horizontal_min(-load(words, base + 24 + 8 * axis))
+        box[axis] = horizontal_min(lower_along(words, base, axis))
+        box[axis + 3] = -horizontal_min(-upper_along(words, base, axis))
 
 
 @inlined

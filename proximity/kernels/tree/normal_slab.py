@@ -13,12 +13,21 @@ import numpy as np
 
 from proximity.kernels.geometry.box import round_down, round_up
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, MOMENT_STRIDE, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    CORNER_STRIDE,
+    LANES,
+    MOMENT_AREA_NORMAL,
+    MOMENT_SLAB_LARGEST,
+    MOMENT_SLAB_LEAST,
+    MOMENT_STRIDE,
+    NODE_STRIDE,
+)
+from proximity.kernels.nodes import child_at, corner_at, is_used, load_points
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import (
     horizontal_min,
     load,
-    load_int,
     maximum,
     minimum,
     narrow,
@@ -27,10 +36,6 @@ from proximity.native.simd import (
     widen,
 )
 
-MOMENT_AREA_NORMAL = 24
-"""Offset of the sum of area normals in a node's moments: x, y, z."""
-MOMENT_SLAB_LEAST = 96
-MOMENT_SLAB_LARGEST = 104
 SLAB_ROUNDING = 1e-12
 """Rounding of scalar products of local coordinates, at most, in lengths of the normal."""
 SHRINK_SLAB = 1.0 - 2.0**-22
@@ -52,17 +57,14 @@ def fill_slabs(words, reals, root, node_count, moments, moments_at):
         ends[own, 0], ends[own, 1] = np.int64(2**62), np.int64(-1)
         for k in range(LANES):
             moments[at + MOMENT_SLAB_LEAST + k], moments[at + MOMENT_SLAB_LARGEST + k] = 0.0, 0.0
-            if not words[base + k] <= words[base + 24 + k]:
+            if not is_used(words, base + k):
                 continue
-            child = load_int(words, base + NODE_CHILDREN + k)
+            child = child_at(words, base + k)
             first = ends[child - root, 0] if child >= 0 else ~child
             last = ends[child - root, 1] if child >= 0 else ~child
             ends[own, 0], ends[own, 1] = min(ends[own, 0], first), max(ends[own, 1], last)
-            nx, ny, nz = (
-                np.float64(moments[at + MOMENT_AREA_NORMAL + k]),
-                np.float64(moments[at + MOMENT_AREA_NORMAL + 8 + k]),
-                np.float64(moments[at + MOMENT_AREA_NORMAL + 16 + k]),
-            )
+            nx, ny, nz = corner_at(moments, at + MOMENT_AREA_NORMAL + k, 0)
+            nx, ny, nz = np.float64(nx), np.float64(ny), np.float64(nz)
             least, largest = _extent(reals, first, last, nx, ny, nz)
             slack = SLAB_ROUNDING * (abs(nx) + abs(ny) + abs(nz))
             moments[at + MOMENT_SLAB_LEAST + k] = round_down(least - slack)
@@ -76,8 +78,7 @@ def _extent(reals, first, last, nx, ny, nz):
     least, largest = splat(np.inf), splat(-np.inf)
     for block in range(first, last + 1):
         for corner in range(3):
-            base = BLOCK_STRIDE * block + 24 * corner
-            along = dot(x, y, z, load(reals, base), load(reals, base + 8), load(reals, base + 16))
+            along = dot(x, y, z, *load_points(reals, BLOCK_STRIDE * block + CORNER_STRIDE * corner))
             # An unused lane is NaN, which neither comparison lets in.
             least = select(along < least, along, least)
             largest = select(along > largest, along, largest)
@@ -90,11 +91,8 @@ def slabs_distance_sq(words, at, x, y, z, factor):
 
     *at*: the node's moments. *x y z*: float64x8 splats of the point. A child without a mean normal gives 0.
     """
-    nx, ny, nz = (
-        widen(load(words, at + MOMENT_AREA_NORMAL)),
-        widen(load(words, at + MOMENT_AREA_NORMAL + 8)),
-        widen(load(words, at + MOMENT_AREA_NORMAL + 16)),
-    )
+    nx, ny, nz = load_points(words, at + MOMENT_AREA_NORMAL)
+    nx, ny, nz = widen(nx), widen(ny), widen(nz)
     along = dot(nx, ny, nz, x, y, z)
     gap = maximum(
         widen(load(words, at + MOMENT_SLAB_LEAST)) - along,

@@ -17,8 +17,9 @@ from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.geometry.triangle import TINY, corners_of_block, cross, dot
+from proximity.kernels.geometry.triangle import TINY, cross, dot
 from proximity.kernels.layout import BLOCK_STRIDE, ORIENTED_STRIDE
+from proximity.kernels.nodes import corners_of_block
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,

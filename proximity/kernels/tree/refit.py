@@ -19,15 +19,21 @@ from proximity.kernels.geometry.box import BOX_MARGIN
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
+    CORNER_STRIDE,
     LANES,
+    MOMENT_AREA_NORMAL,
+    MOMENT_CENTRE,
+    MOMENT_FAR_SQ,
+    MOMENT_SPREAD,
     MOMENT_STRIDE,
     NO_ROW,
-    NODE_CHILDREN,
     NODE_STRIDE,
+    NODE_UPPER,
     ORIENTED_STRIDE,
     UNUSED,
     ModelArrays,
 )
+from proximity.kernels.nodes import child_at, fetch_block, is_used, store_points
 from proximity.kernels.sign.winding_number import OPENING
 from proximity.kernels.tree.normal_slab import fill_slabs
 from proximity.kernels.tree.oriented_box import write_oriented_box
@@ -56,7 +62,7 @@ RESULT_SUMS = 16
 """Numbers of a subtree: area; area times centre; area normal; area normal times position, nine."""
 RESULT_STRIDE = 24
 """Numbers kept of a subtree: its sums, then its box: lower xyz, upper xyz negated, two that mean nothing."""
-CORNER_STRIDE = 8
+CORNER_ROW = 8
 """Numbers kept of a corner, a cache line: its coordinates and its normal, in rows of four."""
 CORNER_NORMAL = 4
 BLOCK_CORNERS = 3 * LANES
@@ -105,7 +111,7 @@ def refit_part(model, part, vertices, leaders):
     root, node_count = parts[part].root, parts[part].node_count
     slot_faces, faces, moments = (parts[part].slot_faces, parts[part].faces, parts[part].moments)
     corner_count, boxes = parts[part].corner_count, parts[part].block_boxes
-    corner_rows = np.empty((corner_count + 1) * CORNER_STRIDE)
+    corner_rows = np.empty((corner_count + 1) * CORNER_ROW)
     _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows)
     # What is below each node, waiting for its parent; then for the leaves of the node at hand, and for none.
     results = np.empty((node_count + LANES + 1) * RESULT_STRIDE)
@@ -119,16 +125,15 @@ def refit_part(model, part, vertices, leaders):
         base, at = NODE_STRIDE * node, RESULT_STRIDE * (node - root)
         for k in range(LANES):
             below[k] = nothing
-            if words[base + k] <= words[base + 24 + k]:
-                child = load_int(words, base + NODE_CHILDREN + k)
+            if is_used(words, base + k):
+                child = child_at(words, base + k)
                 below[k] = RESULT_STRIDE * (child - root if child >= 0 else node_count + k)
                 if child < 0:
-                    for line in range(BLOCK_STRIDE // 8):
-                        prefetch(reals, BLOCK_STRIDE * ~child + 8 * line)
+                    fetch_block(reals, BLOCK_STRIDE * ~child)
                     slot = slot_faces + LANES * ~child
                     _find_corners(words, slot, faces, corner_count, ids, BLOCK_CORNERS * k, corner_rows)
         for k in range(LANES):
-            child = load_int(words, base + NODE_CHILDREN + k)
+            child = child_at(words, base + k)
             if child < 0 and below[k] != nothing:
                 corners = BLOCK_CORNERS * k
                 _refit_block(model, boxes, ~child, corner_rows, ids, corners, results, below[k])
@@ -147,15 +152,15 @@ def _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows):
     # Corners are numbered in the order of the first vertices at their positions.
     for row in range(len(vertices)):
         if leaders[row] == row:
-            for k in range(3, CORNER_STRIDE):
+            for k in range(3, CORNER_ROW):
                 corner_rows[corner_at + k] = 0.0
             corner_rows[corner_at] = reals[corner] = (vertices[row, 0] - x) * scale
             corner_rows[corner_at + 1] = reals[corner + 1] = (vertices[row, 1] - y) * scale
             corner_rows[corner_at + 2] = reals[corner + 2] = (vertices[row, 2] - z) * scale
             corner += 3
-            corner_at += CORNER_STRIDE
+            corner_at += CORNER_ROW
     # One more, for unused lanes.
-    for k in range(CORNER_STRIDE):
+    for k in range(CORNER_ROW):
         corner_rows[corner_at + k] = np.nan
 
 
@@ -166,8 +171,8 @@ def _find_corners(words, slot, faces, corner_count, ids, first, corner_rows):
         face = load_int(words, slot + i)
         for k in range(3):
             corner = load_int(words, faces + 3 * face + k) if face >= 0 else corner_count
-            ids[first + LANES * k + i] = CORNER_STRIDE * corner
-            prefetch(corner_rows, CORNER_STRIDE * corner)
+            ids[first + LANES * k + i] = CORNER_ROW * corner
+            prefetch(corner_rows, CORNER_ROW * corner)
 
 
 @inlined
@@ -201,24 +206,18 @@ def _refit_block(model, boxes, block, corner_rows, ids, first, results, at):
     ax, ay, az, _ = load_rows(corner_rows, ids, first, 0)
     bx, by, bz, _ = load_rows(corner_rows, ids, first + LANES, 0)
     cx, cy, cz, _ = load_rows(corner_rows, ids, first + 2 * LANES, 0)
-    store(reals, base, ax)
-    store(reals, base + 8, ay)
-    store(reals, base + 16, az)
-    store(reals, base + 24, bx)
-    store(reals, base + 32, by)
-    store(reals, base + 40, bz)
-    store(reals, base + 48, cx)
-    store(reals, base + 56, cy)
-    store(reals, base + 64, cz)
+    store_points(reals, base, ax, ay, az)
+    store_points(reals, base + CORNER_STRIDE, bx, by, bz)
+    store_points(reals, base + 2 * CORNER_STRIDE, cx, cy, cz)
     zero, none = splat(0.0), splat(np.inf)
-    is_used = ax == ax
+    is_there = ax == ax
 
     low_x, high_x = minimum(minimum(ax, bx), cx), -maximum(maximum(ax, bx), cx)
     low_y, high_y = minimum(minimum(ay, by), cy), -maximum(maximum(ay, by), cy)
     low_z, high_z = minimum(minimum(az, bz), cz), -maximum(maximum(az, bz), cz)
     exact = lane_minima(
-        select(is_used, low_x, none), select(is_used, low_y, none), select(is_used, low_z, none),
-        select(is_used, high_x, none), select(is_used, high_y, none), select(is_used, high_z, none),
+        select(is_there, low_x, none), select(is_there, low_y, none), select(is_there, low_z, none),
+        select(is_there, high_x, none), select(is_there, high_y, none), select(is_there, high_z, none),
         zero, zero,
     )  # fmt: skip
     rounded = narrow(exact)
@@ -242,11 +241,11 @@ def _refit_block(model, boxes, block, corner_rows, ids, first, results, at):
     add_rows(corner_rows, ids, first + 2 * LANES, CORNER_NORMAL, c * nx, c * ny, c * nz)
 
     third, half = splat(1.0 / 3.0), splat(0.5)
-    x = select(is_used, (ax + bx + cx) * third, zero)
-    y = select(is_used, (ay + by + cy) * third, zero)
-    z = select(is_used, (az + bz + cz) * third, zero)
-    nx, ny = select(is_used, half * nx, zero), select(is_used, half * ny, zero)
-    nz, area = select(is_used, half * nz, zero), select(is_used, half * length, zero)
+    x = select(is_there, (ax + bx + cx) * third, zero)
+    y = select(is_there, (ay + by + cy) * third, zero)
+    z = select(is_there, (az + bz + cz) * third, zero)
+    nx, ny = select(is_there, half * nx, zero), select(is_there, half * ny, zero)
+    nz, area = select(is_there, half * nz, zero), select(is_there, half * length, zero)
     box = boxes + ORIENTED_STRIDE * block
     write_oriented_box(model.words, box, (ax, ay, az), (bx, by, bz), (cx, cy, cz), (nx, ny, nz))
     store(results, at, lane_sums(area, area * x, area * y, area * z, nx, ny, nz, nx * x))
@@ -270,13 +269,9 @@ def _refit_node(words, base, moments, results, below, at):
     zero, half, third = splat(0.0), splat(0.5), splat(1.0 / 3.0)
     store(results, at + RESULT_SUMS, lane_minima(low_x, low_y, low_z, high_x, high_y, high_z, zero, zero))
     high_x, high_y, high_z = -high_x, -high_y, -high_z
-    is_used = low_x <= high_x
-    store(words, base, narrow(low_x))
-    store(words, base + 8, narrow(low_y))
-    store(words, base + 16, narrow(low_z))
-    store(words, base + 24, narrow(high_x))
-    store(words, base + 32, narrow(high_y))
-    store(words, base + 40, narrow(high_z))
+    is_there = low_x <= high_x
+    store_points(words, base, narrow(low_x), narrow(low_y), narrow(low_z))
+    store_points(words, base + NODE_UPPER, narrow(high_x), narrow(high_y), narrow(high_z))
 
     has_area = area > zero
     x = select(has_area, x / area, half * (low_x + high_x))
@@ -292,25 +287,22 @@ def _refit_node(words, base, moments, results, below, at):
     xz = half * (xz - nx * z + (zx - nz * x))
     yz = half * (yz - ny * z + (zy - nz * y))
     # Lanes without a child hold nothing.
-    store(words, moments, narrow(select(is_used, x, zero)))
-    store(words, moments + 8, narrow(select(is_used, y, zero)))
-    store(words, moments + 16, narrow(select(is_used, z, zero)))
-    store(words, moments + 24, narrow(nx))
-    store(words, moments + 32, narrow(ny))
-    store(words, moments + 40, narrow(nz))
-    store(words, moments + 48, narrow(select(is_used, far_sq, zero)))
-    store(words, moments + 56, narrow(select(has_area, xx - mean, zero)))
-    store(words, moments + 64, narrow(select(has_area, yy - mean, zero)))
-    store(words, moments + 72, narrow(select(has_area, xy, zero)))
-    store(words, moments + 80, narrow(select(has_area, xz, zero)))
-    store(words, moments + 88, narrow(select(has_area, yz, zero)))
+    x, y, z = select(is_there, x, zero), select(is_there, y, zero), select(is_there, z, zero)
+    store_points(words, moments + MOMENT_CENTRE, narrow(x), narrow(y), narrow(z))
+    store_points(words, moments + MOMENT_AREA_NORMAL, narrow(nx), narrow(ny), narrow(nz))
+    store(words, moments + MOMENT_FAR_SQ, narrow(select(is_there, far_sq, zero)))
+    spread = moments + MOMENT_SPREAD
+    store(words, spread, narrow(select(has_area, xx - mean, zero)))
+    store(words, spread + LANES, narrow(select(has_area, yy - mean, zero)))
+    xy, xz, yz = select(has_area, xy, zero), select(has_area, xz, zero), select(has_area, yz, zero)
+    store_points(words, spread + 2 * LANES, narrow(xy), narrow(xz), narrow(yz))
 
 
 @kernel
 def _write_normals(reals, first, count, corner_rows):
     """Write the normals of *count* corners from real *first* on, of length 1 or 0."""
     for corner in range(count):
-        corner_at, at = CORNER_STRIDE * corner + CORNER_NORMAL, first + 3 * corner
+        corner_at, at = CORNER_ROW * corner + CORNER_NORMAL, first + 3 * corner
         x, y, z = corner_rows[corner_at], corner_rows[corner_at + 1], corner_rows[corner_at + 2]
         length = sqrt(x * x + y * y + z * z)
         if length > 0.0:

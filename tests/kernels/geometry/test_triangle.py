@@ -8,16 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 import oracle
-from proximity.kernels.geometry.closest_feature import (
-    CLOSEST_ARM,
-    CLOSEST_LENGTH,
-    CLOSEST_NORMAL,
-    CLOSEST_POINT,
-    CLOSEST_SIZE,
-    CLOSEST_TRIANGLE,
-    CLOSEST_WEIGHT,
-    closest_on_triangle,
-)
+from proximity.kernels.geometry.closest_feature import CLOSEST, closest_on_triangle
 from proximity.kernels.geometry.triangle import (
     difference_of_products,
     point_block_distance_sq,
@@ -58,7 +49,9 @@ def block_distances_sq(points, blocks, out):
 def witnesses(points, triangles, out, features):
     """The closest feature of each point on its triangle."""
     for i in range(len(points)):
-        out[i, CLOSEST_TRIANGLE : CLOSEST_TRIANGLE + 9] = triangles[i].ravel()
+        corners = out[i].corners
+        for k in range(3):
+            corners[k, 0], corners[k, 1], corners[k, 2] = triangles[i, k]
         features[i] = closest_on_triangle(points[i, 0], points[i, 1], points[i, 2], out[i])
 
 
@@ -78,7 +71,7 @@ def closest_of(points, triangles):
         np.atleast_2d(np.asarray(points, float)),
         np.asarray(triangles, float).reshape(-1, 3, 3),
     )
-    out = np.full((len(points), CLOSEST_SIZE), np.nan)
+    out = np.zeros(len(points), CLOSEST)
     features = np.empty((len(points), 2), np.int64)
     witnesses(points, triangles, out, features)
     return out, features
@@ -159,7 +152,7 @@ def test_distances_are_right_to_rounding_on_every_shape(kind, farthest):
     closest, _ = closest_of(points, triangles)
 
     assert units(abs(walk - exact), points).max() <= ALLOWED
-    assert units(abs(closest[:, CLOSEST_LENGTH] - exact), points).max() <= ALLOWED
+    assert units(abs(closest["length"] - exact), points).max() <= ALLOWED
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -171,10 +164,10 @@ def test_witness_holds_together_on_every_shape(kind):
     closest, features = closest_of(points, triangles)
 
     weights, point = (
-        closest[:, CLOSEST_WEIGHT : CLOSEST_WEIGHT + 3],
-        closest[:, CLOSEST_POINT : CLOSEST_POINT + 3],
+        closest["weights"],
+        closest["point"],
     )
-    arm, length = closest[:, CLOSEST_ARM : CLOSEST_ARM + 3], closest[:, CLOSEST_LENGTH]
+    arm, length = closest["arm"], closest["length"]
     assert (weights >= 0.0).all() and (weights <= 1.0).all()
     assert abs(weights.sum(axis=1) - 1.0).max() <= ROUNDING
     combined = (weights[:, :, None] * triangles).sum(axis=1)
@@ -188,7 +181,7 @@ def test_witness_holds_together_on_every_shape(kind):
     assert (zero_count[features[:, 0] == FEATURE_VERTEX] == 2).all()
     assert (zero_count[features[:, 0] == FEATURE_EDGE] >= 1).all()
     is_face = features[:, 0] == FEATURE_FACE
-    normals = closest[is_face, CLOSEST_NORMAL : CLOSEST_NORMAL + 3]
+    normals = closest["normal"][is_face]
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=4 * ROUNDING)
 
 
@@ -252,16 +245,16 @@ def test_feature_is_the_one_the_point_was_made_over(name, turns):
     closest, features = closest_of(point, corners)
 
     assert features[0].tolist() == [feature, expected]
-    assert closest[0, CLOSEST_LENGTH] == pytest.approx(distance, rel=4 * ROUNDING)
+    assert closest["length"][0] == pytest.approx(distance, rel=4 * ROUNDING)
 
 
 def test_height_over_a_face_has_the_side_of_the_normal():
     above, _ = closest_of([0.375, 0.125, 0.5], CORNERS)
     below, _ = closest_of([0.375, 0.125, -0.5], CORNERS)
 
-    np.testing.assert_array_equal(above[0, CLOSEST_NORMAL : CLOSEST_NORMAL + 3], [0, 0, 1])
-    np.testing.assert_array_equal(above[0, CLOSEST_ARM : CLOSEST_ARM + 3], [0, 0, 0.5])
-    np.testing.assert_array_equal(below[0, CLOSEST_ARM : CLOSEST_ARM + 3], [0, 0, -0.5])
+    np.testing.assert_array_equal(above["normal"][0], [0, 0, 1])
+    np.testing.assert_array_equal(above["arm"][0], [0, 0, 0.5])
+    np.testing.assert_array_equal(below["arm"][0], [0, 0, -0.5])
 
 
 def test_point_beyond_an_obtuse_corner_belongs_to_the_long_side():
@@ -272,9 +265,7 @@ def test_point_beyond_an_obtuse_corner_belongs_to_the_long_side():
     closest, features = closest_of([-1.5, 0.625, 0.0], corners)
 
     assert features[0].tolist() == [FEATURE_EDGE, 1]
-    assert closest[0, CLOSEST_LENGTH] == pytest.approx(
-        distances_of([[-1.5, 0.625, 0.0]], [corners])[0], rel=1e-14
-    )
+    assert closest["length"][0] == pytest.approx(distances_of([[-1.5, 0.625, 0.0]], [corners])[0], rel=1e-14)
 
 
 def test_closest_point_of_a_needle_thinner_than_rounding_stays_at_its_place():
@@ -286,9 +277,7 @@ def test_closest_point_of_a_needle_thinner_than_rounding_stays_at_its_place():
 
     closest, _ = closest_of(points, triangles)
 
-    assert (
-        np.linalg.norm(closest[:, CLOSEST_POINT : CLOSEST_POINT + 3] - points, axis=1).max() <= 4 * ROUNDING
-    )
+    assert np.linalg.norm(closest["point"] - points, axis=1).max() <= 4 * ROUNDING
 
 
 @pytest.mark.parametrize("first", [0, 1, 2])
@@ -313,7 +302,7 @@ def test_point_beyond_the_short_side_of_a_needle_is_not_over_its_face(first, ord
     closest, _ = closest_of(points, triangles)
 
     assert units(abs(distances_of(points, triangles) - exact), points).max() <= ALLOWED
-    assert units(abs(closest[:, CLOSEST_LENGTH] - exact), points).max() <= ALLOWED
+    assert units(abs(closest["length"] - exact), points).max() <= ALLOWED
 
 
 SHORT_EDGES = """
@@ -335,7 +324,7 @@ def test_edges_shorter_than_rounding_have_weights_within_a_triangle():
 
     closest, _ = closest_of(points, triangles)
 
-    assert (closest[:, CLOSEST_WEIGHT : CLOSEST_WEIGHT + 3] >= 0.0).all()
+    assert (closest["weights"] >= 0.0).all()
 
 
 small_integers = npst.arrays(np.float64, (4, 3), elements=st.integers(-4, 4).map(lambda n: n / 4.0))
@@ -349,10 +338,8 @@ def test_points_and_corners_on_a_small_lattice_have_exact_distances(numbers):
     closest, _ = closest_of(point, triangle)
 
     assert distances_of(point, triangle)[0] == pytest.approx(exact, rel=8 * ROUNDING)
-    assert closest[0, CLOSEST_LENGTH] == pytest.approx(exact, rel=8 * ROUNDING)
-    assert np.linalg.norm(point[0] - closest[0, CLOSEST_POINT : CLOSEST_POINT + 3]) == pytest.approx(
-        exact, abs=4 * ROUNDING
-    )
+    assert closest["length"][0] == pytest.approx(exact, rel=8 * ROUNDING)
+    assert np.linalg.norm(point[0] - closest["point"][0]) == pytest.approx(exact, abs=4 * ROUNDING)
 
 
 coordinates = st.floats(-1.0, 1.0, allow_subnormal=False)
@@ -364,7 +351,7 @@ def test_any_triangle_has_the_exact_distance_in_any_order_of_corners(numbers, or
     exact = exact_distances(point, triangle)
 
     assert units(abs(distances_of(point, triangle) - exact), point)[0] <= ALLOWED
-    assert units(abs(closest_of(point, triangle)[0][:, CLOSEST_LENGTH] - exact), point)[0] <= ALLOWED
+    assert units(abs(closest_of(point, triangle)[0]["length"] - exact), point)[0] <= ALLOWED
 
 
 @pytest.mark.parametrize("power", [-60, -20, 20, 60])
@@ -396,8 +383,8 @@ def test_difference_of_products_has_the_right_sign(a, b, c, d):
 
 
 def test_not_a_number_is_no_nearer_than_anything():
-    closest = np.zeros(CLOSEST_SIZE)
-    closest[CLOSEST_TRIANGLE : CLOSEST_TRIANGLE + 9] = CORNERS.ravel()
+    closest = np.zeros(1, CLOSEST)[0]
+    closest["corners"] = CORNERS
     distances = np.empty(1)
     scalar_distances_sq(np.array([[np.nan, 0.0, 0.0]]), CORNERS[None], distances)
 

@@ -30,6 +30,9 @@ from proximity.kernels.layout import (
     BLOCK_STRIDE,
     LANES,
     MAX_DEPTH,
+    MOMENT_AREA_NORMAL,
+    MOMENT_SLAB_LARGEST,
+    MOMENT_SLAB_LEAST,
     MOMENT_STRIDE,
     NO_SLOT,
     NODE_CHILDREN,
@@ -37,7 +40,6 @@ from proximity.kernels.layout import (
 )
 from proximity.kernels.point.budgeted_walk import NO_TOLERANCE, nearest_with_budget
 from proximity.kernels.traverse.best_first import MOST_SWEPT_STEPS, MOST_WAITING
-from proximity.kernels.tree.normal_slab import MOMENT_AREA_NORMAL, MOMENT_SLAB_LARGEST, MOMENT_SLAB_LEAST
 from proximity.pose import Pose
 from proximity.scene.model.assembly import assemble
 

@@ -8,7 +8,7 @@ from scene_parts import part_of, some_parts
 
 import oracle
 from proximity.kernels import contact_record
-from proximity.kernels.geometry.closest_feature import CLOSEST_LENGTH, CLOSEST_SIZE
+from proximity.kernels.geometry.closest_feature import CLOSEST
 from proximity.kernels.layout import NO_SLOT
 from proximity.kernels.scene.queries import distance_bounds
 from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
@@ -26,7 +26,7 @@ class Asked:
     def __init__(self, scene):
         self.scene = scene
         self.model = scene.snapshot()
-        self.workspace, self.closest = np.zeros(WORKSPACE_SIZE, np.float32), np.zeros(CLOSEST_SIZE)
+        self.workspace, self.closest = np.zeros(WORKSPACE_SIZE, np.float32), np.zeros(1, CLOSEST)[0]
         m = self.model
         self.arrays = arrays_of(m)
 
@@ -75,7 +75,7 @@ def test_with_plenty_of_steps_both_bounds_are_the_distance_of_the_scene(asked):
         assert distance == lower == upper == pytest.approx(true, rel=1e-12, abs=1e-13)
         assert bits & contact_record.EXACT and not bits & contact_record.BOUNDED
         assert bool(bits & contact_record.INSIDE) == (true < 0.0)
-        assert asked.closest[CLOSEST_LENGTH] > 0.0 and slot != NO_SLOT and part >= 0
+        assert asked.closest["length"] > 0.0 and slot != NO_SLOT and part >= 0
 
 
 @pytest.mark.parametrize("budget", [1, 2, 3, 5, 8, 13, 21, 50])

@@ -17,8 +17,8 @@ from proximity.kernels.layout import LANES, NO_SLOT
 from proximity.kernels.scene.queries import segment_queries
 from proximity.kernels.segment import plan as plans
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
-from proximity.kernels.segment.plan import PLAN_SIZE, PROBE_SIZE, make_plan
-from proximity.kernels.segment.triangle import WITNESS_SIZE
+from proximity.kernels.segment.plan import PLAN, PROBE, make_plan, stack_plans, stack_probes
+from proximity.kernels.segment.triangle import WITNESS
 from proximity.kernels.segment.walk import segment_in_block
 from proximity.native.simd import bits, lane, splat32
 
@@ -106,25 +106,25 @@ def mesh(request):
 @numba.njit(error_model="numpy")
 def open_lanes(node, segments, best_sq, far, opened):
     """Of each segment: the lanes that a walk with that best opens; whether it counts as far."""
-    plan, probe = np.zeros(PLAN_SIZE), np.zeros(PROBE_SIZE, np.float32)
+    plan, probe = stack_plans(1)[0], stack_probes(1)[0]
     for i in range(len(segments)):
         s = segments[i]
         make_plan(plan, probe, s[0], s[1], s[2], s[3], s[4], s[5])
-        far[i] = plan[plans.PLAN_IS_FAR]
-        bounds = node_bounds_sq(node, 0, plan, probe, plan[plans.PLAN_IS_FAR] != 0.0)
+        far[i] = plan.is_far
+        bounds = node_bounds_sq(node, 0, plan, probe, plan.is_far != 0)
         opened[i] = bits(bounds <= splat32(open_bound(plan, best_sq[i], np.inf)))
 
 
 @numba.njit(error_model="numpy")
 def bounds_of(node, segment):
     """The bounds of a node's boxes, the square taken off them, and the bound for a crossing at 0.5."""
-    plan, probe, bounds = np.zeros(PLAN_SIZE), np.zeros(PROBE_SIZE, np.float32), np.zeros(LANES)
+    plan, probe, bounds = stack_plans(1)[0], stack_probes(1)[0], np.zeros(LANES)
     s = segment
     make_plan(plan, probe, s[0], s[1], s[2], s[3], s[4], s[5])
-    found = node_bounds_sq(node, 0, plan, probe, plan[plans.PLAN_IS_FAR] != 0.0)
+    found = node_bounds_sq(node, 0, plan, probe, plan.is_far != 0)
     for k in range(LANES):
         bounds[k] = lane(found, k)
-    return bounds, plan[plans.PLAN_OFFSET], open_bound(plan, 0.0, 0.5)
+    return bounds, plan.offset, open_bound(plan, 0.0, 0.5)
 
 
 def distance_sq_to_segment(point, start, end):
@@ -205,8 +205,8 @@ def test_boxes_behind_a_crossing_are_closed():
 
 
 def plan_of(start, end):
-    plan = np.zeros(PLAN_SIZE)
-    make_plan(plan, np.zeros(PROBE_SIZE, np.float32), *(float(x) for x in (*start, *end)))
+    plan = np.zeros(1, PLAN)[0]
+    make_plan(plan, np.zeros(1, PROBE)[0], *(float(x) for x in (*start, *end)))
     return plan
 
 
@@ -214,14 +214,9 @@ def plan_of(start, end):
 def test_segment_near_the_part_is_kept_as_it_is():
     plan = plan_of((-2.0, 0.1, 0.2), (2.0, 0.3, 1.9))
 
-    assert plan[plans.PLAN_START : plans.PLAN_START + 3].tolist() == [-2.0, 0.1, 0.2]
-    assert plan[plans.PLAN_END : plans.PLAN_END + 3].tolist() == [2.0, 0.3, 1.9]
-    assert (
-        plan[plans.PLAN_LOW],
-        plan[plans.PLAN_HIGH],
-        plan[plans.PLAN_IS_FAR],
-        plan[plans.PLAN_OFFSET],
-    ) == (0.0, 1.0, 0.0, 0.0)
+    assert plan.start.tolist() == [-2.0, 0.1, 0.2]
+    assert plan.end.tolist() == [2.0, 0.3, 1.9]
+    assert (plan.low, plan.high, plan.is_far, plan.offset) == (0.0, 1.0, 0, 0.0)
 
 
 @pytest.mark.internals
@@ -234,16 +229,13 @@ def test_long_segment_is_cut_on_the_line_to_the_last_bit(far):
         end = -start * rng.uniform(0.1, 3.0) + rng.normal(size=3)
         plan = plan_of(start, end)
         if far > 10.0:
-            assert np.abs(plan[plans.PLAN_START : plans.PLAN_START + 6]).max() < 1e-3 * far
-        for at, fraction in (
-            (plans.PLAN_START, plan[plans.PLAN_LOW]),
-            (plans.PLAN_END, plan[plans.PLAN_HIGH]),
-        ):
+            assert max(np.abs(plan.start).max(), np.abs(plan.end).max()) < 1e-3 * far
+        for point, fraction in ((plan.start, plan.low), (plan.end, plan.high)):
             for axis in range(3):
                 exact = Fraction(start[axis]) + Fraction(fraction) * (
                     Fraction(end[axis]) - Fraction(start[axis])
                 )
-                assert abs(Fraction(plan[at + axis]) - exact) <= Fraction(2.0**-52) * abs(exact)
+                assert abs(Fraction(point[axis]) - exact) <= Fraction(2.0**-52) * abs(exact)
 
 
 @pytest.mark.internals
@@ -257,7 +249,7 @@ def test_cut_never_takes_the_nearest_point():
             for _ in range(5):
                 p = rng.choice([-1.0, 1.0], 3)
                 t = np.clip((p - start) @ (end - start) / ((end - start) @ (end - start)), 0.0, 1.0)
-                assert plan[plans.PLAN_LOW] - 1e-12 <= t <= plan[plans.PLAN_HIGH] + 1e-12
+                assert plan.low - 1e-12 <= t <= plan.high + 1e-12
 
 
 @pytest.mark.parametrize("length", [1e-200, 1e-15, 1e-8, 1e-2, 1.0, 10.0])
@@ -406,15 +398,15 @@ def test_lowest_slot_wins_among_equals():
     """Ten copies of one face: whatever the tree looks like, the first in leaf order is told."""
     vertices, faces = TRIANGLE
     model = model_of((vertices, np.repeat(faces, 30, axis=0)))
-    plan = np.zeros(PLAN_SIZE)
+    plan = np.zeros(1, PLAN)[0]
     found = Found(model, [(0.2, 0.2, 1.0), (0.2, 0.2, -1.0)], [(0.3, 0.3, 2.0), (0.2, 0.2, 1.0)])
     first = int(
         model.words.view(np.int32)[model.parts["slot_faces"][0] + LANES * model.parts["first_block"][0]]
     )
 
     assert (found.face == first).all() and found.distance.tolist() == [1.0, 0.0]
-    make_plan(plan, np.zeros(PROBE_SIZE, np.float32), 0.0, 0.0, 1.5, 0.1, 0.0, 1.0)
-    witness = np.zeros(WITNESS_SIZE)
+    make_plan(plan, np.zeros(1, PROBE)[0], 0.0, 0.0, 1.5, 0.1, 0.0, 1.0)
+    witness = np.zeros(1, WITNESS)[0]
     _, fraction, slot = segment_in_block(model.reals, 0, plan, np.inf, np.inf, NO_SLOT, witness)
     assert (fraction, slot) == (np.inf, 0)
     # A known one that is as near and lower stays; a higher one goes.

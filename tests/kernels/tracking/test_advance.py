@@ -5,7 +5,7 @@ import pytest
 import shapes
 from ticking import block, line, plate, sheet, solid
 
-from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
+from proximity.kernels.geometry.closest_feature import CLOSEST
 from proximity.kernels.layout import NO_SLOT, ModelArrays
 from proximity.kernels.scene.queries.distance_bounds import fill_closest
 from proximity.kernels.tracking import conservative_advancement as advancing
@@ -54,7 +54,7 @@ class Way:
             np.append(0.0, np.cumsum(lengths)) if parameters is None else np.asarray(parameters, float)
         )
         self.balls = no_balls()
-        self.scratch = Scratch(np.zeros(WORKSPACE_SIZE, np.float32), np.zeros(CLOSEST_SIZE), np.zeros(9))
+        self.scratch = Scratch(np.zeros(WORKSPACE_SIZE, np.float32), np.zeros(1, CLOSEST)[0], np.zeros(9))
 
     @property
     def model(self):

@@ -6,10 +6,8 @@ import shapes
 from scene_parts import part_of
 
 from proximity.kernels.geometry.frames import velocity_at
-from proximity.kernels.layout import columns_of
+from proximity.kernels.layout import LANES, columns_of
 from proximity.kernels.tracking.part_drift import (
-    MOVER_COLUMNS,
-    MOVER_LOWER,
     POSE_COLUMNS,
     Drift,
     Movers,
@@ -54,7 +52,7 @@ def near_of(scene, u=(0.0, 0.0, 0.0), x=(0.0, 0.0, 0.0), off=0.0, speed=0.0, uni
     movers = movers_of(scene)
     numbers = map(float, (off, speed, unit, extent))
     near, _ = gather_near(movers, tuple(map(float, u)), tuple(map(float, x)), *numbers)
-    return Drift(movers.columns, near, float(np.linalg.norm(u)) if movers.any_stands else 0.0)
+    return Drift(movers.rows, near, float(np.linalg.norm(u)) if movers.any_stands else 0.0)
 
 
 def drift(scene, u=(0.0, 0.0, 0.0)):
@@ -98,8 +96,7 @@ def test_parts_with_any_velocity_are_gathered_and_hidden_ones_left_out():
     movers, count, stands = movers_of(scene)
 
     assert (count, stands) == (2, True)
-    size = len(movers) // MOVER_COLUMNS
-    lowers = movers.reshape(MOVER_COLUMNS, size)[MOVER_LOWER : MOVER_LOWER + 3, :count].T
+    lowers = movers["lower"].reshape(-1, 3, LANES).swapaxes(1, 2).reshape(-1, 3)[:count]
     for name, lower in zip("12", lowers, strict=True):
         part = scene.part(name)
         corners = part.solid.mesh.vertices @ part.pose.rotation.T + part.pose.translation

@@ -9,11 +9,17 @@ import shapes
 from models import piece_of
 
 import oracle
-from proximity.kernels.layout import BLOCK_STRIDE, LANES, MOMENT_STRIDE, NODE_CHILDREN, NODE_STRIDE
-from proximity.kernels.tree.normal_slab import (
+from proximity.kernels.layout import (
+    BLOCK_STRIDE,
+    LANES,
     MOMENT_AREA_NORMAL,
     MOMENT_SLAB_LARGEST,
     MOMENT_SLAB_LEAST,
+    MOMENT_STRIDE,
+    NODE_CHILDREN,
+    NODE_STRIDE,
+)
+from proximity.kernels.tree.normal_slab import (
     SMALLEST_BOUND,
     fill_slabs,
     slabs_distance_sq,

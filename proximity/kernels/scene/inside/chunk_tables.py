@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.geometry.closest_feature import CLOSEST_SIZE
+from proximity.kernels.geometry.closest_feature import CLOSEST
 from proximity.kernels.geometry.closest_lanes import LANES_COLUMNS
 from proximity.kernels.layout import LANES, NO_PART, NO_SLOT, STACKS_SIZE
 from proximity.kernels.stack_arrays import stack_bundle
@@ -57,7 +57,7 @@ class Workspace(NamedTuple):
     """Scratch for queries of single parts."""
 
     stacks: np.ndarray  # (STACKS_SIZE,) float32, see `traversal`
-    closest: np.ndarray  # (CLOSEST_SIZE,) float64, see `closest_feature`
+    closest: np.ndarray  # (1,) CLOSEST, see `closest_feature`
     recent: np.ndarray  # (RECENT_PARTS, 2) int64, parts asked last and slots found there, where walks start
 
 
@@ -78,9 +78,7 @@ new_found = stack_bundle(
 new_features = stack_bundle(
     Features, ("int64", POINT_CHUNK), ("float64", 3 * POINT_CHUNK), ("float64", LANES_COLUMNS * POINT_CHUNK)
 )
-new_workspace = stack_bundle(
-    Workspace, ("float32", STACKS_SIZE), ("float64", CLOSEST_SIZE), ("int64", RECENT_PARTS, 2)
-)
+new_workspace = stack_bundle(Workspace, ("float32", STACKS_SIZE), (CLOSEST, 1), ("int64", RECENT_PARTS, 2))
 
 
 @inlined

@@ -90,7 +90,7 @@ def depth_in_part(model, part, p, state, workspace):
     if slot >= 0:
         recent[last, 0], recent[last, 1] = part, slot
         if state == CELL_CROSSED:
-            signed = signed_of_slot(model, part, slot, p, workspace.closest)
+            signed = signed_of_slot(model, part, slot, p, workspace.closest[0])
             if not signed < 0.0:
                 slot = np.int64(NO_SLOT)
     return found_sq, slot

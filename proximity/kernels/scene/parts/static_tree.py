@@ -13,6 +13,7 @@ from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
 from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.geometry.rows import copy_numbers, copy_row
 from proximity.kernels.layout import BOX_STRIDE, ENTRY, LANES, NODE_CHILDREN, NODE_STRIDE
+from proximity.kernels.nodes import child_at, is_used, lower_at, upper_at
 from proximity.kernels.tree.collapse import clear_box, node_box, write_lane
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
@@ -42,8 +43,8 @@ def scene_box(frames, part, scene, lower, upper, box):
 def _lane_box(words, frames, part, base, k, scene, lower, upper, box):
     """The same for the child in lane *k* of the node at *base*."""
     for axis in range(3):
-        lower[axis] = words[base + 8 * axis + k]
-        upper[axis] = words[base + 24 + 8 * axis + k]
+        lower[axis] = lower_at(words, base + k, axis)
+        upper[axis] = upper_at(words, base + k, axis)
     scene_box(frames, part, scene, lower, upper, box)
 
 
@@ -66,12 +67,12 @@ def gather_entries(words, frames, parts, target):
             continue
         base = NODE_STRIDE * parts[part].root
         for k in range(LANES):
-            if words[base + k] <= words[base + 24 + k]:
+            if is_used(words, base + k):
                 _lane_box(words, frames, part, base, k, scene, lower, upper, box)
                 for side in range(6):
                     waiting_boxes[count, side] = box[side]
                 waiting[count, 0] = part
-                waiting[count, 1] = load_int(words, base + NODE_CHILDREN + k)
+                waiting[count, 1] = child_at(words, base + k)
                 total += _half_area(box)
                 count += 1
     small = total / target
@@ -94,12 +95,12 @@ def gather_entries(words, frames, parts, target):
             continue
         base = NODE_STRIDE * reference
         for k in range(LANES):
-            if words[base + k] <= words[base + 24 + k]:
+            if is_used(words, base + k):
                 _lane_box(words, frames, part, base, k, scene, lower, upper, box)
                 for side in range(6):
                     waiting_boxes[count, side] = box[side]
                 waiting[count, 0] = part
-                waiting[count, 1] = load_int(words, base + NODE_CHILDREN + k)
+                waiting[count, 1] = child_at(words, base + k)
                 count += 1
     return boxes[: BOX_STRIDE * done].copy(), references[:done].copy()
 
@@ -139,9 +140,9 @@ def thin_out(words, parts, first, count, target, entries_at):
         base = NODE_STRIDE * (target + node)
         copy_numbers(numbers, NODE_STRIDE * (first + node), numbers, base, NODE_STRIDE)
         for lane in range(LANES):
-            if not words[base + lane] <= words[base + 24 + lane]:
+            if not is_used(words, base + lane):
                 continue
-            reference = np.int64(numbers[base + NODE_CHILDREN + lane])
+            reference = np.int64(child_at(words, base + lane))
             if first <= reference < first + count:
                 reference += target - first
                 node_box(words, reference, box)
@@ -169,14 +170,14 @@ def name_leaves(nodes, entries, parts, first_node):
     """
     for node in range(len(nodes) // NODE_STRIDE):
         for k in range(LANES):
-            at = NODE_STRIDE * node + NODE_CHILDREN + k
-            if not nodes[NODE_STRIDE * node + k] <= nodes[NODE_STRIDE * node + 24 + k]:
+            position = NODE_STRIDE * node + k
+            if not is_used(nodes, position):
                 continue
-            reference = np.int64(load_int(nodes, at))
+            reference = np.int64(child_at(nodes, position))
             if reference >= 0:
                 reference += first_node
             elif parts[entries[~reference, 0]].is_fused:
                 reference = np.int64(entries[~reference, 1])
             else:
                 reference = ~(ENTRY + ~reference)
-            nodes.view(np.int32)[at] = reference
+            nodes.view(np.int32)[position + NODE_CHILDREN] = reference

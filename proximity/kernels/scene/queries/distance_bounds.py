@@ -12,10 +12,6 @@ import numpy as np
 
 from proximity.kernels.contact_record import BOUNDED, EXACT, INSIDE, SIGNED
 from proximity.kernels.geometry.closest_feature import (
-    CLOSEST_ARM,
-    CLOSEST_LENGTH,
-    CLOSEST_NORMAL,
-    CLOSEST_POINT,
     closest_on_edges,
     over_face,
     read_corners,
@@ -89,17 +85,14 @@ def fill_closest(model, part, slot, point, closest):
     read_corners(model.reals, slot, closest)
     is_over, height = over_face(closest, px, py, pz)
     if is_over:
-        closest[CLOSEST_LENGTH] = abs(height)
+        closest.length = abs(height)
         for axis in range(3):
-            closest[CLOSEST_ARM + axis] = closest[CLOSEST_NORMAL + axis] * height
+            closest.arm[axis] = closest.normal[axis] * height
     else:
         closest_on_edges(px, py, pz, closest)
-    closest[CLOSEST_POINT], closest[CLOSEST_POINT + 1], closest[CLOSEST_POINT + 2] = (
-        px - closest[CLOSEST_ARM],
-        py - closest[CLOSEST_ARM + 1],
-        pz - closest[CLOSEST_ARM + 2],
-    )
-    return closest[CLOSEST_LENGTH] / model.frames[part].scale
+    arm, point = closest.arm, closest.point
+    point[0], point[1], point[2] = px - arm[0], py - arm[1], pz - arm[2]
+    return closest.length / model.frames[part].scale
 
 
 @inlined

@@ -23,14 +23,7 @@ from proximity.kernels.answers import (
     POINT_ANSWER_REALS,
     POINT_ANSWER_SIGNED_DISTANCE,
 )
-from proximity.kernels.geometry.closest_feature import (
-    CLOSEST_ARM,
-    CLOSEST_LENGTH,
-    CLOSEST_NORMAL,
-    CLOSEST_POINT,
-    CLOSEST_SIZE,
-    CLOSEST_WEIGHT,
-)
+from proximity.kernels.geometry.closest_feature import stack_closest
 from proximity.kernels.geometry.closest_lanes import (
     LANES_FEATURE,
     LANES_HEIGHT,
@@ -47,7 +40,6 @@ from proximity.kernels.geometry.frames import (
     to_scene,
     turn_to_scene,
 )
-from proximity.kernels.geometry.triangle import offset_of
 from proximity.kernels.layout import (
     FEATURE_FACE,
     FEATURE_NONE,
@@ -61,6 +53,7 @@ from proximity.kernels.layout import (
     STACKS_SIZE,
     ModelArrays,
 )
+from proximity.kernels.nodes import offset_of
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part, nearest_from_block
 from proximity.kernels.scene.inside.chunk_tables import (
     POINT_CHUNK,
@@ -130,7 +123,7 @@ def _units_code(frames, order, answers):
 def signed_alone(model, points, distances):
     """Fill signed distances (N, 1), m, to one part, of points as they come: without tables that many need."""
     _, _, frames, parts = model
-    stacks, closest = stack_f32(STACKS_SIZE), stack_f64(CLOSEST_SIZE)
+    stacks, closest = stack_f32(STACKS_SIZE), stack_closest(1)[0]
     for row in range(len(points)):
         x, y, z = points[row, 0], points[row, 1], points[row, 2]
         distances[row, 0] = np.nan
@@ -168,7 +161,7 @@ def signed_batch(model, points, order, limits, distances):
                 if part != NO_PART and part != found.nearest[k, 0]:
                     row, slot = rows[k], found.deeper[k, 1]
                     p = to_local(frames, parts, part, points[row, 0], points[row, 1], points[row, 2])
-                    depth = signed_of_slot(model, part, slot, p, workspace.closest)
+                    depth = signed_of_slot(model, part, slot, p, workspace.closest[0])
                     found.distances[k] = -abs(depth) / frames[part].scale
         for k in range(chunk.point_count):
             distances[rows[k], 0] = found.distances[k]
@@ -183,7 +176,7 @@ def closest_batch(model, points, order, limits, answers):
     rows, reaches = stack_i64(POINT_CHUNK), stack_f64(POINT_CHUNK)
     candidates, found, features, workspace = (new_candidates(), new_found(), new_features(), new_workspace())
     reset_found(found, workspace)
-    closest, local, table = workspace.closest, features.local_points, features.table
+    closest, local, table = workspace.closest[0], features.local_points, features.table
     total = len(order) if len(order) else len(points)
     for first in range(0, total, POINT_CHUNK):
         chunk = Chunk(points, rows, min(POINT_CHUNK, total - first))
@@ -223,25 +216,25 @@ def _write_nothing(answers, choices, row, distance):
 @kernel
 def _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row):
     """Write the answer of a closest feature, in the scene's frame."""
-    length = closest[CLOSEST_LENGTH]
+    length = closest.length
     distance = length / frames[part].scale
     if not distance <= limit:
         _write_nothing(answers, choices, row, np.inf)
         return
     answers[row, POINT_ANSWER_SIGNED_DISTANCE] = -distance if inside else distance
     for k in range(3):
-        answers[row, POINT_ANSWER_BARYCENTRIC + k] = closest[CLOSEST_WEIGHT + k]
-    to_scene(frames, parts, part, closest, CLOSEST_POINT, closest, CLOSEST_POINT)
+        answers[row, POINT_ANSWER_BARYCENTRIC + k] = closest.weights[k]
+    to_scene(frames, parts, part, closest.point, 0, closest.point, 0)
     for axis in range(3):
-        answers[row, POINT_ANSWER_POINT + axis] = closest[CLOSEST_POINT + axis]
+        answers[row, POINT_ANSWER_POINT + axis] = closest.point[axis]
     # Nearer than this the connection has no direction, as on the surface itself.
     if length > SHORTEST_ARM:
         factor = -1.0 / length if inside else 1.0 / length
         for axis in range(3):
-            closest[CLOSEST_NORMAL + axis] = closest[CLOSEST_ARM + axis] * factor
-    turn_to_scene(frames, parts, part, closest, CLOSEST_NORMAL, closest, CLOSEST_NORMAL)
+            closest.normal[axis] = closest.arm[axis] * factor
+    turn_to_scene(frames, parts, part, closest.normal, 0, closest.normal, 0)
     for axis in range(3):
-        answers[row, POINT_ANSWER_GRADIENT + axis] = closest[CLOSEST_NORMAL + axis]
+        answers[row, POINT_ANSWER_GRADIENT + axis] = closest.normal[axis]
     choices[row, POINT_ANSWER_PART] = part
     choices[row, POINT_ANSWER_FACE] = face
     choices[row, POINT_ANSWER_FEATURE] = feature
@@ -369,8 +362,8 @@ def signs_of_chunk(model, chunk, candidates, found, features, workspace):
             signed = table[LANES_HEIGHT * POINT_CHUNK + k] + 0.0  # never -0.0
             is_over = table[LANES_FEATURE * POINT_CHUNK + k] == FEATURE_FACE
             if not is_over or is_beyond(p) or not has_normals(words, parts, part, slot):
-                _, _, inside = closest_of_lane(model, part, slot, p, table, k, workspace.closest)
-                length = workspace.closest[CLOSEST_LENGTH]
+                _, _, inside = closest_of_lane(model, part, slot, p, table, k, workspace.closest[0])
+                length = workspace.closest[0].length
                 signed = -length if inside else length
             if candidates.certain[k]:
                 signed = -abs(signed)
@@ -389,7 +382,7 @@ def closest_of_chunk(model, chunk, found, features, workspace):
     _gather(model, chunk, found, features, len(model.parts) > 2)
     if chunk.point_count < FEWEST_IN_LANES:
         for k in range(chunk.point_count):
-            closest_of_row(model.reals, offsets, k, local_points, table, workspace.closest)
+            closest_of_row(model.reals, offsets, k, local_points, table, workspace.closest[0])
         return
     for at in range(0, chunk.point_count, LANES):
         closest_of_lanes(model.reals, offsets, at, local_points, table)

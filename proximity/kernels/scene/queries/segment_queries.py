@@ -16,9 +16,6 @@ from proximity.kernels.answers import (
     SEGMENT_ANSWER_REALS,
 )
 from proximity.kernels.geometry.closest_feature import (
-    CLOSEST_LENGTH,
-    CLOSEST_POINT,
-    CLOSEST_WEIGHT,
     closest_on_triangle,
     read_corners,
 )
@@ -26,18 +23,13 @@ from proximity.kernels.geometry.frames import can_be_asked, to_local, to_scene
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_ROW, NO_SLOT, STACKS_SIZE, ModelArrays
 from proximity.kernels.point.walk import NOTHING_SEEN, nearest_in_scene
 from proximity.kernels.scene.queries.point_queries import limit_of, reach_sq
-from proximity.kernels.segment.plan import PLAN_HIGH, PLAN_LOW, PLAN_SIZE, PROBE_SIZE
+from proximity.kernels.segment.plan import stack_plans, stack_probes
 from proximity.kernels.segment.triangle import (
-    WITNESS_FRACTION,
-    WITNESS_GAP,
-    WITNESS_ON_SEGMENT,
-    WITNESS_ON_SOLID,
-    WITNESS_SIZE,
-    WITNESS_WEIGHT,
     segment_on_triangle,
+    stack_witness,
 )
 from proximity.kernels.segment.walk import plan_in_part, segment_in_scene
-from proximity.kernels.stack_arrays import stack_f32, stack_f32_rows, stack_f64, stack_f64_rows
+from proximity.kernels.stack_arrays import stack_f32, stack_f64
 from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel
 from proximity.native.simd import load_int
 
@@ -59,7 +51,7 @@ def _fill_witness(reals, frames, parts, part, slot, found_sq, segment, plan, pro
     segment_on_triangle(plan, witness)
     # A touch is a touch: where both formulas round differently, the walk's word counts.
     if found_sq == 0.0:
-        witness[WITNESS_GAP] = 0.0
+        witness.gap = 0.0
 
 
 @kernel
@@ -68,37 +60,29 @@ def _fill_point_witness(reals, frames, parts, part, slot, segment, plan, witness
     read_corners(reals, slot, witness)
     px, py, pz = to_local(frames, parts, part, segment[0], segment[1], segment[2])
     closest_on_triangle(px, py, pz, witness)
-    witness[WITNESS_GAP], witness[WITNESS_FRACTION], plan[PLAN_LOW], plan[PLAN_HIGH] = (
-        witness[CLOSEST_LENGTH],
-        0.0,
-        0.0,
-        1.0,
-    )
+    witness.gap, witness.fraction, plan.low, plan.high = witness.length, 0.0, 0.0, 1.0
     for k in range(3):
-        witness[WITNESS_ON_SOLID + k], witness[WITNESS_WEIGHT + k] = (
-            witness[CLOSEST_POINT + k],
-            witness[CLOSEST_WEIGHT + k],
-        )
+        witness.on_solid[k], witness.solid_weights[k] = witness.point[k], witness.weights[k]
 
 
 @kernel
 def _write_answer(reals, words, frames, parts, part, slot, segment, plan, witness, limit, answer, choice):
     """Take a witness from the part's local frame to the scene's."""
-    distance = witness[WITNESS_GAP] / frames[part].scale
+    distance = witness.gap / frames[part].scale
     if not distance <= limit:
         _write_nothing(answer, choice, np.inf)
         return
-    fraction = plan[PLAN_LOW] + witness[WITNESS_FRACTION] * (plan[PLAN_HIGH] - plan[PLAN_LOW])
+    fraction = plan.low + witness.fraction * (plan.high - plan.low)
     answer[SEGMENT_ANSWER_DISTANCE], answer[SEGMENT_ANSWER_FRACTION] = distance, fraction
-    to_scene(frames, parts, part, witness, WITNESS_ON_SOLID, answer, SEGMENT_ANSWER_POINT_ON_SOLID)
+    to_scene(frames, parts, part, witness.on_solid, 0, answer, SEGMENT_ANSWER_POINT_ON_SOLID)
     if fraction == 0.0 or fraction == 1.0:
         end = 0 if fraction == 0.0 else 3
         for axis in range(3):
             answer[SEGMENT_ANSWER_POINT_ON_SEGMENT + axis] = segment[end + axis]
     else:
-        to_scene(frames, parts, part, witness, WITNESS_ON_SEGMENT, answer, SEGMENT_ANSWER_POINT_ON_SEGMENT)
+        to_scene(frames, parts, part, witness.on_segment, 0, answer, SEGMENT_ANSWER_POINT_ON_SEGMENT)
     for k in range(3):
-        answer[SEGMENT_ANSWER_BARYCENTRIC + k] = witness[WITNESS_WEIGHT + k]
+        answer[SEGMENT_ANSWER_BARYCENTRIC + k] = witness.solid_weights[k]
     choice[SEGMENT_ANSWER_PART] = part
     choice[SEGMENT_ANSWER_FACE] = load_int(words, parts[part].slot_faces + slot)
 
@@ -118,9 +102,7 @@ def segment_batch(model, starts, ends, order, limits, answers):
     reals, words, frames, parts = model
     choices = answers.view(np.int32)
     stacks = stack_f32(STACKS_SIZE)
-    plans, probes = stack_f64_rows(2, PLAN_SIZE), stack_f32_rows(2, PROBE_SIZE)
-    witness = stack_f64(WITNESS_SIZE)
-    plans[:], probes[:], witness[:] = 0.0, 0.0, 0.0
+    plans, probes, witness = stack_plans(2), stack_probes(2), stack_witness(1)[0]
     segment = stack_f64(6)
     scale = frames[len(parts) - 1].scale
     known_slot = np.int64(NO_SLOT)

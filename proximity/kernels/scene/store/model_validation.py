@@ -24,10 +24,10 @@ from proximity.kernels.layout import (
     MOMENT_STRIDE,
     NO_FACE,
     NO_GRID,
-    NODE_CHILDREN,
     NODE_STRIDE,
     ORIENTED_STRIDE,
 )
+from proximity.kernels.nodes import child_at, lower_along, upper_along
 from proximity.kernels.scene.parts.static_tree import part_of_node
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, bits, load, load_int, splat, splat32
@@ -59,7 +59,7 @@ def _lanes(words, base):
     """Which lanes of the node at word *base* have children, and which have not: bits. Others have no box."""
     used, unused = np.int64(ALL_LANES), np.int64(ALL_LANES)
     for axis in range(3):
-        lower, upper = load(words, base + 8 * axis), load(words, base + 24 + 8 * axis)
+        lower, upper = lower_along(words, base, axis), upper_along(words, base, axis)
         is_near = (lower >= splat32(np.float32(-FAR))) & (upper <= splat32(np.float32(FAR)))
         used &= bits(is_near & (lower <= upper))
         unused &= bits((lower == splat32(np.float32(np.inf))) & (upper == splat32(np.float32(-np.inf))))
@@ -96,7 +96,7 @@ def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
         for lane in range(LANES):
             if not (used >> lane) & 1:
                 continue
-            child = load_int(words, base + NODE_CHILDREN + lane)
+            child = child_at(words, base + lane)
             if child >= 0:
                 # Negative: it has a parent.
                 if not node < child < end or levels[child] < 0:
@@ -303,7 +303,7 @@ def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
         for lane in range(LANES):
             if not (used >> lane) & 1:
                 continue
-            reference = np.int64(load_int(words, base + NODE_CHILDREN + lane))
+            reference = np.int64(child_at(words, base + lane))
             if root <= reference < root + node_count:
                 child = reference - root
                 if child <= node or levels[child]:

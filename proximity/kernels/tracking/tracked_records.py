@@ -6,6 +6,10 @@ import numpy as np
 
 from proximity.native import bundle, record
 
+FRONTIER_ENTRIES = 32_768
+"""Of all frontiers together: with 20 bytes each, 655 KB."""
+FEWEST_FRONTIERS, MOST_FRONTIERS = 4, 32
+"""As many as there are pairs of parts, within these limits."""
 CROSSING_PARTS = 4096
 """A bit next to those of `contact_record`: the surfaces of the two parts meet, and they share volume."""
 OWN_INSIDE, OTHER_INSIDE = 1, 2
@@ -91,7 +95,7 @@ class HeldArrays(NamedTuple):
     records: np.ndarray  # (K,) CONNECTION_RECORD
     before: np.ndarray  # (P, 12) float64: poses at the last tick
     moved: np.ndarray  # (P,) float64: how far parts have moved since
-    limits: np.ndarray  # (FRONTIER_ENTRIES,) float64: see `frontier`
+    limits: np.ndarray  # (FRONTIER_ENTRIES,) float64: see `dual_first`
     entries: np.ndarray  # (FRONTIER_ENTRIES, 3) int32
 
 

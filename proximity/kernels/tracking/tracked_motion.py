@@ -8,13 +8,11 @@ from math import cos, sin, sqrt
 
 from proximity.kernels.geometry.frames import ROUNDED_DOWN, ROUNDED_UP
 from proximity.kernels.geometry.triangle import cross, dot
-from proximity.kernels.pair.boxes import frames_at
+from proximity.kernels.pair.boxes import POSE_SIZE, frames_at
 from proximity.kernels.pair.walk import nearest_of_parts
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import inlined, kernel
 
-POSE_SIZE = 12
-"""Numbers of a part's pose: rotation and translation."""
 STILL_ROUNDING = 2.0**-50
 """More than rounding puts a displacement off, in sizes of coordinates."""
 MOST_ADVANCES = 6

@@ -24,14 +24,14 @@ from proximity.kernels.contact_record import (
 from proximity.kernels.geometry.frames import ROUNDED_DOWN, velocity_at
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, ModelArrays
-from proximity.kernels.pair.boxes import frames_between
-from proximity.kernels.pair.frontier import OVERFLOW, Frontier, nearest_from_frontier
-from proximity.kernels.pair.held_motion import STILL_ROUNDING, displacements, find_times, lower_of
-from proximity.kernels.pair.held_records import CROSSING_PARTS, OTHER_INSIDE, OWN_INSIDE, HeldArrays
+from proximity.kernels.pair.boxes import frames_between, gap_along
 from proximity.kernels.pair.part_query import fill_connection, turn_normal
 from proximity.kernels.pair.triangles import CROSSING
-from proximity.kernels.pair.walk import nearest_of_parts
+from proximity.kernels.pair.walk import nearest_from_frontier, nearest_of_parts
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
+from proximity.kernels.tracking.tracked_motion import STILL_ROUNDING, displacements, find_times, lower_of
+from proximity.kernels.tracking.tracked_records import CROSSING_PARTS, OTHER_INSIDE, OWN_INSIDE, HeldArrays
+from proximity.kernels.traverse.dual_first import OVERFLOW, Frontier
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
 
@@ -93,7 +93,7 @@ def _gap_between_boxes(one, other):
     """Distance between the boxes of two parts, m."""
     total, size = 0.0, 0.0
     for k in range(3):
-        gap = max(one.box_lower[k] - other.box_upper[k], other.box_lower[k] - one.box_upper[k])
+        gap = gap_along(one, other, k)
         size += abs(one.box_lower[k]) + abs(one.box_upper[k])
         if gap > 0.0:
             total += gap * gap
@@ -170,9 +170,9 @@ def _look_into(model, held, number, reach):
         model, pair.own, pair.other, (turn, offset), frontier, pair.frontier_count,
         pair.frontier_moved * scale, limit, tolerance, budget, slots,
     )  # fmt: skip
-    pair.frontier_count, pair.frontier_moved = count, 0.0
+    pair.frontier_count, pair.frontier_moved = max(count, 0), 0.0
     option.work += steps
-    if lower_sq == OVERFLOW:
+    if count == OVERFLOW:
         slots[0], slots[1] = pair.slots[0], pair.slots[1]
         budget = 0 if option.budget == 0 else max(budget - steps, 1)
         best, lower_sq, steps = nearest_of_parts(
@@ -193,7 +193,7 @@ def _look_into(model, held, number, reach):
 
 @kernel
 def _frontier_of(held, number):
-    """The frontier of a pair: its own, or the next one, which is taken from whoever has it."""
+    """Return the pair's frontier, evicting another pair's if none is free."""
     pair, option = held.pairs[number], held.settings[0]
     if pair.frontier < 0:
         for row in range(len(held.pairs)):
@@ -232,7 +232,7 @@ def _fill_record(model, held, number, rows):
     if pair.slots[0] == NO_SLOT:  # one part is inside the other, and their surfaces beyond the range
         _look_into(model, held, row, np.inf)
     lower = _lowest_of_rest(held, rows, 0) if number == 0 else lower_of(pair)
-    length = fill_connection(model, pair.own, pair.other, pair.is_crossing != 0, pair.slots, ends, 0)
+    length = fill_connection(model, pair.own, pair.other, pair.is_crossing != 0, pair.slots, ends)
     pair.upper = length
     upper = _upper_of(pair)
     lower = min(lower, upper)

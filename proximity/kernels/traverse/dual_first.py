@@ -1,0 +1,184 @@
+"""Loop over two trees at once, as a factory of inlined kernels.
+
+The *frontier* is the list of open entries. An entry is a pair of boxes, or a node of one tree and a box of
+the other, with those children of the node that are too far. Each has a *limit*: nothing in it is nearer.
+Boxes and nodes are given by their positions in ``words``.
+
+A walk that drops entries opens the last one and appends its children, the nearest at the end. A walk that
+keeps them goes through the list in sweeps, and leaves in it the entries that are too far: the next walk
+starts from them. With a budget a sweep opens the nearest entries only, so that the lowest limit rises as far
+as it can.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from proximity.kernels.layout import LANES, NODE_STRIDE
+from proximity.kernels.nodes import child_at, lower_at, upper_at, used_lanes
+from proximity.kernels.stack_arrays import stack_f64
+from proximity.native import inlined, kernel
+from proximity.native.simd import bits, horizontal_min, load, minimum, splat, store, trailing_zeros
+
+CHILDREN = 255
+OPENED_FIRST = 256
+BLOCKS = 512
+BOXES = 1024
+"""Bits of an entry: children that are left; a node of the first tree; a pair of blocks; a pair of boxes."""
+NEARLY = 1.0 - 2.0**-40
+"""Share of the reach at which a kept entry is far enough: so much a root may be rounded down."""
+PAIR_SWEEP_SHARE = 0.25
+"""Share of the way from the lowest limit to the reach that a sweep covers, with a budget."""
+OVERFLOW = -1
+"""Count of a frontier that had no room left."""
+
+
+class Frontier(NamedTuple):
+    """A run of entries, with room for the children of one more and for a vector behind."""
+
+    limits: np.ndarray  # float64
+    entries: np.ndarray  # (…, 3) int32: positions in words of both trees, and bits
+    begin: int
+    capacity: int
+
+
+@inlined
+def append_entry(frontier, count, one, other, marks, limit):
+    """Append an entry; return the count."""
+    at = frontier.begin + count
+    frontier.limits[at] = limit
+    frontier.entries[at, 0], frontier.entries[at, 1], frontier.entries[at, 2] = one, other, marks
+    return count + 1
+
+
+@inlined
+def append_children(frontier, count, one, other, is_first, lanes, lane_limits):
+    """Append pairs of children (bits) of the node *one* or *other* with the other box; return the count."""
+    while lanes:
+        lane = trailing_zeros(lanes)
+        lanes &= lanes - 1
+        below, beside = one + (lane if is_first else 0), other + (0 if is_first else lane)
+        count = append_entry(frontier, count, below, beside, BOXES, lane_limits[lane])
+    return count
+
+
+@inlined
+def nearest_to_end(frontier, favorite, begin, count):
+    """Exchange the last entry with the nearest from *begin* on: of equals the *favorite*, or the first."""
+    limits, entries, last = frontier.limits, frontier.entries, frontier.begin + count - 1
+    nearest = frontier.begin + favorite
+    for at in range(frontier.begin + begin, last + 1):
+        if limits[at] < limits[nearest]:
+            nearest = at
+    if count > begin:
+        limits[nearest], limits[last] = limits[last], limits[nearest]
+        for k in range(3):
+            entries[nearest, k], entries[last, k] = entries[last, k], entries[nearest, k]
+
+
+@kernel
+def lower_limits(frontier, count, by):
+    """Lower all limits; return the lowest."""
+    lowest, end = splat(np.inf), frontier.begin + count
+    store(frontier.limits, end, lowest)
+    for at in range(frontier.begin, end, LANES):
+        limits = load(frontier.limits, at) - splat(by)
+        store(frontier.limits, at, limits)
+        lowest = minimum(lowest, limits)
+    return horizontal_min(lowest)
+
+
+@inlined
+def _size_at(words, position):
+    """The longest side of a box."""
+    return max(
+        upper_at(words, position, 0) - lower_at(words, position, 0),
+        upper_at(words, position, 1) - lower_at(words, position, 1),
+        upper_at(words, position, 2) - lower_at(words, position, 2),
+    )
+
+
+@inlined
+def _node_of_boxes(words, one, other, ratio):
+    """Open a pair of boxes: the larger one becomes a node with all its children, if not both are blocks."""
+    below_one, below_other = child_at(words, one), child_at(words, other)
+    if below_one < 0 and below_other < 0:
+        return one, other, np.int64(BLOCKS)
+    is_first = below_other < 0 or (below_one >= 0 and _size_at(words, one) > ratio * _size_at(words, other))
+    node = NODE_STRIDE * np.int64(below_one if is_first else below_other)
+    marks = np.int64(bits(used_lanes(words, node)))
+    return (node, other, marks | OPENED_FIRST) if is_first else (one, node, marks)
+
+
+def dual_first(open_children, look_into, reach_of, is_kept):
+    """Return a walk over a frontier of *count* entries; it returns the best, the new count, and the steps.
+
+    - ``open_children(model, query, one, other, is_first)``: limits of the eight pairs of children and box;
+    - ``look_into(model, query, one, other, best)``: *best* with what two blocks have, and the limit of these;
+    - ``reach_of(query, best)``: the limit up to which entries are opened.
+
+    *best*: only smaller numbers are looked for, and the walk ends when it is 0 or less. *ratio*: the second
+    tree's unit of length in that of the first. *budget*: steps, entries opened, at most; 0: no limit.
+    """
+
+    @inlined
+    def walk(model, query, ratio, frontier, count, best, budget):
+        limits, entries, begin = frontier.limits, frontier.entries, frontier.begin
+        words, lane_limits, reach = model.words, stack_f64(LANES), reach_of(query, best)
+        steps, number, sweep = 0, count, 0.0
+        while best > 0.0 and (budget == 0 or steps < budget):
+            if is_kept:
+                while number < count and not limits[begin + number] < min(sweep, reach * NEARLY):
+                    number += 1
+                if number >= count:
+                    number, lowest = 0, lower_limits(frontier, count, 0.0)
+                    sweep = reach if budget == 0 else lowest + PAIR_SWEEP_SHARE * (reach - lowest)
+                    if not lowest < reach * NEARLY:
+                        break
+                    continue
+            else:
+                while count > 0 and not limits[begin + count - 1] < reach:
+                    count -= 1
+                if count == 0:
+                    break
+                number = count - 1
+            steps += 1
+            at = begin + number
+            one, other, marks = np.int64(entries[at, 0]), np.int64(entries[at, 1]), np.int64(entries[at, 2])
+            if marks == BOXES:
+                one, other, marks = _node_of_boxes(words, one, other, ratio)
+            if marks == BLOCKS:
+                best, limit = look_into(model, query, ~child_at(words, one), ~child_at(words, other), best)
+                reach = reach_of(query, best)
+                limits[at] = max(limits[at], limit)
+                number += 1
+                count = count if is_kept else count - 1
+                continue
+            if count + 3 * LANES > frontier.capacity:
+                return best, OVERFLOW, steps
+            is_first = marks & OPENED_FIRST != 0
+            bounds = open_children(model, query, one, other, is_first)
+            store(lane_limits, 0, bounds)
+            near = bits(bounds < splat(reach)) & marks & CHILDREN
+            left, lowest = marks & CHILDREN & ~near, np.inf
+            if not is_kept:
+                end = append_children(frontier, count - 1, one, other, is_first, near, lane_limits)
+                nearest_to_end(frontier, count - 1, count - 1, end)
+                count = end
+                continue
+            count = append_children(frontier, count, one, other, is_first, near, lane_limits)
+            if not left:  # the last entry takes its place
+                count -= 1
+                limits[at] = limits[begin + count]
+                for k in range(3):
+                    entries[at, k] = entries[begin + count, k]
+                continue
+            entries[at, 0], entries[at, 1], entries[at, 2] = one, other, left | (marks & OPENED_FIRST)
+            while left:
+                lowest = min(lowest, lane_limits[trailing_zeros(left)])
+                left &= left - 1
+            limits[at] = lowest
+            number += 1
+        return best, count, steps
+
+    return walk
