@@ -34,7 +34,7 @@ from proximity.kernels.tree.oriented_box import fill_oriented_boxes
 from proximity.native import allocating_kernel, entry, kernel
 
 BLOCK_ROW, CORNERS, NORMALS, REALS_END = range(4)
-NODE_ROW, SLOT_FACES, MOMENTS, BOXES, FACES, NEIGHBORS, GRID, NOTES, SCENE_GRID, WORDS_END = range(4, 14)
+NODE_ROW, SLOT_FACES, MOMENTS, BOX_ROW, FACES, NEIGHBORS, GRID, NOTES, SCENE_GRID, WORDS_END = range(4, 14)
 """Rows of the table of arrays: those in ``reals``, their end, those in ``words``, their end."""
 REALS_PER_LINE, WORDS_PER_LINE = 8, 16
 """Numbers in a cache line."""
@@ -56,7 +56,7 @@ def arrays_of(part):
         corners,
     )
     table[NODE_ROW, 1], table[SLOT_FACES, 1] = NODE_STRIDE * part.node_count, LANES * part.block_count
-    table[MOMENTS, 1], table[BOXES, 1] = MOMENT_STRIDE * part.node_count, ORIENTED_STRIDE * part.block_count
+    table[MOMENTS, 1], table[BOX_ROW, 1] = MOMENT_STRIDE * part.node_count, ORIENTED_STRIDE * part.block_count
     table[FACES, 1], table[NEIGHBORS, 1], table[NOTES, 1] = faces, faces, part.block_count
     for array in range(len(table)):
         line = REALS_PER_LINE if array <= REALS_END else WORDS_PER_LINE
@@ -137,7 +137,7 @@ def plan_part(corners, faces, frame, frames, parts):
     table = arrays_of(parts[0])
     for row in range(2):
         parts[row].slot_faces, parts[row].moments = table[SLOT_FACES, 0], table[MOMENTS, 0]
-        parts[row].block_boxes, parts[row].block_notes = table[BOXES, 0], table[NOTES, 0]
+        parts[row].block_boxes, parts[row].block_notes = table[BOX_ROW, 0], table[NOTES, 0]
     parts[0].corners, parts[0].corner_normals = table[CORNERS, 0], table[NORMALS, 0]
     parts[0].faces, parts[0].neighbors = table[FACES, 0], table[NEIGHBORS, 0]
     parts[1].first_node, parts[1].face_count = parts[0].node_count, len(faces)
@@ -202,7 +202,7 @@ def fill_part(model, nodes, order, block_first, corners, faces, neighbors):
     add_corner_normals(local, kept_faces, rows_of_three(reals, part.corner_normals, part.corner_count))
     fill_moments(words, blocks, part.node_count, words[part.moments : table[MOMENTS, 1]])
     fill_slabs(words, blocks, 0, part.node_count, words, part.moments)
-    share = fill_oriented_boxes(blocks, words[part.block_boxes : table[BOXES, 1]])
+    share = fill_oriented_boxes(blocks, words[part.block_boxes : table[BOX_ROW, 1]])
     parts[0].is_oblique = parts[1].is_oblique = share <= OBLIQUE
     begin_moving(words, frames, parts)
     close_grid(frames, parts)
