@@ -27,12 +27,12 @@ from proximity.native.simd import absolute, fma, like, maximum, minimum, select
 
 WITNESS = record(
     "Witness",
-    **CLOSEST_FIELDS,  # of the triangle, and of an end of the segment
     gap="f8",  # distance
     fraction="f8",  # along the planned segment
     on_segment="(3,)f8",
     on_solid="(3,)f8",
     solid_weights="(3,)f8",  # barycentric
+    **CLOSEST_FIELDS,  # of the triangle, and of an end of the segment; behind the others: no subtype of it
 )
 """The answer for a segment and a triangle, local."""
 stack_witness, _ = stack_arrays_of(WITNESS)
