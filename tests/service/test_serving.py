@@ -613,7 +613,7 @@ def test_child_that_does_not_begin_is_told_by_its_own_words(child, code, message
 
 
 def test_child_that_does_not_begin_or_stop_in_time_is_killed(child):
-    with pytest.raises(ServiceError, match=r"^cell\.toml: .* published nothing within 0\.1 s: killed$"):
+    with pytest.raises(ServiceError, match=r"^cell\.toml: .* published no frame within 0\.1 s: killed$"):
         child("import time; time.sleep(600)", timeout=0.1)
     service = child(BEGUN + "time.sleep(600)")
     with pytest.raises(ServiceError, match=r"^cell\.toml: the service did not stop within 0\.1 s: killed$"):

@@ -220,7 +220,7 @@ def test_a_clearance_lasts_until_what_has_come_by_then_may_use_it_up():
         (2.0, 0.4),
     ):
         assert contact_free_time(near, 1.0, clearance) == pytest.approx(expected)
-    nothing, slow = Drift(near.columns, 0, 0.0), Drift(near.columns, 0, 0.5)
+    nothing, slow = Drift(near.rows, 0, 0.0), Drift(near.rows, 0, 0.5)
     assert contact_free_time(nothing, 0.0, 0.1) == np.inf
     assert contact_free_time(nothing, 0.0, 0.0) == 0.0
     assert contact_free_time(slow, 0.5, 0.1) == pytest.approx(0.1)
