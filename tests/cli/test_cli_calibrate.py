@@ -126,7 +126,7 @@ def test_counts_come_from_the_glove_and_a_hand_that_moves_is_asked_again(run, tm
 
     assert ended.code == 1
     assert (
-        "rejected: the potentiometer wandered by 9155 counts meanwhile: hold the hand still. Measure it again"
+        "rejected: the potentiometer wandered by 9155 counts: hold the hand still. Measure it again"
         in ended.err
     )
     assert "read: 21850 counts" in ended.out

@@ -46,7 +46,8 @@ class FakeScene:
             has_inside=has_inside,
             diagnosis=diagnosis,
             mesh=SimpleNamespace(
-                vertices=np.array([[-RADIUS] * 3, [RADIUS] * 3, [0.0] * 3]), faces=np.array([[0, 1, 2]])
+                vertices=np.array([[-RADIUS] * 3, [RADIUS] * 3, [0.0] * 3]),
+                faces=np.array([[0, 1, 2]], np.int32),
             ),
         )
         self.parts = (
