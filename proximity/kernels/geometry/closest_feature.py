@@ -6,6 +6,7 @@ point back even on a needle.
 """
 
 from math import sqrt
+from typing import Any
 
 from proximity.kernels.geometry.rows import vector
 from proximity.kernels.geometry.triangle import TINY, cross, dot, height_over
@@ -14,7 +15,7 @@ from proximity.kernels.nodes import corner_at, offset_of
 from proximity.kernels.stack_arrays import stack_arrays_of
 from proximity.native import inlined, record
 
-CLOSEST_FIELDS = {
+CLOSEST_FIELDS: Any = {
     "length": "f8",  # distance
     "arm": "(3,)f8",  # from the closest point to the query
     "weights": "(3,)f8",  # barycentric, of the corners
