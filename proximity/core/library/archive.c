@@ -294,7 +294,7 @@ static int read_arrays(const InstructionSet *set, Text list, uint8_t *data, int6
     int64_t words[] = {(int64_t)(intptr_t)data, size, (int64_t)(intptr_t)table, count, 3,
                        (int64_t)(intptr_t)fault, FAULT_SIZE, 0};
     if (!proximity_call(set, FAULT_IN_ARRAYS, words)) {
-        return proximity_refuse(error, PROXIMITY_NO_MEMORY, "there is no memory to look at the file");
+        return proximity_no_memory(error, "to look at the file");
     }
     if (words[7] != SOUND) {
         Text name = shapes[fault[0]].name;
@@ -319,7 +319,7 @@ int proximity_read_archive(const InstructionSet *set, uint8_t *bytes, size_t siz
     int64_t fault[FAULT_SIZE] = {0};
     int64_t words[] = {(int64_t)(intptr_t)bytes, (int64_t)size, (int64_t)(intptr_t)fault, FAULT_SIZE, 0};
     if (!proximity_call(set, FAULT_IN_HEADER, words)) {
-        return proximity_refuse(error, PROXIMITY_NO_MEMORY, "there is no memory to look at the file");
+        return proximity_no_memory(error, "to look at the file");
     }
     if (words[4] != SOUND) {
         return proximity_refuse_kind(error, words[4], fault, "", NULL);

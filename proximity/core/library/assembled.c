@@ -17,11 +17,6 @@ typedef struct {
     Owner *owners[2];
 } Plan;
 
-static int no_memory(proximity_error *error)
-{
-    return proximity_refuse(error, PROXIMITY_NO_MEMORY, "there is no memory for the scene");
-}
-
 static size_t on_line(size_t bytes)
 {
     return (bytes + LINE - 1) / LINE * LINE;
@@ -76,10 +71,22 @@ static int plan(const InstructionSet *set, const float *nodes, int64_t numbers, 
     return 1;
 }
 
-/* Move the rows into one block with all other arrays; the block, or NULL. */
-static void *take_block(Archive *made, const Plan *plan)
+void *proximity_take_rows(Archive *made, int64_t part_count)
 {
-    size_t reals = on_line((size_t)plan->reals * sizeof(double)), words = on_line((size_t)plan->words * sizeof(float));
+    size_t rows = (size_t)part_count + 1;
+    char *space = calloc(rows, sizeof(Frame) + sizeof(Part));
+    if (space != NULL) {
+        made->frames = (Frame *)space;
+        made->parts = (Part *)(space + rows * sizeof(Frame));
+        made->frame_count = made->part_rows = (int64_t)rows;
+        made->part_count = part_count;
+    }
+    return space;
+}
+
+void *proximity_take_block(Archive *made, int64_t real_count, int64_t word_count)
+{
+    size_t reals = on_line((size_t)real_count * sizeof(double)), words = on_line((size_t)word_count * sizeof(float));
     size_t frames = (size_t)made->frame_count * sizeof(Frame), parts = (size_t)made->part_rows * sizeof(Part);
     char *block = malloc(reals + words + on_line(frames) + parts + LINE);
     if (block == NULL) {
@@ -87,9 +94,9 @@ static void *take_block(Archive *made, const Plan *plan)
     }
     char *at = block + (LINE - (uintptr_t)block % LINE) % LINE;
     made->reals = (double *)at;
-    made->real_count = plan->reals;
+    made->real_count = real_count;
     made->words = (float *)(at + reals);
-    made->word_count = plan->words;
+    made->word_count = word_count;
     made->frames = memcpy(at + reals + words, made->frames, frames);
     made->parts = memcpy(at + reals + words + on_line(frames), made->parts, parts);
     return block;
@@ -134,25 +141,23 @@ static int copy_texts(proximity_scene *scene, const Source *sources)
 proximity_scene *proximity_assemble(const InstructionSet *set, const Source *sources, int64_t count, int *is_far)
 {
     proximity_scene *scene = calloc(1, sizeof *scene);
-    Archive *made = scene != NULL ? &scene->archive : NULL;
-    size_t rows = (size_t)count + 1;
-    char *space = calloc(rows, sizeof(Frame) + sizeof(Part));
-    float *nodes = NULL;
-    Plan planned = {0};
     *is_far = 0;
-    if (scene != NULL && space != NULL) {
-        scene->references = 1;
-        scene->set = set;
-        made->frames = (Frame *)space;
-        made->parts = (Part *)(space + rows * sizeof(Frame));
-        made->frame_count = made->part_rows = (int64_t)rows;
-        made->part_count = count;
-        nodes = collect(set, sources, made);
+    if (scene == NULL) {
+        return NULL;
     }
+    Archive *made = &scene->archive;
+    scene->references = 1;
+    scene->set = set;
+    void *space = proximity_take_rows(made, count);
+    float *nodes = space != NULL ? collect(set, sources, made) : NULL;
+    Plan planned = {0};
     int64_t numbers = nodes != NULL ? NODE_STRIDE * (made->parts[count - 1].root + made->parts[count - 1].node_count) : 0;
     int is_done = nodes != NULL && plan(set, nodes, numbers, made, &planned);
     *is_far = is_done && planned.reals == 0;
-    is_done = is_done && !*is_far && (scene->copies = take_block(made, &planned)) != NULL && copy_texts(scene, sources);
+    if (is_done && !*is_far) {
+        scene->copies = proximity_take_block(made, planned.reals, planned.words);
+    }
+    is_done = scene->copies != NULL && copy_texts(scene, sources);
     if (is_done) {
         proximity_write_model(scene->model, made);
         is_done = fill(scene, sources, nodes, numbers, &planned) && proximity_begin_changes(scene);
@@ -203,12 +208,12 @@ int proximity_new_scene(proximity_scene **scene, proximity_error *error)
     }
     proximity_scene *made = calloc(1, sizeof *made);
     if (made == NULL) {
-        return no_memory(error);
+        return proximity_no_memory(error, "for the scene");
     }
     made->references = 1;
     if ((made->archive.names = calloc(1, 1)) == NULL || !proximity_begin_changes(made)) {
         proximity_close(made);
-        return no_memory(error);
+        return proximity_no_memory(error, "for the scene");
     }
     int code = proximity_choose_set(made, error);
     if (code != PROXIMITY_OK) {
@@ -271,7 +276,7 @@ static int rebuild(proximity_scene *scene, const Source *sources, int64_t count,
     proximity_scene *made = proximity_assemble(scene->set, sources, count, &is_far);
     if (made == NULL) {
         return is_far ? proximity_refuse(error, PROXIMITY_BAD_POSE, "the parts are too far apart to be in one scene")
-                      : no_memory(error);
+                      : proximity_no_memory(error, "for the scene");
     }
     made->next_identity = scene->next_identity;
     for (int64_t k = 0; k < count; k++) {
@@ -291,7 +296,7 @@ int proximity_add_scene(proximity_scene *scene, const proximity_scene *added, co
     int64_t before = scene->archive.part_count, count = before + added->archive.part_count;
     Source *sources = malloc((size_t)count * sizeof *sources);
     if (sources == NULL) {
-        return no_memory(error);
+        return proximity_no_memory(error, "for the scene");
     }
     for (int64_t k = 0; k < before; k++) {
         write_source(&sources[k], scene, k);
@@ -335,7 +340,7 @@ int proximity_remove(proximity_scene *scene, int32_t part, proximity_error *erro
     }
     Source *sources = malloc((size_t)count * sizeof *sources);
     if (sources == NULL) {
-        return no_memory(error);
+        return proximity_no_memory(error, "for the scene");
     }
     for (int64_t k = 0, to = 0; k < count; k++) {
         if (k != part) {

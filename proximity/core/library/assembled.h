@@ -12,6 +12,12 @@ typedef struct {
     const char *name, *reason;
 } Source;
 
+/* Take rows of zeros for so many parts and the scene, outside of the block; free what is returned, NULL for no memory. */
+void *proximity_take_rows(Archive *made, int64_t part_count);
+
+/* Take one block for all arrays, and copy the rows there; free what is returned, NULL for no memory. */
+void *proximity_take_block(Archive *made, int64_t real_count, int64_t word_count);
+
 /* Make a scene of copies of parts; NULL where there is no memory, or where they are too far apart (`is_far`). */
 proximity_scene *proximity_assemble(const InstructionSet *set, const Source *sources, int64_t count, int *is_far);
 

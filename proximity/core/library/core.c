@@ -48,6 +48,11 @@ int proximity_refuse(proximity_error *error, int code, const char *sentence, ...
     return code;
 }
 
+int proximity_no_memory(proximity_error *error, const char *for_what)
+{
+    return proximity_refuse(error, PROXIMITY_NO_MEMORY, "there is no memory %s", for_what);
+}
+
 static const char *sentence_of(int64_t kind)
 {
     const Sentence *each = proximity_sentences;

@@ -39,6 +39,7 @@ typedef struct {
 
 int proximity_call(const InstructionSet *set, int entry, int64_t *words);
 int proximity_refuse(proximity_error *error, int code, const char *sentence, ...);
+int proximity_no_memory(proximity_error *error, const char *for_what);
 int proximity_refuse_kind(proximity_error *error, int64_t kind, const int64_t *numbers, const char *name,
                           const char *where);
 /* Write why a part has its sign; *found*: what `choose_sign` gives before the share. */

@@ -9,7 +9,7 @@
 
 #define WORD(address) ((int64_t)(intptr_t)(address))
 
-enum { LINE = 64, REASON_SIZE = 400, BODIES_WORDS = 25, PLAN_WORDS = 23 };
+enum { REASON_SIZE = 400, BODIES_WORDS = 25, PLAN_WORDS = 23 };
 
 /* A body: the model of it alone, and the memory of that. */
 typedef struct {
@@ -17,7 +17,7 @@ typedef struct {
     int32_t *faces;
     int64_t vertex_count, face_count, model[8];
     Archive archive;
-    char *rows, *block; /* of the two rows of frames and parts; of reals and words */
+    void *rows, *block; /* as `proximity_take_rows` and `proximity_take_block` give them */
     char reason[REASON_SIZE];
 } Body;
 
@@ -28,11 +28,6 @@ typedef struct {
     Body *bodies;
     int64_t split[BODIES_WORDS]; /* arguments and results of `split_faces` */
 } Split;
-
-static int no_memory(proximity_error *error)
-{
-    return proximity_refuse(error, PROXIMITY_NO_MEMORY, "there is no memory for the mesh");
-}
 
 /* Give back the array that a kernel made, whose owner is in a word; a word of 0 has none. */
 static void give_back(int64_t word)
@@ -93,7 +88,7 @@ static int split_faces(Split *split, const double *vertices, int64_t vertex_coun
     memcpy(words, given, sizeof given);
     if (!proximity_call(split->set, SPLIT_FACES, words)) {
         words[9] = words[13] = words[16] = words[20] = words[24] = 0;
-        return no_memory(split->error);
+        return proximity_no_memory(split->error, "for the mesh");
     }
     split->count = words[18];
     if (split->count == 0) {
@@ -103,7 +98,7 @@ static int split_faces(Split *split, const double *vertices, int64_t vertex_coun
     }
     split->bodies = calloc((size_t)split->count, sizeof *split->bodies);
     if (split->bodies == NULL) {
-        return no_memory(split->error);
+        return proximity_no_memory(split->error, "for the mesh");
     }
     const int64_t *ends = (const int64_t *)(intptr_t)words[17];
     int64_t vertex = 0, face = 0;
@@ -177,13 +172,10 @@ static int is_inside_out(const Split *split, const Body *body)
 static int plan(const Split *split, Body *body, double *frame, int64_t *words)
 {
     Archive *archive = &body->archive;
-    body->rows = calloc(2, sizeof(Frame) + sizeof(Part));
+    body->rows = proximity_take_rows(archive, 1);
     if (body->rows == NULL) {
         return 0;
     }
-    archive->frames = (Frame *)body->rows;
-    archive->parts = (Part *)(body->rows + 2 * sizeof(Frame));
-    archive->frame_count = archive->part_rows = 2;
     int64_t given[] = {WORD(body->vertices), body->vertex_count, 3, WORD(body->faces), body->face_count, 3, WORD(frame), 4,
                        WORD(archive->frames), 2, WORD(archive->parts), 2};
     memcpy(words, given, sizeof given);
@@ -194,24 +186,11 @@ static int plan(const Split *split, Body *body, double *frame, int64_t *words)
     return 1;
 }
 
-static int take_block(Body *body, int64_t reals, int64_t words)
-{
-    body->block = malloc((size_t)reals * sizeof(double) + (size_t)words * sizeof(float) + LINE);
-    if (body->block == NULL) {
-        return 0;
-    }
-    body->archive.reals = (double *)(body->block + (LINE - (uintptr_t)body->block % LINE) % LINE);
-    body->archive.words = (float *)(body->archive.reals + reals);
-    body->archive.real_count = reals;
-    body->archive.word_count = words;
-    proximity_write_model(body->model, &body->archive);
-    return 1;
-}
-
 /* Fill a body's arrays and choose its sign; *edges*: words of `face_topology`. */
 static int fill(const Split *split, Body *body, const int64_t *planned, const int64_t *edges, int is_flipped)
 {
     const int64_t *counts = (const int64_t *)(intptr_t)edges[7];
+    proximity_write_model(body->model, &body->archive);
     int64_t words[] = {WORD(body->model), planned[12], planned[13], planned[15], planned[16], planned[18], planned[19],
                        WORD(body->vertices), body->vertex_count, 3, WORD(body->faces), body->face_count, 3,
                        edges[3], edges[4], edges[5]};
@@ -239,8 +218,8 @@ static int build(const Split *split, Body *body, double *frame)
     }
     is_done = is_done && plan(split, body, frame, planned);
     is_far = is_done && planned[21] == 0;
-    is_done = is_done && !is_far && take_block(body, planned[21], planned[22]) &&
-              fill(split, body, planned, edges, is_flipped);
+    body->block = is_done && !is_far ? proximity_take_block(&body->archive, planned[21], planned[22]) : NULL;
+    is_done = body->block != NULL && fill(split, body, planned, edges, is_flipped);
     give_back(edges[6]);
     give_back(edges[9]);
     give_back(planned[14]);
@@ -251,7 +230,7 @@ static int build(const Split *split, Body *body, double *frame)
                                 "the part is too far from the origin or too small to be computed with; expected "
                                 "coordinates up to %g m and sizes from %g m", LARGEST_COORDINATE, SMALLEST_SIZE);
     }
-    return is_done ? PROXIMITY_OK : no_memory(split->error);
+    return is_done ? PROXIMITY_OK : proximity_no_memory(split->error, "for the mesh");
 }
 
 /* --- the scene of them ----------------------------------------------------------------------------------- */
@@ -280,7 +259,7 @@ static int assemble(const Split *split, const char *name, proximity_scene **scen
     free(sources);
     if (made == NULL) {
         return is_far ? proximity_refuse(split->error, PROXIMITY_BAD_MESH, "the bodies of the mesh are too far apart")
-                      : no_memory(split->error);
+                      : proximity_no_memory(split->error, "for the mesh");
     }
     *scene = made;
     return PROXIMITY_OK;

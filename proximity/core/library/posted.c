@@ -72,7 +72,7 @@ int proximity_post(proximity_scene *scene, int32_t part, const double *matrix, i
     if (posts == NULL) {
         posts = create_posts((size_t)scene->archive.part_count);
         if (posts == NULL) {
-            return proximity_refuse(error, PROXIMITY_NO_MEMORY, "there is no memory for poses");
+            return proximity_no_memory(error, "for poses");
         }
         __atomic_store_n(&scene->posts, posts, __ATOMIC_RELEASE);
     }

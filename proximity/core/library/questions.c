@@ -124,11 +124,6 @@ typedef struct {
     int64_t sort_from;         /* rows */
 } Question;
 
-static int no_memory(proximity_error *error)
-{
-    return proximity_refuse(error, PROXIMITY_NO_MEMORY, "there is no memory to sort the rows");
-}
-
 /* Ask for rows that are sorted together; the row that was refused, or what else the kernel said. */
 static int ask_block(const proximity_scene *scene, const Question *question, const double *const *rows, int64_t count,
                      double limit, void *answers, int64_t *said)
@@ -184,7 +179,7 @@ static int ask(const proximity_scene *scene, const Question *question, const dou
         int64_t part = (int64_t)(count - done < BLOCK ? count - done : BLOCK), said;
         char *to = (char *)answers + (int64_t)done * question->width * question->item_bytes;
         if (!ask_block(scene, question, rows, part, limit, to, &said)) {
-            return no_memory(error);
+            return proximity_no_memory(error, "to sort the rows");
         }
         if (question->entry == CONTAINS_BATCH && said != NO_ROW) {
             return proximity_refuse(error, PROXIMITY_NO_INSIDE,
@@ -309,7 +304,7 @@ int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t sec
     int64_t words[] = {WORD(scene->model), first, second, limits[0], limits[1], (int64_t)budget, WORD(&told),
                        1, 0};
     if (!proximity_call(scene->set, CONNECT_PARTS, words)) {
-        return no_memory(error);
+        return proximity_no_memory(error, "to sort the rows");
     }
     const double *points = told.points;
     proximity_clearance_answer found = {.lower = told.lower,
@@ -324,14 +319,14 @@ int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t sec
         double point[3];
         int is_inside = has_inside(scene, parts[k + 1], parts[k], point);
         if (is_inside < 0) {
-            return no_memory(error);
+            return proximity_no_memory(error, "to sort the rows");
         }
         if (is_inside) {
             const double unlimited[] = {INFINITY, 0.0};
             memcpy(words + 3, unlimited, sizeof unlimited);
             words[5] = 0;
             if (isnan(points[0]) && !proximity_call(scene->set, CONNECT_PARTS, words)) {
-                return no_memory(error);
+                return proximity_no_memory(error, "to sort the rows");
             }
             found.lower = found.distance = 0.0;
             memcpy(found.point_on_first, points + 3 * k, sizeof point);

@@ -24,11 +24,6 @@ void proximity_write_model(int64_t *model, const Archive *a)
 
 /* --- opening ------------------------------------------------------------------------------------------- */
 
-static int no_memory(proximity_error *error)
-{
-    return proximity_refuse(error, PROXIMITY_NO_MEMORY, "there is no memory for the scene");
-}
-
 /* Copy what a scene changes, so that the caller's bytes stay as they are. */
 static int copy_changed(proximity_scene *scene)
 {
@@ -98,7 +93,7 @@ static int complete(proximity_scene *scene, proximity_error *error)
                        word_of(ORTHONORMAL_TOLERANCE), word_of(FARTHEST_MOVE), word_of(FASTEST_MOVE), WORD(fault),
                        FAULT_SIZE, 0};
     if (!proximity_call(scene->set, COMPLETE_MODEL, words)) {
-        return no_memory(error);
+        return proximity_no_memory(error, "for the scene");
     }
     int64_t kind = words[17], part = fault[0];
     if (kind == SOUND) {
@@ -139,7 +134,7 @@ static int open_scene(uint8_t *bytes, size_t size, int is_own, proximity_scene *
 {
     proximity_scene *scene = calloc(1, sizeof *scene);
     if (scene == NULL) {
-        return no_memory(error);
+        return proximity_no_memory(error, "for the scene");
     }
     int code;
     scene->references = 1;
@@ -148,13 +143,13 @@ static int open_scene(uint8_t *bytes, size_t size, int is_own, proximity_scene *
         code = proximity_read_archive(scene->set, bytes, size, &scene->archive, error);
     }
     if (code == PROXIMITY_OK && !is_own && !copy_changed(scene)) {
-        code = no_memory(error);
+        code = proximity_no_memory(error, "for the scene");
     }
     if (code == PROXIMITY_OK) {
         code = complete(scene, error);
     }
     if (code == PROXIMITY_OK && !proximity_begin_changes(scene)) {
-        code = no_memory(error);
+        code = proximity_no_memory(error, "for the scene");
     }
     if (code != PROXIMITY_OK) {
         proximity_close(scene);

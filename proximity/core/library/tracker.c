@@ -29,11 +29,6 @@ struct proximity_tracker {
     int64_t part_count;
 };
 
-static int no_memory(proximity_error *error)
-{
-    return proximity_refuse(error, PROXIMITY_NO_MEMORY, "there is no memory for the tracker");
-}
-
 static void set_array(proximity_tracker *tracker, int at, const void *array, int64_t rows)
 {
     tracker->table[at] = WORD(array);
@@ -116,7 +111,7 @@ int proximity_create_tracker(const proximity_scene *scene, size_t fingers, const
     proximity_tracker *tracker = calloc(1, sizeof *tracker);
     if (tracker == NULL || !has_arrays(tracker, fingers)) {
         proximity_destroy_tracker(tracker);
-        return no_memory(error);
+        return proximity_no_memory(error, "for the tracker");
     }
     int64_t count = (int64_t)fingers;
     proximity_keep(scene);
@@ -328,12 +323,12 @@ int proximity_tick(proximity_tracker *tracker, const double *positions, const in
     int is_moved = tracker->changes != scene->changes;
     set_array(tracker, AT_RECORDS, contacts, (int64_t)tracker->count);
     if (!read_from(tracker, velocities, paths) || (tracker->epoch != scene->epoch && !adopt_parts(tracker))) {
-        return no_memory(error);
+        return proximity_no_memory(error, "for the tracker");
     }
     int64_t words[] = {WORD(scene->model), WORD(tracker->table), WORD(positions), (int64_t)tracker->count, 3,
                        WORD(pose_ns), (int64_t)tracker->count, now_ns, is_moved, 0};
     if (!proximity_call(scene->set, TICK, words)) {
-        return no_memory(error);
+        return proximity_no_memory(error, "for the tracker");
     }
     tracker->changes = scene->changes;
     tracker->epoch = scene->epoch;
