@@ -12,7 +12,6 @@ from proximity.kernels.geometry.rows import copy_numbers
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
     BOX_STRIDE,
-    CELLS_PER_WORD,
     FACES_SHIFT,
     LANES,
     MOMENT_STRIDE,
@@ -22,6 +21,7 @@ from proximity.kernels.layout import (
     ModelArrays,
 )
 from proximity.kernels.mesh.faces import add_corner_normals
+from proximity.kernels.scene.parts.assembly import clear_gaps, grid_at, lay_out
 from proximity.kernels.scene.parts.part_trees import begin_moving, choose_frame
 from proximity.kernels.scene.parts.placement import update_box
 from proximity.kernels.sign.inside_grid import cells_wanted, grid_size
@@ -33,49 +33,11 @@ from proximity.kernels.tree.normal_slab import fill_slabs
 from proximity.kernels.tree.oriented_box import fill_oriented_boxes
 from proximity.native import allocating_kernel, entry, kernel
 
-BLOCK_ROW, CORNERS, NORMALS, REALS_END = range(4)
-NODE_ROW, SLOT_FACES, MOMENTS, BOX_ROW, FACES, NEIGHBORS, GRID, NOTES, SCENE_GRID, WORDS_END = range(4, 14)
-"""Rows of the table of arrays: those in ``reals``, their end, those in ``words``, their end."""
-REALS_PER_LINE, WORDS_PER_LINE = 8, 16
-"""Numbers in a cache line."""
 EMPTY_NODES = 1
-"""Nodes behind those of the part: a scene of one part has an empty node, see `scene.part_trees`."""
-
-
-@allocating_kernel
-def arrays_of(part):
-    """Return the start and end of each array of a part alone, from its counts: (14, 2) int64.
-
-    The space of the grid and of the empty node lies behind the end of their rows.
-    """
-    corners, faces = 3 * part.corner_count, 3 * part.face_count
-    table, end = np.zeros((WORDS_END + 1, 2), np.int64), np.int64(0)
-    table[BLOCK_ROW, 1], table[CORNERS, 1], table[NORMALS, 1] = (
-        BLOCK_STRIDE * part.block_count,
-        corners,
-        corners,
-    )
-    table[NODE_ROW, 1], table[SLOT_FACES, 1] = NODE_STRIDE * part.node_count, LANES * part.block_count
-    table[MOMENTS, 1], table[BOX_ROW, 1] = MOMENT_STRIDE * part.node_count, ORIENTED_STRIDE * part.block_count
-    table[FACES, 1], table[NEIGHBORS, 1], table[NOTES, 1] = faces, faces, part.block_count
-    for array in range(len(table)):
-        line = REALS_PER_LINE if array <= REALS_END else WORDS_PER_LINE
-        table[array, 0] = 0 if array == NODE_ROW else (end + line - 1) // line * line
-        end = table[array, 1] = table[array, 0] + table[array, 1]
-        if array == NODE_ROW:
-            end += NODE_STRIDE * EMPTY_NODES
-        if array == GRID:
-            end += grid_words(part)
-    return table
+"""Nodes behind those of the part: a scene of one part has an empty node, see `scene.parts.part_trees`."""
 
 
 @kernel
-def grid_words(part):
-    """Words of a part's grid."""
-    return (part.grid_x * part.grid_y * part.grid_z + CELLS_PER_WORD - 1) // CELLS_PER_WORD
-
-
-@allocating_kernel
 def open_grid(frames, parts):
     """Write into the part's row where its sign grid lies, and how fine it is."""
     extent = stack_f64(3)
@@ -86,7 +48,7 @@ def open_grid(frames, parts):
     frames[0].grid_rate, parts[0].grid_x, parts[0].grid_y, parts[0].grid_z = grid_size(
         extent, cells_wanted(parts[0].face_count)
     )
-    parts[0].grid = arrays_of(parts[0])[GRID, 0]
+    parts[0].grid = grid_at(parts[0])
 
 
 @kernel
@@ -134,17 +96,11 @@ def plan_part(corners, faces, frame, frames, parts):
         frames[0].own_lower[axis], frames[0].own_upper[axis] = lower[axis], upper[axis]
     frames[0].scale = scale
     open_grid(frames, parts)
-    table = arrays_of(parts[0])
-    for row in range(2):
-        parts[row].slot_faces, parts[row].moments = table[SLOT_FACES, 0], table[MOMENTS, 0]
-        parts[row].block_boxes, parts[row].block_notes = table[BOX_ROW, 0], table[NOTES, 0]
-    parts[0].corners, parts[0].corner_normals = table[CORNERS, 0], table[NORMALS, 0]
-    parts[0].faces, parts[0].neighbors = table[FACES, 0], table[NEIGHBORS, 0]
     parts[1].first_node, parts[1].face_count = parts[0].node_count, len(faces)
-    parts[1].grid = table[SCENE_GRID, 0]
+    reals, words = lay_out(parts, parts[0].node_count + EMPTY_NODES, 0)
     update_box(frames, parts, 0)
     choose_frame(frames, parts, centre, scale)
-    return nodes, order, block_first, table[REALS_END, 0], table[WORDS_END, 0]
+    return nodes, order, block_first, reals, words
 
 
 @kernel
@@ -181,12 +137,9 @@ def fill_part(model, nodes, order, block_first, corners, faces, neighbors):
     negative.
     """
     reals, words, frames, parts = model
-    part, table, centre = parts[0], arrays_of(parts[0]), stack_f64(3)
-    # The gaps, and the space of the grid, are zero, so that equal parts are equal in memory.
-    for array in range(BLOCK_ROW, REALS_END):
-        reals[table[array, 1] : table[array + 1, 0]] = 0.0
-    for array in range(NODE_ROW, WORDS_END):
-        words[table[array, 1] : table[array + 1, 0]] = 0.0
+    part, centre = parts[0], stack_f64(3)
+    close_grid(frames, parts)
+    clear_gaps(model)
     words[part.block_notes : part.block_notes + part.block_count] = 0.0
     copy_numbers(nodes, 0, words, 0, len(nodes))
     local, kept_faces, kept_neighbors, slot_faces = tables_of(model)
@@ -196,13 +149,14 @@ def fill_part(model, nodes, order, block_first, corners, faces, neighbors):
     for face in range(len(faces)):
         for k in range(3):
             kept_faces[face, k], kept_neighbors[face, k] = faces[face, k], neighbors[face, k]
-    blocks = reals[: table[BLOCK_ROW, 1]]
+    blocks = reals[: BLOCK_STRIDE * part.block_count]
     fill_blocks(local, kept_faces, order, block_first, blocks, slot_faces)
-    reals[table[NORMALS, 0] : table[NORMALS, 1]] = 0.0
+    reals[part.corner_normals : part.corner_normals + 3 * part.corner_count] = 0.0
     add_corner_normals(local, kept_faces, rows_of_three(reals, part.corner_normals, part.corner_count))
-    fill_moments(words, blocks, part.node_count, words[part.moments : table[MOMENTS, 1]])
+    moments_end = part.moments + MOMENT_STRIDE * part.node_count
+    fill_moments(words, blocks, part.node_count, words[part.moments : moments_end])
     fill_slabs(words, blocks, 0, part.node_count, words, part.moments)
-    share = fill_oriented_boxes(blocks, words[part.block_boxes : table[BOX_ROW, 1]])
+    boxes_end = part.block_boxes + ORIENTED_STRIDE * part.block_count
+    share = fill_oriented_boxes(blocks, words[part.block_boxes : boxes_end])
     parts[0].is_oblique = parts[1].is_oblique = share <= OBLIQUE
     begin_moving(words, frames, parts)
-    close_grid(frames, parts)

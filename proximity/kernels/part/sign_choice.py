@@ -18,12 +18,12 @@ from proximity.kernels.layout import (
     SIGN_WINDING,
     ModelArrays,
 )
-from proximity.kernels.part.part_model import grid_words, open_grid, tables_of
+from proximity.kernels.part.part_model import open_grid, tables_of
 from proximity.kernels.part.sign_samples import FACE_SAMPLE_COUNT, face_samples, surface_samples
 from proximity.kernels.ray.self_intersections import passing_faces
 from proximity.kernels.scene.queries.point_queries import signed_alone
 from proximity.kernels.sign.folded_faces import beside_thin_faces, folded_faces, slots_of
-from proximity.kernels.sign.inside_grid import build_grid, uncertain_points
+from proximity.kernels.sign.inside_grid import build_grid, grid_words, uncertain_points
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.kernels.thresholds import CONTACT_DEPTH
 from proximity.native import allocating_kernel, entry, kernel

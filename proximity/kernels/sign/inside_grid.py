@@ -8,7 +8,14 @@ winding number is an integer: there inside and outside change at faces only.
 import numpy as np
 
 from proximity.kernels.geometry.rows import copy_row
-from proximity.kernels.layout import CELL_CROSSED, CELL_INSIDE, CELL_OUTSIDE, CELL_UNKNOWN, CELLS_PER_WORD
+from proximity.kernels.layout import (
+    CELL_CROSSED,
+    CELL_INSIDE,
+    CELL_OUTSIDE,
+    CELL_UNKNOWN,
+    CELLS_PER_WORD,
+    NO_GRID,
+)
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
@@ -47,6 +54,13 @@ def grid_size(extent, wanted):
         np.int64(np.floor(extent[1] * rate)) + 1,
         np.int64(np.floor(extent[2] * rate)) + 1,
     )
+
+
+@inlined
+def grid_words(part):
+    """Words of a part's grid, 0 if it has none."""
+    cells = part.grid_x * part.grid_y * part.grid_z
+    return (cells + CELLS_PER_WORD - 1) // CELLS_PER_WORD if part.grid != NO_GRID else np.int64(0)
 
 
 @kernel

@@ -10,7 +10,6 @@ import numpy as np
 from proximity.kernels.geometry.rows import copy_numbers
 from proximity.kernels.layout import (
     BLOCK_STRIDE,
-    CELLS_PER_WORD,
     FOLDED_AT,
     LANES,
     MOMENT_STRIDE,
@@ -31,7 +30,7 @@ from proximity.kernels.scene.parts.part_trees import (
     write_static,
 )
 from proximity.kernels.scene.parts.placement import update_box, write_pose
-from proximity.kernels.sign.inside_grid import grid_size
+from proximity.kernels.sign.inside_grid import grid_size, grid_words
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import allocating_kernel, entry, inlined, kernel
 
@@ -52,13 +51,6 @@ CELLS_OF_ONE = 64
 def _on_line(count, line):
     """*count* rounded up to whole cache lines."""
     return (count + line - 1) // line * line
-
-
-@inlined
-def _grid_words(parts, row):
-    """Words of a part's sign grid."""
-    cells = parts[row].grid_x * parts[row].grid_y * parts[row].grid_z
-    return (cells + CELLS_PER_WORD - 1) // CELLS_PER_WORD if parts[row].grid != NO_GRID else np.int64(0)
 
 
 @entry(ModelArrays, "int, Frame[:], Part[:], int, float64[:, 4], float")
@@ -123,9 +115,8 @@ def plan_scene(nodes, frames, parts):
         static_count = max(len(static), _tree_over_all(nodes, frames, parts)) // NODE_STRIDE
         parts[scene].static_capacity = np.int64(SPARE * static_count) + LANES
     _, _, node_end = copy_offsets(parts, REGION_COPIES)
-    cell_space = _plan_lists(frames, parts)
-    reals = _plan_reals(parts, block_count)
-    return static, entries, reals, _plan_words(parts, max(node_end, node_count + 1), block_count, cell_space)
+    reals, words = lay_out(parts, max(node_end, node_count + 1), _plan_lists(frames, parts))
+    return static, entries, reals, words
 
 
 @allocating_kernel
@@ -144,36 +135,71 @@ def _tree_over_all(nodes, frames, parts):
 
 
 @kernel
-def _plan_reals(parts, block_count):
-    """Place blocks, corners and normals; the number of reals."""
-    at = _on_line(BLOCK_STRIDE * block_count, LINE_REALS)
-    for part in range(len(parts) - 1):
-        parts[part].corners = at
-        at += _on_line(3 * parts[part].corner_count, LINE_REALS)
-        parts[part].corner_normals = at
-        at += _on_line(3 * parts[part].corner_count, LINE_REALS)
-    return at
+def lay_out(parts, node_end, list_space):
+    """Write where the arrays of all parts lie, behind node *node_end*; the numbers of reals and words.
+
+    In their order, each on a cache line: see `clear_gaps`.
+    """
+    scene = len(parts) - 1
+    blocks = parts[scene - 1].first_block + parts[scene - 1].block_count
+    real = _on_line(BLOCK_STRIDE * blocks, LINE_REALS)
+    slot_faces = _on_line(NODE_STRIDE * node_end, LINE_WORDS)
+    moments = slot_faces + _on_line(LANES * blocks, LINE_WORDS)
+    boxes = moments + _on_line(MOMENT_STRIDE * parts[scene].first_node, LINE_WORDS)
+    word = boxes + _on_line(ORIENTED_STRIDE * blocks, LINE_WORDS)
+    for part in range(scene):
+        row = parts[part]
+        corner_reals = _on_line(3 * row.corner_count, LINE_REALS)
+        row.corners, row.corner_normals = real, real + corner_reals
+        real += 2 * corner_reals
+        face_words = _on_line(3 * row.face_count, LINE_WORDS)
+        row.faces, row.neighbors = word, word + face_words
+        word += 2 * face_words
+        row.grid = word if row.grid != NO_GRID else NO_GRID
+        word += _on_line(grid_words(row), LINE_WORDS)
+    for each in range(scene + 1):
+        parts[each].slot_faces, parts[each].moments, parts[each].block_boxes = slot_faces, moments, boxes
+        parts[each].block_notes = word
+    parts[scene].grid = word + _on_line(blocks, LINE_WORDS)
+    return real, parts[scene].grid + _on_line(list_space, LINE_WORDS)
 
 
 @kernel
-def _plan_words(parts, node_end, block_count, cell_space):
-    """Place everything else behind node *node_end*; the number of words."""
+def clear_gaps(model):
+    """Write zeros between the arrays that `lay_out` has placed, so that equal models are equal in memory."""
+    reals, words, _, parts = model
     scene = len(parts) - 1
-    slot_faces = _on_line(NODE_STRIDE * node_end, LINE_WORDS)
-    moments = slot_faces + _on_line(LANES * block_count, LINE_WORDS)
-    boxes = moments + _on_line(MOMENT_STRIDE * parts[scene].first_node, LINE_WORDS)
-    at = boxes + _on_line(ORIENTED_STRIDE * block_count, LINE_WORDS)
+    blocks = parts[scene - 1].first_block + parts[scene - 1].block_count
+    _clear(words, NODE_STRIDE * parts[scene].first_node, parts[scene].slot_faces)
+    _clear(words, parts[scene].slot_faces + LANES * blocks, parts[scene].moments)
+    _clear(words, parts[scene].moments + MOMENT_STRIDE * parts[scene].first_node, parts[scene].block_boxes)
+    word, real = parts[scene].block_boxes + ORIENTED_STRIDE * blocks, BLOCK_STRIDE * blocks
     for part in range(scene):
-        face_words, grid_words = _on_line(3 * parts[part].face_count, LINE_WORDS), _grid_words(parts, part)
-        parts[part].faces, parts[part].neighbors = at, at + face_words
-        at += 2 * face_words
-        parts[part].grid = at if grid_words else NO_GRID
-        at += _on_line(grid_words, LINE_WORDS)
-    for row in range(scene + 1):
-        parts[row].slot_faces, parts[row].moments, parts[row].block_boxes = slot_faces, moments, boxes
-        parts[row].block_notes = at
-    parts[scene].grid = at + _on_line(block_count, LINE_WORDS)
-    return parts[scene].grid + _on_line(cell_space, LINE_WORDS)
+        row, corner_reals = parts[part], 3 * parts[part].corner_count
+        _clear(reals, real, row.corners)
+        _clear(reals, row.corners + corner_reals, row.corner_normals)
+        real = row.corner_normals + corner_reals
+        _clear(words, word, row.faces)
+        _clear(words, row.faces + 3 * row.face_count, row.neighbors)
+        word = row.neighbors + 3 * row.face_count
+        if row.grid != NO_GRID:
+            _clear(words, word, row.grid)
+            word = row.grid + grid_words(row)
+    _clear(reals, real, len(reals))
+    _clear(words, word, parts[scene].block_notes)
+    _clear(words, parts[scene].block_notes + blocks, parts[scene].grid)
+
+
+@inlined
+def _clear(numbers, first, end):
+    for k in range(first, end):
+        numbers[k] = 0.0
+
+
+@inlined
+def grid_at(row):
+    """Where the grid of a part lies, if it has one."""
+    return row.neighbors + _on_line(3 * row.face_count, LINE_WORDS)
 
 
 # --- the grid over the parts -----------------------------------------------------------------------------
@@ -185,13 +211,25 @@ def _is_listed(parts, part):
 
 
 @kernel
+def _listed_count(parts):
+    count = np.int64(0)
+    for part in range(len(parts) - 1):
+        count += _is_listed(parts, part)
+    return count
+
+
+@inlined
+def _list_space(cells, count):
+    """Entries of the lists of *count* parts, at most."""
+    return max(LONGEST * cells, CELLS_OF_ONE * count)
+
+
+@kernel
 def _plan_lists(frames, parts):
     """Choose the grid over the parts that may hold a point; the words that its lists take at most."""
-    scene, count = len(parts) - 1, np.int64(0)
-    for part in range(scene):
-        count += _is_listed(parts, part)
+    count = _listed_count(parts)
     cells = _choose_cells(frames, parts, min(CELLS_PER_PART * count, MAX_CELLS))
-    return cells + 1 + max(LONGEST * cells, CELLS_OF_ONE * count) if cells else cells
+    return cells + 1 + _list_space(cells, count) if cells else cells
 
 
 @kernel
@@ -217,22 +255,17 @@ def _choose_cells(frames, parts, wanted):
 @allocating_kernel
 def _write_lists(words, frames, parts):
     """Write the lists of the grid over the parts; where they end."""
-    scene, count = len(parts) - 1, np.int64(0)
-    for part in range(scene):
-        count += _is_listed(parts, part)
+    scene, count = len(parts) - 1, _listed_count(parts)
     wanted = min(CELLS_PER_PART * count, MAX_CELLS)
     cell_count = _choose_cells(frames, parts, wanted)
     if cell_count == 0:
         return parts[scene].grid
-    listed, ends = (
-        np.empty(max(LONGEST * cell_count, CELLS_OF_ONE * count), np.int32),
-        np.zeros(scene, np.int64),
-    )
-    while not _collect_cells(
-        words, frames, parts, LONGEST * cell_count if wanted > 1 else len(listed), listed, ends
-    ):
+    listed, ends = np.empty(_list_space(cell_count, count), np.int32), np.zeros(scene, np.int64)
+    limit = LONGEST * cell_count if wanted > 1 else len(listed)
+    while not _collect_cells(words, frames, parts, limit, listed, ends):
         wanted = max(wanted // 8, 1)
         cell_count = _choose_cells(frames, parts, wanted)
+        limit = LONGEST * cell_count if wanted > 1 else len(listed)
     numbers, base = words.view(np.int32), parts[scene].grid
     total = ends[scene - 1]
     for cell in range(cell_count + 1):
@@ -263,7 +296,7 @@ def _collect_cells(words, frames, parts, limit, listed, ends):
     for part in range(scene):
         if _is_listed(parts, part):
             first = max(parts[part].grid, 0)
-            grid = words.view(np.uint32)[first : first + _grid_words(parts, part)]
+            grid = words.view(np.uint32)[first : first + grid_words(parts[part])]
             cells = cells_of_part(
                 frames, parts, part, grid, lower, frames[scene].grid_rate,
                 parts[scene].grid_x, parts[scene].grid_y, parts[scene].grid_z,
@@ -312,16 +345,10 @@ def copy_part(source, row, target, to):
     )  # fmt: skip
     copy_numbers(numbers, old.faces, copies, new.faces, 3 * new.face_count)
     copy_numbers(numbers, old.neighbors, copies, new.neighbors, 3 * new.face_count)
-    copy_numbers(numbers, old.grid, copies, new.grid, _grid_words(target.parts, to))
+    copy_numbers(numbers, old.grid, copies, new.grid, grid_words(new))
     for block in range(blocks):
         note = numbers[old.block_notes + old.first_block + block]
         copies[new.block_notes + new.first_block + block] = note >> FOLDED_AT << FOLDED_AT | to
-
-
-@inlined
-def _clear(numbers, first, end):
-    for k in range(first, end):
-        numbers[k] = 0.0
 
 
 @entry(ModelArrays, "float32[:], float32[:], int32[:, :]", makes_arrays=True)
@@ -330,28 +357,9 @@ def finish_scene(model, nodes, static, entries):
 
     The gaps between arrays become 0.
     """
-    reals, words, frames, parts = model
-    scene = len(parts) - 1
-    blocks = parts[scene - 1].first_block + parts[scene - 1].block_count
+    _, words, frames, parts = model
     copy_numbers(nodes.view(np.int32), 0, words.view(np.int32), 0, len(nodes))
-    _clear(words, len(nodes), parts[scene].slot_faces)
-    _clear(words, parts[scene].slot_faces + LANES * blocks, parts[scene].moments)
-    _clear(words, parts[scene].moments + MOMENT_STRIDE * parts[scene].first_node, parts[scene].block_boxes)
-    at, real = parts[scene].block_boxes + ORIENTED_STRIDE * blocks, BLOCK_STRIDE * blocks
-    for part in range(scene):
-        row, corner_numbers = parts[part], 3 * parts[part].corner_count
-        _clear(words, at, row.faces)
-        _clear(words, row.faces + 3 * row.face_count, row.neighbors)
-        at = row.neighbors + 3 * row.face_count
-        if row.grid != NO_GRID:
-            _clear(words, at, row.grid)
-            at = row.grid + _grid_words(parts, part)
-        _clear(reals, real, row.corners)
-        _clear(reals, row.corners + corner_numbers, row.corner_normals)
-        real = row.corner_normals + corner_numbers
-    _clear(reals, real, len(reals))
-    _clear(words, at, parts[scene].block_notes)
-    _clear(words, parts[scene].block_notes + blocks, parts[scene].grid)
+    clear_gaps(model)
     _clear(words, _write_lists(words, frames, parts), len(words))
     assert write_static(words, parts, 0, static, entries)
     begin_moving(words, frames, parts)

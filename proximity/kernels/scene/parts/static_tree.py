@@ -14,6 +14,7 @@ from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.geometry.rows import copy_numbers, copy_row
 from proximity.kernels.layout import BOX_STRIDE, ENTRY, LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.nodes import child_at, is_used, lower_at, upper_at
+from proximity.kernels.stack_arrays import stack_f64
 from proximity.kernels.tree.collapse import clear_box, node_box, write_lane
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
@@ -40,12 +41,18 @@ def scene_box(frames, part, scene, lower, upper, box):
 
 
 @kernel
-def _lane_box(words, frames, part, base, k, scene, lower, upper, box):
-    """The same for the child in lane *k* of the node at *base*."""
-    for axis in range(3):
-        lower[axis] = lower_at(words, base + k, axis)
-        upper[axis] = upper_at(words, base + k, axis)
-    scene_box(frames, part, scene, lower, upper, box)
+def _add_children(words, frames, part, node, boxes, references, count):
+    """Write boxes and references of the children of a part's node from row *count* on; return their end."""
+    lower, upper, base = stack_f64(3), stack_f64(3), NODE_STRIDE * node
+    for k in range(LANES):
+        if is_used(words, base + k):
+            for axis in range(3):
+                lower[axis] = lower_at(words, base + k, axis)
+                upper[axis] = upper_at(words, base + k, axis)
+            scene_box(frames, part, len(frames) - 1, lower, upper, boxes[count])
+            references[count, 0], references[count, 1] = part, child_at(words, base + k)
+            count += 1
+    return count
 
 
 @entry("float32[:], Frame[:], Part[:], int -> float32[:], int32[:, :]", makes_arrays=True)
@@ -55,7 +62,6 @@ def gather_entries(words, frames, parts, target):
     They are subtrees: a part and a reference. Parts that are dynamic or hidden have none.
     """
     scene = len(parts) - 1
-    lower, upper, box = np.empty(3), np.empty(3), np.empty(6, np.float32)
     # Children of all roots first: their surfaces set the size from which on an entry is small.
     capacity = LANES * scene + 2 * target
     waiting_boxes = np.empty((capacity, 6), np.float32)
@@ -63,27 +69,17 @@ def gather_entries(words, frames, parts, target):
     count = 0
     total = 0.0
     for part in range(scene):
-        if parts[part].is_dynamic or parts[part].is_hidden:
-            continue
-        base = NODE_STRIDE * parts[part].root
-        for k in range(LANES):
-            if is_used(words, base + k):
-                _lane_box(words, frames, part, base, k, scene, lower, upper, box)
-                for side in range(6):
-                    waiting_boxes[count, side] = box[side]
-                waiting[count, 0] = part
-                waiting[count, 1] = child_at(words, base + k)
-                total += _half_area(box)
-                count += 1
+        if not parts[part].is_dynamic and not parts[part].is_hidden:
+            count = _add_children(words, frames, part, parts[part].root, waiting_boxes, waiting, count)
+    for k in range(count):
+        total += _half_area(waiting_boxes[k])
     small = total / target
     boxes = np.zeros(capacity * BOX_STRIDE, np.float32)
     references = np.empty((capacity, 2), np.int32)
     done = 0
     while count:
         count -= 1
-        part, reference = np.int64(waiting[count, 0]), np.int64(waiting[count, 1])
-        for k in range(6):
-            box[k] = waiting_boxes[count, k]
+        part, reference, box = np.int64(waiting[count, 0]), np.int64(waiting[count, 1]), waiting_boxes[count]
         if reference < 0 or _half_area(box) <= small or done + count + LANES >= capacity:
             for axis in range(3):
                 boxes[BOX_STRIDE * done + axis], boxes[BOX_STRIDE * done + 4 + axis] = (
@@ -93,15 +89,7 @@ def gather_entries(words, frames, parts, target):
             copy_row(waiting, count, references, done)
             done += 1
             continue
-        base = NODE_STRIDE * reference
-        for k in range(LANES):
-            if is_used(words, base + k):
-                _lane_box(words, frames, part, base, k, scene, lower, upper, box)
-                for side in range(6):
-                    waiting_boxes[count, side] = box[side]
-                waiting[count, 0] = part
-                waiting[count, 1] = child_at(words, base + k)
-                count += 1
+        count = _add_children(words, frames, part, reference, waiting_boxes, waiting, count)
     return boxes[: BOX_STRIDE * done].copy(), references[:done].copy()
 
 
