@@ -19,7 +19,7 @@ from proximity.kernels.layout import (
     NODE_CHILDREN,
     NODE_STRIDE,
 )
-from proximity.kernels.thresholds import LARGEST_COORDINATE, SMALLEST_SIZE
+from proximity.kernels.thresholds import LARGEST_COORDINATE, MOVING_MARGIN, SMALLEST_SIZE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,6 +62,15 @@ def local_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
     centre = np.empty(3)
     corners = (np.ascontiguousarray(corner, np.float64) for corner in (lower, upper))
     return LocalFrame(centre, frame_of_box(*corners, centre))
+
+
+def common_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
+    """Return a frame for parts that go together, with space for them to move.
+
+    *lower*, *upper*: (3,) m.
+    """
+    frame = local_frame(lower, upper)
+    return LocalFrame(frame.centre, frame.scale * MOVING_MARGIN)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

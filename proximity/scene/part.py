@@ -8,7 +8,7 @@ import numpy as np
 from proximity.checks import as_float64, is_ready, not_negative, positive, refuse_trimesh
 from proximity.errors import ArgumentError, PoseError, SceneError
 from proximity.mesh.body_split import Repairs, split_bodies
-from proximity.mesh.part_arrays import common_frame
+from proximity.mesh.bvh import common_frame
 from proximity.pose import Pose, quaternion_hint
 from proximity.scene.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE, first_unfit_move
 from proximity.scene.solid import Solid

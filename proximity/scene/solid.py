@@ -39,7 +39,7 @@ class Solid(Queries):
     name : str
         Name, for reports.
     frame : LocalFrame
-        Frame shared with the other parts of a file, which then form one tree; see `model.common_frame`.
+        Frame shared with the other parts of a file, which then form one tree; see `mesh.bvh.common_frame`.
 
     Raises
     ------
@@ -169,7 +169,7 @@ class Solid(Queries):
     @property
     def bvh(self) -> Bvh:
         """The tree, for inspection; see `Bvh.check`."""
-        return self.snapshot().part_arrays(0).bvh
+        return self.snapshot().bvh(0)
 
     @cached_property
     def first_vertices(self) -> np.ndarray:

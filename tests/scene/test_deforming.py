@@ -6,6 +6,7 @@ import judging
 import numpy as np
 import pytest
 import shapes
+from part_arrays import part_arrays
 
 import oracle
 from proximity.errors import ArgumentError, MeshError, SceneError
@@ -47,7 +48,7 @@ CHANGES = {
 
 def assert_tree_holds_together(scene, row, vertices, *, has_normals=True):
     """The tree over exactly these vertices, in a frame that holds them; boxes as tight as a builder's."""
-    piece = scene.snapshot().part_arrays(row)
+    piece = part_arrays(scene.snapshot(), row)
     mesh = scene.parts[row].solid.mesh
     assert mesh.vertices.tobytes() == np.asarray(vertices, float).tobytes()
     local = piece.frame.of(mesh.vertices)
@@ -140,7 +141,7 @@ def test_normals_of_needles_are_weighted_by_their_angles():
 
         scene.deform("soup", changed)
 
-        piece = scene.snapshot().part_arrays(0)
+        piece = part_arrays(scene.snapshot(), 0)
         normals = np.zeros_like(piece.normals)
         add_corner_normals(piece.corners, piece.faces, normals)
         assert np.abs(piece.normals - normals).max() <= 1e-11
@@ -302,7 +303,7 @@ def test_deformed_solid_tells_what_it_is():
     assert solid.has_inside and solid.is_watertight and solid.topology.is_watertight
     assert solid.diagnosis.volume == pytest.approx(27.0, rel=1e-15)
     assert repr(solid) == "Solid('lid', 12 faces, sign by pseudo-normal)"
-    assert solid.bvh.check(scene.snapshot().part_arrays(0).corners, solid.mesh.faces) == 1
+    assert solid.bvh.check(part_arrays(scene.snapshot(), 0).corners, solid.mesh.faces) == 1
 
 
 def spoilt(row, values):

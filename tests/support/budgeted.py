@@ -22,7 +22,7 @@ from proximity.kernels.layout import (
 from proximity.kernels.point.budgeted_walk import known_sq, nearest_with_budget
 from proximity.kernels.point.walk import NOTHING_SEEN, nearest_in_scene
 from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
-from proximity.mesh.part_arrays import common_frame
+from proximity.mesh.bvh import common_frame
 from proximity.pose import Pose
 
 GUARD = 64

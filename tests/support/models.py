@@ -1,10 +1,10 @@
 """Models of plain meshes, as kernels take them."""
 
 import numpy as np
+from part_arrays import part_arrays
 
 from proximity.kernels.layout import ModelArrays
-from proximity.mesh.bvh import LocalFrame
-from proximity.mesh.part_arrays import common_frame
+from proximity.mesh.bvh import LocalFrame, common_frame
 from proximity.mesh.topology import build_topology, corners_of
 from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.pose import Pose
@@ -26,7 +26,7 @@ def model_of_one(mesh, frame: LocalFrame | None = None):
 
 def piece_of(mesh, frame: LocalFrame | None = None):
     """The arrays of such a part."""
-    return model_of_one(mesh, frame).part_views(0)
+    return part_arrays(model_of_one(mesh, frame), 0)
 
 
 def welded_model_of(vertices, faces):
@@ -38,7 +38,7 @@ def welded_model_of(vertices, faces):
 
 def folded_faces_of(solid):
     """The faces of a solid near which the winding number decides, in order."""
-    piece = solid.snapshot().part_arrays(0)
+    piece = part_arrays(solid.snapshot(), 0)
     bits = np.unpackbits(piece.folded[:, None], axis=1, bitorder="little")
     return np.sort(piece.bvh.slot_faces.reshape(-1, 8)[bits == 1])
 

@@ -5,7 +5,7 @@ tree references; the solids of a scene's parts look at the scene's arrays and ke
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,24 +22,13 @@ from proximity.kernels.entries import (
     write_part_row,
 )
 from proximity.kernels.entries import choose_frame as choose_scene_frame
-from proximity.kernels.layout import (
-    BLOCK_STRIDE,
-    LANES,
-    MOMENT_STRIDE,
-    NO_GRID,
-    NODE_STRIDE,
-    ORIENTED_STRIDE,
-    ModelArrays,
-)
+from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, ModelArrays
 from proximity.mesh.bvh import Bvh, LocalFrame, local_frame
-from proximity.mesh.part_arrays import PartArrays
 from proximity.mesh.part_memory import aligned_empty
 from proximity.pose import ROUNDING, Pose
 
 EXACT_ENOUGH = 2.0 * ROUNDING
 """Error of a rotation up to which it is taken as it is: that of a `Pose` always, in whatever order summed."""
-_ARRAYS = "moments", "boxes", "faces", "neighbors", "corners", "normals", "grid"
-"""Of `PartArrays`, beside those of the tree."""
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
@@ -86,58 +75,19 @@ class Model:
         folded: np.ndarray = slots[np.unpackbits(marks, bitorder="little") == 1]
         return folded
 
-    def part_arrays(self, row: int) -> PartArrays:
-        """Return copies of a part's arrays, numbered from zero."""
-        views = self.part_views(row)
-        bvh = Bvh(views.bvh.nodes.copy(), views.bvh.blocks.copy(), views.bvh.slot_faces.copy())
-        copies = {name: getattr(views, name).copy() for name in _ARRAYS}
-        return replace(views, bvh=bvh, **copies)
-
-    def part_views(self, row: int) -> PartArrays:
-        """Return a part's arrays, numbered from zero, in this model's memory as far as may be."""
-        part, frame = self.parts[row], self.frames[row]
-        node_count, block_count = int(part["node_count"]), int(part["block_count"])
-        root, first_block = int(part["root"]), int(part["first_block"])
-        nodes = self.words[NODE_STRIDE * root :][: NODE_STRIDE * node_count]
-        if root or first_block:
-            nodes = _renumbered(nodes, -root, -first_block)
+    def bvh(self, row: int) -> Bvh:
+        """Return a copy of a part's tree, numbered from zero."""
+        part = self.parts[row]
+        root, first_block, block_count = (int(part[name]) for name in ("root", "first_block", "block_count"))
+        nodes = self.words[NODE_STRIDE * root :][: NODE_STRIDE * part["node_count"]].copy()
+        table = nodes.reshape(-1, NODE_STRIDE)
+        children = table.view(np.int32)[:, layout.NODE_CHILDREN : layout.NODE_CHILDREN + LANES]
+        is_used = table[:, :LANES] <= table[:, 24 : 24 + LANES]
+        children[is_used & (children >= 0)] -= root
+        children[is_used & (children < 0)] += first_block
         blocks = self.reals[BLOCK_STRIDE * first_block :][: BLOCK_STRIDE * block_count]
         slots = self.words[part["slot_faces"] + LANES * first_block :][: LANES * block_count]
-        notes = self.words[part["block_notes"] + first_block :][:block_count].view(np.int32)
-        moments = self.words[part["moments"] + MOMENT_STRIDE * root :][: MOMENT_STRIDE * node_count]
-        boxes = self.words[part["block_boxes"] + ORIENTED_STRIDE * first_block :]
-        face_numbers, corner_numbers = 3 * part["face_count"], 3 * part["corner_count"]
-        faces, neighbors = (
-            self.words[part[column] :][:face_numbers].view(np.int32).reshape(-1, 3)
-            for column in ("faces", "neighbors")
-        )
-        corners, normals = (
-            self.reals[part[column] :][:corner_numbers].reshape(-1, 3)
-            for column in ("corners", "corner_normals")
-        )
-        has_grid = part["grid"] != NO_GRID
-        counts = (int(part["grid_x"]), int(part["grid_y"]), int(part["grid_z"]))
-        grid_words = -(-int(np.prod(counts)) // 16) if has_grid else 0
-        grid_at = int(part["grid"]) if has_grid else 0
-        return PartArrays(
-            frame=LocalFrame.read(frame),
-            bvh=Bvh(nodes, blocks, slots.view(np.int32)),
-            moments=moments,
-            boxes=boxes[: ORIENTED_STRIDE * block_count],
-            is_oblique=bool(part["is_oblique"]),
-            faces=faces,
-            neighbors=neighbors,
-            corners=corners,
-            normals=normals,
-            lower=frame["own_lower"].copy(),
-            upper=frame["own_upper"].copy(),
-            sign=int(part["sign"]),
-            grid=self.words[grid_at : grid_at + grid_words].view(np.uint32),
-            grid_counts=counts,
-            grid_lower=tuple(frame["grid_lower"]),
-            grid_rate=float(frame["grid_rate"]),
-            folded=(notes >> layout.FOLDED_AT).astype(np.uint8),
-        )
+        return Bvh(nodes, blocks.copy(), slots.view(np.int32).copy())
 
 
 def assemble(
@@ -207,22 +157,3 @@ def finished(
     """Return a model of arrays that are complete."""
     packed = native.packed(ModelArrays(reals, words, frames, parts))
     return Model(reals, words, frames, parts, packed, epoch, names)
-
-
-def dynamic_rows(parts: np.ndarray) -> np.ndarray:
-    """Return the rows of the parts that are dynamic, (L,) int64.
-
-    *parts*: (P + 1,) PART.
-    """
-    return np.flatnonzero(parts["is_dynamic"][:-1])
-
-
-def _renumbered(nodes: np.ndarray, node_shift: int, block_shift: int) -> np.ndarray:
-    """A copy of *nodes* whose references count from elsewhere."""
-    nodes = nodes.copy()
-    table = nodes.reshape(-1, NODE_STRIDE)
-    children = table.view(np.int32)[:, layout.NODE_CHILDREN : layout.NODE_CHILDREN + LANES]
-    is_used = table[:, :LANES] <= table[:, 24 : 24 + LANES]
-    children[is_used & (children >= 0)] += node_shift
-    children[is_used & (children < 0)] -= block_shift
-    return nodes

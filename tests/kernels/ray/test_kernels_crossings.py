@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import shapes
 from models import folded_faces_of
+from part_arrays import part_arrays
 from project import ROOT
 
 import oracle
@@ -113,7 +114,7 @@ def faces_that_pass(vertices, faces):
 
 def bare_marks(solid):
     """What the kernel marks before faces that lie on a wrong side and neighbours are added."""
-    piece = solid.snapshot().part_arrays(0)
+    piece = part_arrays(solid.snapshot(), 0)
     model = solid.snapshot()
     marks = np.zeros(len(piece.faces), bool)
     stacks = np.zeros(self_intersections.STACKS_SIZE, np.float32)
@@ -249,7 +250,7 @@ def test_faces_of_a_tangle_all_count_as_passing_through():
     rod = shapes.box((-1.0, -1e-4, -1e-4), (1.0, 1e-4, 1e-4))
     rods = [(rod[0] @ shapes.rotation(seed).T, rod[1]) for seed in range(600)]
     solid = Solid(*shapes.join(*rods))
-    model, piece = solid.snapshot(), solid.snapshot().part_arrays(0)
+    model, piece = solid.snapshot(), part_arrays(solid.snapshot(), 0)
     marked = self_intersections.passing_faces(
         piece.corners, piece.faces, piece.neighbors, piece.bvh.slot_faces,
         model.reals, model.words, 0, int(model.parts["moments"][0]),

@@ -12,6 +12,7 @@ import shapes
 from hypothesis import given
 from hypothesis import strategies as st
 from models import model_of
+from part_arrays import part_arrays
 
 from proximity.kernels import answers
 from proximity.kernels.geometry.frames import direction_to_local, to_local
@@ -168,7 +169,7 @@ def test_of_equal_faces_the_lowest_slot_is_taken():
     vertices, faces = shapes.grid(2, 2)
     copies = np.concatenate([faces] * 20)
     model = model_of((vertices, copies))
-    slot_faces = model.part_arrays(0).bvh.slot_faces
+    slot_faces = part_arrays(model, 0).bvh.slot_faces
     hits = Hits(model, [0.6, 0.3, 1.0], [0.0, 0.0, -1.0])
     equal = np.flatnonzero(np.isin(slot_faces, np.flatnonzero((copies == copies[hits.face[0]]).all(axis=1))))
     assert slot_faces[equal[0]] == hits.face[0]

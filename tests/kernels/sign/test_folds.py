@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import shapes
 from models import folded_faces_of
+from part_arrays import part_arrays
 from scene_parts import part_of
 
 import oracle
@@ -88,7 +89,7 @@ def test_side_is_right_around_a_flap_whichever_of_its_layers_is_found(seed):
 @pytest.mark.parametrize("make", ["tetrahedron", "cube", "sphere", "torus", "hollow_cube"])
 def test_nothing_else_is(make):
     solid = Solid(*getattr(shapes, make)())
-    assert not solid.snapshot().part_arrays(0).folded.any()
+    assert not part_arrays(solid.snapshot(), 0).folded.any()
     assert "folded" not in solid.sign_reason
 
 
@@ -98,7 +99,7 @@ def test_sharp_wedge_is_looked_at_and_found_right():
     solid = Solid(blade, faces)
     assert solid.is_watertight
     assert -np.cos(np.arctan(0.05)) < folded_faces.SHARPEST_COSINE
-    assert not solid.snapshot().part_arrays(0).folded.any()
+    assert not part_arrays(solid.snapshot(), 0).folded.any()
 
 
 @pytest.mark.parametrize("count", [1, 5, 200])

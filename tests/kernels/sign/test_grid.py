@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import shapes
 from models import welded_model_of
+from part_arrays import part_arrays
 
 import oracle
 from proximity.kernels.layout import CELL_CROSSED, CELL_INSIDE, CELL_OUTSIDE, SIGN_PSEUDONORMAL
@@ -33,7 +34,7 @@ class Grid:
     def __init__(self, vertices, faces, *, rate=None):
         model = welded_model_of(vertices, faces)
         restore_sign(model.packed, SIGN_PSEUDONORMAL, True, np.zeros(0, np.int32))
-        piece = model.part_arrays(0)
+        piece = part_arrays(model, 0)
         self.corners, self.faces = piece.corners, piece.faces
         self.lower, self.rate = np.array(piece.grid_lower), piece.grid_rate
         self.counts, self.packed = np.array(piece.grid_counts), piece.grid

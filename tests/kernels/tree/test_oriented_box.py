@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import shapes
 from models import piece_of
+from part_arrays import part_arrays
 
 from proximity.kernels.geometry.box import FAR, point_boxes_distance_sq
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_CHILDREN, NODE_STRIDE, ORIENTED_STRIDE
@@ -135,7 +136,7 @@ def test_boxes_follow_faces_that_are_deformed():
 
     scene.deform("ball", bent)
 
-    views = scene.snapshot().part_views(0)
+    views = part_arrays(scene.snapshot(), 0)
     found, reaches = box_distances(views.boxes, views.bvh.blocks, points_around(views.corners))
     assert (found <= reaches).all()
     assert np.median(np.sqrt(reaches) - np.sqrt(found)) < 0.02 + 2.0 * BOX_ROUNDING
