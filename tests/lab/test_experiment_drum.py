@@ -142,7 +142,7 @@ def test_surface_that_the_drum_cannot_display_is_refused():
 
     DrumDisplay(1000.0).check(design)
     with pytest.raises(
-        ArgumentError, match=r"task stiffness, condition decaff1ms: 188 N/m with 1 N s/m are asked"
+        ArgumentError, match=r"task stiffness, condition decaff1ms: 188 N/m with 1 N s/m are requested"
     ):
         DrumDisplay(100.0).check(design)
 
