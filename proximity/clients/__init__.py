@@ -25,11 +25,12 @@ LAYOUTS: dict[str, tuple[str, Callable[[], str]]] = {
 """By language: the file that is generated, and what makes it."""
 CSHARP = {
     "client": ("ProximityClient.cs", "ProximityMailbox.cs", "ProximityHand.cs", "Example.cs"),
-    "library": ("Proximity.cs", "ProximityDistance.cs"),
+    "library": ("Proximity.cs", "ProximityDistance.cs", "Imported.cs"),
 }
 """Files in C# that only one of them has; both may be written into one folder."""
 EXAMPLES = {
     *(f"Runtime/{name}.cs" for name in ("Example", "ProximityHand", "ProximityDistance")),
+    "Examples~/Imported.cs",
     "example.mjs",
     "example.cpp",
     "receiver.c",

@@ -100,6 +100,15 @@ def contacts(scene, points):
 
 
 @has_library
+def test_example_imports_a_part_while_fingers_are_tracked(package):
+    command = program(package, package / "Examples~" / "Imported.cs")
+
+    printed = answer(command, MESHES / "bracket.stl")
+
+    assert re.fullmatch(r"came within -?[\d.]+ mm of 'imported', now 1 part\n", printed)
+
+
+@has_library
 def test_answers_are_those_of_python(package, tmp_path):
     scene, copy = (proximity.load(MESHES / "assembly.glb") for _ in range(2))
     hidden = scene.parts[1].name
