@@ -53,8 +53,7 @@ def _axis_gap(sum_j, sum_k, width_j, width_k, probe, axis):
 
 @inlined
 def _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, probe):
-    """Return the squared gap from each box's centre to the segment, or NaN; and the first fraction in the
-    box."""
+    """Return squared gaps from box centres to the segment, or NaN, and the first fractions in the boxes."""
     zero, half, one = _of(probe.zero, 0), _of(probe.half, 0), _of(probe.one, 0)
     slack, inverse_sq = _of(probe.slack, 0), _of(probe.inverse_sq, 0)
     dx, dy, dz = load_points(probe.direction, 0)
@@ -76,8 +75,7 @@ def _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, probe):
 
 @inlined
 def _bounds_sq(lx, ly, lz, ux, uy, uz, probe):
-    """Return squared lower bounds to boxes, and earliest fractions times `TOUCHING`; inf and 0 in unused
-    lanes."""
+    """Return squared bounds to boxes, and first fractions times `TOUCHING`; inf and 0 in unused lanes."""
     sum_x, sum_y, sum_z = lx + ux, ly + uy, lz + uz
     wide_x, wide_y, wide_z = ux - lx, uy - ly, uz - lz
     gap_x = _side_gap(lx, ux, probe, 0)
@@ -122,8 +120,7 @@ def node_bounds_sq(words, base, plan, probe, is_far):
 
 @kernel
 def open_bound(plan, best_sq, best_fraction):
-    """Return the float32 number that bounds are compared with, from the best squared distance and its
-    fraction.
+    """Return the float32 limit of bounds, given the best squared distance and its fraction.
 
     The fraction is of the whole segment and only used if the distance is 0.
     """

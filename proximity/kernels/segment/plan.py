@@ -128,8 +128,7 @@ def _clip(plan, sx, sy, sz, ex, ey, ez):
 
 @inlined
 def _order_axes(plan):
-    """Fill the values for distances; the slopes of a segment without length are nan, and it crosses no
-    face."""
+    """Fill the values for distances; a segment without length has slopes of nan, and no crossings."""
     dx, dy, dz = (
         plan.end[0] - plan.start[0],
         plan.end[1] - plan.start[1],

@@ -112,8 +112,7 @@ def segment_in_part(reals, words, start, plan, probe, best_sq, best_fraction, be
 
 @kernel
 def plan_in_part(frames, parts, part, segment, plan, probe):
-    """Fill the plan of a segment (six coordinates, scene's frame) in the local frame of *part*, if not
-    done."""
+    """Fill the plan of a segment (six coordinates, scene's frame) in the frame of *part*, if not done."""
     if plan.part == part:
         return
     sx, sy, sz = to_local(frames, parts, part, segment[0], segment[1], segment[2])
@@ -146,7 +145,7 @@ def segment_in_scene(model, segment, best_sq, known_slot, plans, probes, witness
 
     *best_sq* is the limit. *known_slot*, or `NO_SLOT`: a triangle that may be near; it changes the cost, not
     the result. Ties go to the lower part, then to the lower slot; of crossings the first along the segment
-    counts. Scratch: *plans* (2,) records, the first of which is left as the plan of some part, *probes* (2,),
+    counts. Scratch: *plans* (2,) records, whose first is left as the plan of some part, *probes* (2,),
     *witness*, *stacks*.
     """
     reals, words, frames, parts = model

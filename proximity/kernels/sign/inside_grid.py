@@ -71,8 +71,7 @@ def cells_wanted(face_count):
 
 @inlined
 def cell_state(words, at, lower, rate, counts, p):
-    """Return the state of the cell that contains *p*; `CELL_OUTSIDE` beyond the grid. *lower*, *counts*: x,
-    y, z."""
+    """Return the state of the cell that contains *p*; `CELL_OUTSIDE` beyond the grid."""
     nx, ny, nz = counts
     fx, fy, fz = (p[0] - lower[0]) * rate, (p[1] - lower[1]) * rate, (p[2] - lower[2]) * rate
     if not (fx >= 0.0 and fy >= 0.0 and fz >= 0.0 and fx < nx and fy < ny and fz < nz):

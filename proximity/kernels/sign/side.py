@@ -110,8 +110,7 @@ def closest_of_slot(model, part, slot, p, closest):
 
 @inlined
 def closest_of_lane(model, part, slot, p, table, k, closest):
-    """Apply `closest_of_slot` to column *k* of *table*, filled by
-    `closest_lanes.closest_of_lanes`."""
+    """Apply `closest_of_slot` to column *k* of a *table* filled by `closest_lanes.closest_of_lanes`."""
     feature, which = read_row(table, len(table) // LANES_COLUMNS, k, closest)
     face = load_int(model.words, model.parts[part].slot_faces + slot)
     pseudo_normal(model, part, face, feature, which, closest)

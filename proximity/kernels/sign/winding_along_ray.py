@@ -2,8 +2,8 @@
 
 The ray goes to the nearest side of the part's box. The winding number is the count of faces through which it
 leaves, less those through which it enters. The traversal takes a few steps where the expansion of
-`winding_number` takes a hundred, and a tenth of them among fans of long thin triangles. The number is exact,
-up to rounding, for every point off the surface: the projected edge contributes bit-identical values of
+`winding_number` takes a hundred, and a tenth of its steps among fans of long thin triangles. The number is
+exact, up to rounding, for every point off the surface: the projected edge contributes bit-identical values of
 opposite sign to its two faces, so that no ray passes between them.
 
 Source: the half-open rule for edges of Haines 1994, "Point in polygon strategies".
@@ -90,8 +90,7 @@ _walk_ahead = through_all(_open_children, _turn_by_leaf)
 
 @kernel
 def _turns_ahead(reals, words, root, axis, sign, px, py, pz):
-    """Return the faces by which the ray from *p* along an axis leaves, less those by which it enters; and
-    steps."""
+    """Return the winding number along the ray from *p*, on an axis towards *sign*, and the steps."""
     u_axis, v_axis = (axis + 1) % 3, (axis + 2) % 3
     own = px if axis == 0 else (py if axis == 1 else pz)
     across_u = px if u_axis == 0 else (py if u_axis == 1 else pz)

@@ -6,12 +6,12 @@ hundredths.
 
 Tried and dropped (2026-11): dipoles alone, from three radii on. The two sides of a thin wall cancel in a
 dipole: an error of 0.18 inside a hollow ball, 0.5 inside nested ones; and slower by a third. One arc tangent
-per triangle: a traversal took three times the time near a gear, twice near a plate.
+per triangle: it tripled the time of a traversal near a gear, and doubled it near a plate.
 
 ``moments``: `MOMENT_STRIDE` words per node: for its eight children the centre x, y, z (weighted by area), the
-sum of the area normals x, y, z, the squared distance from which the child is expanded, and the first moment
-of the area normals about the centre: xx, yy, xy, xz, yz of its symmetric traceless part; then two words of
-`normal_slab`.
+sum of the area normals x, y, z, the squared distance beyond which the child is approximated, and the first
+moment of the area normals about the centre: xx, yy, xy, xz, yz of its symmetric traceless part; then two
+words of `normal_slab`.
 
 Source: Jacobson, Kavan, Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized winding
 numbers"; Barill et al. 2018, "Fast winding numbers for soups and clouds" (here with terms of the first two
@@ -64,7 +64,7 @@ from proximity.native.simd import (
 )
 
 OPENING = 2.5
-"""Ratio of distance to radius from which a cluster is expanded."""
+"""Ratio of distance to radius beyond which a cluster is approximated."""
 ROUND = 2 * LANES
 """Lanes twice in a row, so that each is followed by the others in cyclic order."""
 SMALLEST_PRODUCT, LARGEST_PRODUCT = 1e-300, 1e300
@@ -260,8 +260,7 @@ _walk_near = through_all(_open_children, _turn_by_leaf)
 
 @kernel
 def winding_number(reals, words, root, moments, px, py, pz):
-    """Return the winding number of the part around *p* (local frame): about 1 inside a closed part, 0
-    outside."""
+    """Return the winding number of the part around *p*, local: about 1 inside a closed part, 0 outside."""
     query = (splat(px), splat(py), splat(pz)), moments
     total = splat(1.0), splat(0.0), splat(0.0), splat(0.0)
     cosine, sine, turns, fluxes = _walk_near(reals, words, root, query, total, stack_f32(STACK_SIZE))

@@ -232,8 +232,7 @@ def _find_surface(model, settings, finger, part, slot, bits, scratch):
 
 @inlined
 def _write_surface(frames, part, finger, vectors):
-    """Write points, normal and velocities. *vectors*: outward direction, point, and scratch for a third
-    one."""
+    """Write points, normal and velocities. *vectors*: outward direction, point, and scratch for one more."""
     record, radius = finger.record, finger.track.radius
     vectors[6], vectors[7], vectors[8] = velocity_at(frames[part], vectors[3], vectors[4], vectors[5])
     closing = 0.0

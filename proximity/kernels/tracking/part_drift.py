@@ -149,7 +149,7 @@ def gather_near(movers, velocity, point, off, speed, unit, extent):
 
 @inlined
 def part_travel(drift, speed, elapsed):
-    """Return the drift per unit until *elapsed* units, and the unit from which a faster part may arrive.
+    """Return the drift, m per unit, up to *elapsed* units, and the unit from which a faster part may arrive.
 
     *speed*: m per unit, of the point, as passed to `gather_near`.
     """
@@ -179,7 +179,7 @@ def _near_at(row):
 
 @inlined
 def contact_free_time(drift, speed, clearance):
-    """Return the units in which no surface *clearance* m away can be reached; see `part_travel`."""
+    """Return the time, in units, in which no surface *clearance* m away is reached; see `part_travel`."""
     free = 0.0
     for _ in range(MOST_COMINGS):
         fastest, faster = part_travel(drift, speed, free)
@@ -209,10 +209,9 @@ def _corner_displacement_sq(frames, before, part, x, y, z):
 
 @kernel
 def displacement_of_parts(frames, before):
-    """Return the largest displacement of any point of any part since the poses *before* (P, 12), m; update
-    them.
+    """Return the largest displacement of any part since the poses *before* (P, 12), m; update them.
 
-    The displacement is a convex function of the point, so a corner of the box has the largest.
+    The displacement of a point is a convex function of its position, so a corner of the box has the largest.
     """
     rows, farthest_sq = reals_of(frames), 0.0
     for part in range(len(before)):

@@ -64,8 +64,7 @@ def _nearest_parameter(path, x, y, z):
 
 @inlined
 def _interpolate(xs, ys, x):
-    """Interpolate *ys* over non-decreasing *xs* piecewise linearly, constant beyond the ends; return also the
-    slope.
+    """Interpolate *ys* over non-decreasing *xs* linearly, constant beyond the ends; return also the slope.
 
     At repeated *xs* the last piece that starts there counts.
     """
@@ -108,8 +107,7 @@ def _locate(path, path_bends, bend, x, y, z):
 
 @inlined
 def _bounds_at_vectors(model, settings, finger, part, slot, scratch):
-    """Return lower and upper bound of the distance at the first scratch vector, m; the nearest part and
-    slot."""
+    """Return bounds of the distance at the first scratch vector, m, and the nearest part and slot."""
     vectors = scratch.vectors
     _, lower, upper, _, part, slot, _, steps = bounds_at(
         model, (vectors[0], vectors[1], vectors[2]), part, slot, False, 0.0, 0.0,
@@ -248,7 +246,7 @@ def _write_contact(model, settings, finger, path, path_bends, movers, advance, s
     free, expected, part, slot, _ = advance
     least = max(_first_at(parameters, path_bends, free), record.bend)
     if not expected < np.inf:
-            # No expected contact: report the end of the free range, the safe value, without a normal.
+        # No expected contact: report the end of the free range, the safe value, without a normal.
         record.contact_bend = least
         record.contact_bend_error = np.inf
         return 0

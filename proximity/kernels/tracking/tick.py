@@ -1,7 +1,7 @@
 """One tick: every finger against every part.
 
-Positions are processed for all fingers first, then distances, then predictions: the code of each phase fills
-the nearest cache, and the tick of a skin takes 3 to 5 % less than one finger after the other.
+The positions of all fingers are processed first, then distances, then predictions: the code of each phase
+fills the nearest cache, and a skin's tick takes 3 to 5 % less time than finger by finger.
 """
 
 from math import isfinite
@@ -76,8 +76,8 @@ within 20 mm of a skin with bounds 9.5 mm apart (p99; 3.8 with this), and took 5
 def tick(model, arrays, positions, pose_ns, now_ns, is_moved):
     """Fill the records of a tracker; return `NOT_DONE`, or `DONE` with warning bits about the poses.
 
-    It is not done, and no state changes, if the numbers of *positions* and times, which are within `MOST_NS`,
-    differ from that of the fingers. *is_moved*: whether parts may have moved since the previous tick.
+    It is not done, and no state changes, if *positions* or *pose_ns*, which is within `MOST_NS`, does not
+    have one row per finger. *is_moved*: whether parts may have moved since the previous tick.
     """
     settings, count = arrays.settings[0], len(arrays.tracks)
     if len(positions) != count or len(pose_ns) != count:
@@ -184,8 +184,7 @@ def _all_in_millimetres(frames, arrays):
 
 @inlined
 def _observe(arrays, i, pose_ns, x, y, z):
-    """Add the pose of finger *i* to its estimate, with its velocity if given; return the bits of
-    `observe`."""
+    """Add the pose and any given velocity of finger *i* to its estimate; return the bits of `observe`."""
     settings, motions = arrays.settings[0], arrays.motions
     max_speed, max_acceleration = settings.max_speed, settings.max_acceleration
     if settings.has_velocities == 0.0:
@@ -196,9 +195,9 @@ def _observe(arrays, i, pose_ns, x, y, z):
 
 @inlined
 def _find_all_distances(model, arrays, is_moved, scratch):
-    """Write the distance of each tracked finger; return the turn of the first without steps, or their count.
+    """Write the distance of each tracked finger; return the turn of the first without steps.
 
-    Turns count from the finger that is first in this tick.
+    Turns count from the finger that is first in this tick; the number of fingers means that all had steps.
     """
     settings, count = arrays.settings[0], len(arrays.tracks)
     first, late = np.int64(settings.first_finger), count

@@ -7,7 +7,7 @@ import numpy as np
 from proximity.native import bundle, record
 
 FRONTIER_ENTRIES = 32_768
-"""Of all frontiers together: 655 KB at 20 bytes each."""
+"""Total of all frontiers: 655 KB at 20 bytes each."""
 FEWEST_FRONTIERS, MOST_FRONTIERS = 4, 32
 """Limits of the number of frontiers, otherwise one per pair of parts."""
 CROSSING_PARTS = 4096
@@ -29,7 +29,7 @@ HELD_PAIR = record(
     frontier_count="i8",  # its entries; 0: not usable
     frontier_moved="f8",  # m of displacement since it was last used
     is_resolved="i8",  # 1 if this tick has searched the pair
-    is_timed="i8",  # `TIMED` if this tick has found the free time, `MAY_OPEN` if it has to
+    is_timed="i8",  # `TIMED` if this tick has found the free time, `MAY_OPEN` if it must find it
     is_opening="i8",  # 1 if the parts touch and separate, unless one is inside the other
     is_crossing="i8",  # 1 if the surfaces intersect and the parts share volume
     is_touching="i8",  # 1 if the surfaces touch and certainly do not cross

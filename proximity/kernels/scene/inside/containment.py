@@ -44,7 +44,7 @@ from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int, splat32, trailing_zeros
 
 CLEAR = 2.0**-41
-"""Relative distance from a surface, in sizes of coordinates, above which containment is certain."""
+"""Distance, relative to the coordinates, beyond which a point is clear of a surface."""
 
 
 @inlined
@@ -57,8 +57,7 @@ def _state_in_grid(model, part, p):
 
 @inlined
 def state_in_part(model, part, p):
-    """Return `CELL_INSIDE`, `CELL_OUTSIDE` or `CELL_CROSSED` (undecided) for *p* in the part's local
-    frame."""
+    """Return `CELL_INSIDE`, `CELL_OUTSIDE` or `CELL_CROSSED` (undecided) for *p*, local."""
     if model.parts[part].sign == SIGN_NONE:
         return CELL_OUTSIDE
     if model.parts[part].grid != NO_GRID:
@@ -328,8 +327,8 @@ def is_deep(model, part, p, margin, workspace):
 def contained_corner(model, part, inner, faces, shift, point, workspace):
     """Test whether a part contains another's surfaces, displaced by *shift*, given that none cross.
 
-    *faces*: one of each surface of the other part, a corner or the centroid of which is clear of this part's
-    surface. *point*: filled with the one that is inside, (3,) m, scene's frame.
+    *faces*: one per surface of the other part; one of its corners, or its centroid, must be clear of this
+    part's surface. *point*: filled with the one that is inside, (3,) m, scene's frame.
     """
     reals, words, frames, parts = model
     if parts[part].sign == SIGN_NONE:
@@ -358,7 +357,7 @@ def contained_corner(model, part, inner, faces, shift, point, workspace):
 def contains_corner(model, part, inner, faces, point):
     """Test whether a part contains a surface of another part; fill a point of it, (3,) m, scene's frame.
 
-    The surfaces of the two parts must not cross. *faces*: one of each surface of the other part.
+    The surfaces of the two parts must not cross. *faces*: one per surface of the other part.
     """
     workspace = new_workspace()
     reset_recent(workspace)

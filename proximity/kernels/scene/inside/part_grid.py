@@ -20,7 +20,7 @@ from proximity.native.simd import bits, load_int, splat32, trailing_zeros
 
 @inlined
 def list_of(words, frames, parts, x, y, z):
-    """Return the words between which the parts are listed that may contain a point of the scene's frame.
+    """Return the first and the end word of the list of parts that may contain a point of the scene's frame.
 
     A single part has no list: its own row gives its sign grid.
     """
@@ -76,8 +76,7 @@ def _is_in_box(frames, part, x, y, z):
 
 @inlined
 def dynamic_bits(words, parts, turn, sx, sy, sz):
-    """Return as bits which of up to eight dynamic parts have a point in their boxes, and the word of the
-    first part.
+    """Return as bits which of up to eight dynamic parts have a point in their boxes, and the first's word.
 
     *sx sy sz*: float32x8 splats, scene's scaled frame.
     """
@@ -110,7 +109,7 @@ def sought(model, point):
 
 @inlined
 def containing_bits(model, search, turn, point):
-    """Return as bits which of up to eight parts may contain a point, and the word of the first part.
+    """Return as bits which of up to eight parts may contain a point, and the first's word.
 
     *point*: of the scene's frame; *search*: from `sought`. `lowest_part` reads the part of the lowest bit.
     """
@@ -170,8 +169,7 @@ def cells_of_part(frames, parts, part, grid, lower, rate, nx, ny, nz):
 
 @kernel
 def _is_occupied(frames, parts, part, grid, x, y, z, half):
-    """Test whether a part's sign grid has a cell that is not outside within *half* (3,), m, along its
-    axes."""
+    """Test whether a part's sign grid has a cell that is not outside within *half* (3,), m, of a point."""
     px, py, pz = to_local(frames, parts, part, x, y, z)
     scale = frames[part].scale
     reach = abs(x) + abs(y) + abs(z)

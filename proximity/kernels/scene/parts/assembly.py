@@ -122,7 +122,7 @@ def plan_scene(nodes, frames, parts):
 
 @allocating_kernel
 def _tree_over_all(nodes, frames, parts):
-    """Return the size of the tree's nodes if no part were dynamic or hidden; 0 if none is."""
+    """Return the length of the nodes of a static tree over all parts; 0 if none is dynamic or hidden."""
     scene, count = len(parts) - 1, 0
     flags = np.empty((scene, 2), np.int64)
     for part in range(scene):
@@ -137,8 +137,7 @@ def _tree_over_all(nodes, frames, parts):
 
 @kernel
 def lay_out(parts, node_end, list_space):
-    """Write the offsets of the arrays of all parts, after node *node_end*; return the numbers of reals and
-    words.
+    """Write the offsets of all arrays, after node *node_end*; return the numbers of reals and words.
 
     The arrays are in the order of `clear_gaps`, each aligned to a cache line.
     """
@@ -236,8 +235,7 @@ def _plan_lists(frames, parts):
 
 @kernel
 def _choose_cells(frames, parts, wanted):
-    """Write a grid of about *wanted* cells to the scene's row; return its cells, 0 if the scene needs
-    none."""
+    """Write a grid of about *wanted* cells to the scene's row; return its cells, 0 if not needed."""
     scene = len(parts) - 1
     lower, extent, row = frames[scene].grid_lower, stack_f64(3), parts[scene]
     if scene == 1 or wanted == 0:

@@ -102,7 +102,7 @@ def write_dynamic(words, region, static_root, boxes, dynamic, order, first_entry
 def bring_up_to_date(
     words, frames, parts, versions, published, boxes, dynamic, steps, region, since, to_frames, to_parts
 ):
-    """Write a copy of the state that follows from the poses in *frames* and *parts*; return the parts' reach.
+    """Write a copy of the state that follows from the present poses; return the parts' reach.
 
     With a reach above 1 they do not fit the scene's frame, and the copy is unchanged. *versions* (P + 1,)
     int64: when each row changed. *boxes* (P, 6) float32 are valid at version *published*; the copy,

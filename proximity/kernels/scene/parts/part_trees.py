@@ -232,9 +232,9 @@ def _listed_dynamic(words, parts, count, k):
 
 @allocating_kernel
 def dynamic_parts(words, parts):
-    """Return the rows of the dynamic parts, and their positions in these in Morton order of the present tree.
+    """Return the rows of the dynamic parts, and the permutation to the Morton order of the present tree.
 
-    The positions are empty if the tree does not have each of the parts once.
+    The permutation is empty if the tree does not have each of the parts once.
     """
     scene = len(parts) - 1
     rows, position_of = np.empty(scene, np.int64), np.full(scene, -1, np.int64)
@@ -254,11 +254,9 @@ def dynamic_parts(words, parts):
 
 @allocating_kernel
 def write_moving(words, frames, parts, region, rows, order, steps):
-    """Write the state that follows from the poses: boxes, the scene's row, the dynamic tree; return their
-    reach.
+    """Write boxes, the scene's row and the dynamic tree from the poses; return the parts' reach.
 
-    *rows*: the dynamic parts; *order*: their positions in these in Morton order, updated by up to *steps*
-    swaps.
+    *rows*: the dynamic parts; *order*: their permutation to Morton order, updated by up to *steps* swaps.
     """
     versions, boxes = np.zeros(len(parts), np.int64), np.zeros((len(parts) - 1, 6), np.float32)
     dynamic = DynamicParts(rows, order, np.empty(len(rows), np.int64))

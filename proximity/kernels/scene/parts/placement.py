@@ -18,8 +18,7 @@ MOST_ROTATION_STEPS = 4
 
 @inlined
 def _off_exact(matrix):
-    """Return the deviation of a (4, 4) matrix's rotation times its transpose from the identity; inf for
-    nan."""
+    """Return the deviation of a (4, 4) matrix's rotation from orthonormal rows; inf for nan."""
     off = 0.0
     for i in range(3):
         for j in range(i + 1):
@@ -138,8 +137,7 @@ def update_box(frames, parts, row):
     "Frame[:], Part[:], int64[:], int, int64[:], float64[:, 4, 4], float64[:, 3], float64[:, 3], float -> int"
 )
 def move_parts(frames, parts, versions, version, rows, matrices, velocities, angular_velocities, rounding):
-    """Write poses and velocities of *rows* and mark them with *version*; return how many parts became
-    dynamic.
+    """Write poses and velocities of *rows*, with *version*; return the number of parts that became dynamic.
 
     Velocities (0, 3) are zero for all. A part whose pose does not change does not become dynamic.
     """

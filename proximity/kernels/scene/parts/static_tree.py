@@ -22,8 +22,7 @@ from proximity.native.simd import load_int
 
 @kernel
 def scene_box(frames, part, scene, lower, upper, box):
-    """Fill the box in the scene's scaled frame, widened and rounded outward, of a box in a part's local
-    frame.
+    """Transform a box from a part's local frame to the scene's scaled frame, widened and rounded outward.
 
     *lower*, *upper*: (3,) float64. *box*: (6,) float32.
     """
@@ -118,8 +117,7 @@ def _part_of_child(words, parts, reference, entries_at):
 
 @entry("float32[:], Part[:], int, int, int, int -> bool", makes_arrays=True)
 def thin_out(words, parts, first, count, target, entries_at):
-    """Copy a static tree of *count* nodes from node *first* to node *target*, without dynamic and hidden
-    parts.
+    """Copy *count* nodes of a static tree from *first* to *target*, without dynamic and hidden parts.
 
     The boxes are refitted. Return whether any part remains.
     """

@@ -42,8 +42,7 @@ by their boxes."""
 
 @inlined
 def nearest_from_face(model, point, part, slot, limit_sq, tolerance, budget, workspace):
-    """Apply `nearest_with_budget` to the whole scene, starting from a known face, if any; return also the
-    part.
+    """Apply `nearest_with_budget` to the whole scene, from a known face, if any; return also the part.
 
     *model*: its four arrays; *point*: (x, y, z). *limit_sq*, and the length in *tolerance*: in the scene's
     scaled frame; surfaces beyond the limit are not visited.
@@ -116,8 +115,7 @@ def _depth_in_box(frames, part, x, y, z, is_open):
 
 @kernel
 def _depth_in(model, other, point, budget, workspace, closest):
-    """Test whether *other* contains a point; return also lower and upper bound of its depth, m, slot and
-    steps.
+    """Test whether *other* contains a point; return also bounds of its depth, m, slot and steps.
 
     *budget*: 0 to visit faces only if containment needs them.
     """
@@ -154,8 +152,7 @@ def _depth_in(model, other, point, budget, workspace, closest):
 
 @kernel
 def is_in_box_with_holes(model, point):
-    """Test whether a point is in the box of a part with holes, where containment changes away from
-    surfaces."""
+    """Test whether a point is in the box of a part with holes, where the sign may change without a face."""
     search = sought(model, point)
     for turn in range(turns_of(model.parts, search)):
         containing, at = containing_bits(model, search, turn, point)
@@ -169,8 +166,7 @@ def is_in_box_with_holes(model, point):
 
 @kernel
 def may_pass_hole(frames, parts, x, y, z, reach):
-    """Test whether a part with holes is within *reach* of a point, so that the sign may change without a
-    face."""
+    """Test whether the box of a part with holes is within *reach* of a point."""
     for part in range(len(parts) - 1):
         if parts[part].sign != SIGN_WINDING or parts[part].grid != NO_GRID or parts[part].is_hidden:
             continue
@@ -186,10 +182,9 @@ def may_pass_hole(frames, parts, x, y, z, reach):
 
 @kernel
 def _deepest_containing(model, point, part, slot, nearest, work, budget, workspace, closest):
-    """Return the depth of a point in the parts that contain it, m: lower bound, upper bound by faces, and
-    overall.
+    """Return bounds of a point's depth, m: lower, upper by faces, and upper; -1 if not inside.
 
-    -1: not inside. *part*, *slot*, *nearest*: of the nearest face, as in `bounds_of_nearest`: whether it is
+    *part*, *slot*, *nearest*: of the nearest face, as in `bounds_of_nearest`: whether it is
     exact, lower and upper bound of its distance, and `clear`. Returns also the part with the largest depth,
     the slot of its face, and the total steps.
     """
@@ -251,7 +246,7 @@ def bounds_at(model, point, part, slot, is_outside, tolerance, exact_within, bud
 def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, closest):
     """Return bounds of the signed distance, m, given the result *nearest* of `nearest_from_face`.
 
-    Returns distance, lower and upper bound, a distance that no surface is within, part and slot of the
+    Returns distance, lower and upper bound, a radius without any surface, part and slot of the
     reported face, bits (EXACT or BOUNDED, SIGNED, INSIDE), and the steps taken.
     """
     _, _, frames, parts = model

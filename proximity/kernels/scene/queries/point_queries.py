@@ -170,7 +170,7 @@ def signed_batch(model, points, order, limits, distances):
 
 @entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 12] -> int", rows_with_gil=ROWS_WITH_GIL)
 def closest_batch(model, points, order, limits, answers):
-    """Fill answers (N, `POINT_ANSWER_WIDTH`); see the columns above. *limits*, m: (1,) or (N,)."""
+    """Fill answers (N, `POINT_ANSWER_WIDTH`), columns as in `answers`. *limits*, m: (1,) or (N,)."""
     _, _, frames, parts = model
     choices = answers.view(np.int32)
     rows, reaches = stack_i64(POINT_CHUNK), stack_f64(POINT_CHUNK)
@@ -243,7 +243,7 @@ def _write_answer(frames, parts, part, face, feature, inside, closest, limit, an
 
 @entry(ModelArrays, "float64[:, 3], int64[:], float64[:], bool[:, 1] -> int", rows_with_gil=ROWS_WITH_GIL)
 def contains_batch(model, points, order, limits, inside):
-    """Fill whether each point is inside some part (N, 1); points that are not finite are outside.
+    """Test whether each point is inside some part, into *inside*; points that are not finite are outside.
 
     *limits* are ignored. Returns `NO_INSIDE`, without a result, if no part has an inside.
     """

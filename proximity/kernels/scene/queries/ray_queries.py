@@ -36,8 +36,8 @@ from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel
 from proximity.native.simd import load, splat, square_root, store
 
 FAR_MARGIN = 2.0**-46
-"""Additional relative margin of the boxes of parts, times the origin's distance from the scene: a distant ray
-is rounded separately for each part."""
+"""Additional margin of the boxes of parts, relative to the origin's distance from the scene: a distant ray is
+rounded separately for each part."""
 
 
 @inlined
@@ -98,7 +98,7 @@ def _is_still(directions, row):
     rows_with_gil=ROWS_WITH_GIL,
 )
 def cast_batch(model, origins, directions, order, limits, answers):
-    """Fill answers (N, `ANSWER_WIDTH`) for rays (N, 3) each; see the columns above.
+    """Fill answers (N, `ANSWER_WIDTH`) for rays (N, 3) each, columns as in `answers`.
 
     Answers (N, `DISTANCE_WIDTH`) get distances only. *order*: the processing order of the rows, or empty.
     *limits*, m, (1,) or (N,): maximum distance. A direction that is zero, or a row that is not finite, gives

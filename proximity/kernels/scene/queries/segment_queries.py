@@ -93,7 +93,7 @@ def _write_answer(reals, words, frames, parts, part, slot, segment, plan, witnes
     rows_with_gil=ROWS_WITH_GIL,
 )
 def segment_batch(model, starts, ends, order, limits, answers):
-    """Fill answers (N, `SEGMENT_ANSWER_WIDTH`) for segments (N, 3) to (N, 3); see the columns above.
+    """Fill answers (N, `SEGMENT_ANSWER_WIDTH`) for segments (N, 3) to (N, 3), columns as in `answers`.
 
     *order*: the processing order of the rows, or empty. *limits*, m, (1,) or (N,): maximum distance. A row
     that is not finite, or with an end beyond the range of coordinates, gives nan. Returns `NO_ROW`.

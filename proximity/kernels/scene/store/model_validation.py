@@ -56,7 +56,7 @@ def note_fault(fault, kind, part, first, second, third):
 
 @inlined
 def _lanes(words, base):
-    """Return as bits the lanes of the node at word *base* that have children, and the empty ones."""
+    """Return as bits the lanes of the node at word *base* that have a valid box, and the empty ones."""
     used, unused = np.int64(ALL_LANES), np.int64(ALL_LANES)
     for axis in range(3):
         lower, upper = lower_along(words, base, axis), upper_along(words, base, axis)
@@ -152,8 +152,7 @@ def _is_box_near(words, at):
 
 @kernel
 def _fault_in_slots(reals, words, parts, part, seen, fault):
-    """Check that every face is in one slot, and that a lane has a triangle if its slot has a face, else
-    NaN."""
+    """Check that every face is in one slot, and that lanes have triangles for their faces, else NaN."""
     first, face_count = parts[part].first_block, parts[part].face_count
     found = np.int64(0)
     for block in range(first, first + parts[part].block_count):

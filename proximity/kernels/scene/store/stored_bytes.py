@@ -77,7 +77,7 @@ def checksum_of(data):
 
 @entry("uint8[:], int64[:] -> int")
 def fault_in_header(whole, fault):
-    """Validate the header and description of a file; fill *fault* with the description's bytes if sound."""
+    """Validate the header and description of a file; fill *fault* with the description's length if sound."""
     if len(whole) < len(MAGIC) or whole[:8].view(np.int64)[0] != MAGIC_NUMBER:
         return NO_MAGIC
     fault[0] = len(whole)
