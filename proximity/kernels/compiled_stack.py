@@ -13,7 +13,7 @@ LINE = 64
 
 
 def array_in_memory(context, builder, array_type, data, lengths):
-    """Return a C-ordered array of those lengths over memory that it does not own."""
+    """Return a C-ordered array with *lengths* over memory that it does not own."""
     intp = context.get_value_type(types.intp)
     item = ir.Constant(intp, context.get_abi_sizeof(context.get_data_type(array_type.dtype)))
     strides = [item]
@@ -32,7 +32,7 @@ def array_in_memory(context, builder, array_type, data, lengths):
 
 
 def _array_on_stack(context, builder, item_type, *lengths):
-    """Return a C-ordered array of constant lengths; it lasts as long as the function being compiled."""
+    """Return a C-ordered array of constant lengths, valid until the compiled function returns."""
     item = context.get_data_type(item_type)
     # numba's own implementation clears the memory at every call.
     with builder.goto_entry_block():

@@ -29,7 +29,7 @@ stack_f64, stack_f64_rows = stack_arrays_of("float64")
 stack_f32, stack_f32_rows = stack_arrays_of("float32")
 _, stack_i32_rows = stack_arrays_of("int32")
 stack_i64, stack_i64_rows = stack_arrays_of("int64")
-"""Functions of a constant count, or of rows and columns, returning an array that lasts as long as the caller
-runs. The caller must be a called function, not an inlined one: the memory may be reused when it returns.
-Creating views of rows of an existing array would take longer than a step of a walk. `stack_bundle` makes such
-a function for a named tuple of arrays, each given by dtype and constant lengths."""
+"""Functions of a constant count, or of rows and columns, returning an array valid until the caller returns.
+The caller must be a called function, not an inlined one: the memory may be reused afterwards. Creating views
+of rows of an existing array would take longer than a step of a walk. `stack_bundle` makes such a function for
+a named tuple of arrays, each given by dtype and constant lengths."""

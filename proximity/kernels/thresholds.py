@@ -13,7 +13,7 @@ VOLUME_ROUNDING = 64.0 * 2.0**-52
 """A volume below this times area and reach is lost in the rounding of its coordinates, and counts as zero."""
 CONTACT_DEPTH = 1e-10
 """Least distance, in sizes of the part, of an edge's two ends from a face on opposite sides for the edge to
-cross it; with both ends nearer, the edge lies in the face's plane. Faces thinner than this are degenerate."""
+cross it; an edge with both ends nearer counts as coplanar. Faces thinner than this are degenerate."""
 SMALLEST_SHARE = 2.0**-8
 """A part smaller than this share of a shared frame gets a separate frame, for tight boxes."""
 OBLIQUE = 0.8

@@ -48,9 +48,9 @@ def choose_sign(model, is_watertight, is_balanced):
     *model*: filled by `part_model.fill_part`. *is_watertight*: every edge has two faces with opposite
     directions; *is_balanced*: every edge has equal numbers of forward and backward half-edges.
 
-    Returned: ``REASON_...``; number of points compared, and of those that contradict pseudo-normals; number
-    of faces that are thin or next to thin ones, and of others that are folded or cross others; share of the
-    surface below which the winding number is clear.
+    Returned: ``REASON_...``; numbers of points compared and of contradictions to pseudo-normals; numbers of
+    faces thin or next to thin ones, and of others folded or crossing others; share of the surface below which
+    the winding number is clear.
     """
     reals, words, frames, parts = model
     corners, faces, neighbors, slot_faces = tables_of(model)
@@ -149,7 +149,7 @@ def _bit_count(marks):
 
 @allocating_kernel
 def _contradictions(model, samples, beside, folded):
-    """Return the number of points compared, and of those at which the two methods disagree about the side.
+    """Return the numbers of compared points and of points where the two methods disagree about the side.
 
     *beside*, *folded* (blocks,) uint8: slots with faces next to thin ones, and slots that use the winding
     number.

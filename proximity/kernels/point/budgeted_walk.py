@@ -35,9 +35,7 @@ DOWN = 1.0 - 2.0**-50
 
 @inlined
 def _query_in(frames, parts, part, point):
-    """Return a point of the scene's frame in the frame of *part*: x, y, z, `factor_of`, and whether it is
-    far.
-    """
+    """Return a scene point in the frame of *part*: x, y, z, `factor_of`, and whether it is far."""
     x, y, z = point
     px, py, pz = to_local(frames, parts, part, x, y, z)
     # NaN counts as near: float32 bounds then open no node.
@@ -95,9 +93,7 @@ def factor_of(frames, part):
 
 @inlined
 def known_sq(model, part, slot, point):
-    """Return the squared distance from a point of the scene's frame to one triangle, in the scene's scaled
-    frame.
-    """
+    """Return the squared distance from a point of the scene's frame to one triangle, in the scene's scale."""
     reals, _, frames, parts = model
     px, py, pz = to_local(frames, parts, part, point[0], point[1], point[2])
     return slot_distance_sq(reals, slot, px, py, pz) * factor_of(frames, part)
@@ -123,8 +119,7 @@ def _nearer_in_leaf(reals, reference, query, best):
 
 @inlined
 def _bounds_with_slabs(words, parts, reference, query, above):
-    """Return the greatest of three bounds of a node's children: `_bounds`, *above* (its own bound), and
-    slabs.
+    """Return the greatest of three bounds of a node's children: `_bounds`, its own bound *above*, slabs.
 
     This order keeps NaN and inf in unused lanes.
     """

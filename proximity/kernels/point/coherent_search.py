@@ -87,7 +87,7 @@ as the plane approaches, less the rounding of the sum."""
 
 @inlined
 def _plane_of_block(reals, base, px, py, pz):
-    """Return a plane with all triangles of a block behind it, nearly as far from *p* as they are."""
+    """Return a plane with all triangles of a block behind it, at nearly their distance from *p*."""
     wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners_of_block(reals, base)
     to_a = dot(wide_x - ax, wide_y - ay, wide_z - az, wide_x - ax, wide_y - ay, wide_z - az)
@@ -289,7 +289,7 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
         if node >= count:
             break
         away, reach = _away(frontier, node, vx, vy, vz), _reach(best_sq, slack)
-        # Children tested so far, and the least distance of their new planes.
+        # Tested children, and the least distance of their new planes.
         looked_at, least = np.int64(0), INFINITE
         while True:
             opened = bits(away <= splat32(reach)) & ~looked_at

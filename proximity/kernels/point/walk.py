@@ -36,7 +36,7 @@ NOTHING_SEEN = 0
 
 @inlined
 def nearer_in_block(reals, block, p, best_sq, best_slot):
-    """Return squared distance and slot of the best so far or of a triangle of *block* that is better.
+    """Return squared distance and slot of *best* or of a better triangle of *block*.
 
     *p*: the point, (x, y, z) of float64x8. Better: nearer, or as near with a lower slot.
     """
@@ -104,8 +104,7 @@ _walk_part = depth_first(_open_children, in_blocks(_nearer_in_leaf, fetch_ahead)
 
 @inlined
 def closest_in_part(model, part, start, p, best_sq, best_slot, seen, stacks):
-    """Find the triangle nearest to *p*, (x, y, z), in the part's local frame; return squared distance and
-    slot.
+    """Find the triangle nearest to *p*, (x, y, z), local; return squared distance and slot.
 
     *start*: first reference, the part's root for all of it. *best_sq* and *best_slot*: initial best; farther
     triangles are pruned. *seen*: the block already searched for it, or `NOTHING_SEEN`.
@@ -159,9 +158,7 @@ def nearest_in_scene(model, point, best_sq, best_part, best_slot, seen, stacks):
 
 @inlined
 def nearest_from_block(model, point, limit_sq, part, slot, stacks):
-    """Find the nearest surface like `nearest_in_scene`, starting from the block of the previous point's
-    answer.
-    """
+    """Find the nearest surface like `nearest_in_scene`, starting from the previous answer's block."""
     reals, _, frames, parts = model
     x, y, z = point
     best_sq, seen = limit_sq, np.int64(NOTHING_SEEN)

@@ -1,8 +1,8 @@
 """Edges of a body that may meet another of its faces: few; testing all edges exactly would take a second.
 
-If all corners of a face are on one side of a triangle's plane, none of its edges crosses or lies on that
-triangle. The blocks near a block are listed once, and each of its faces is compared, eight triangles at a
-time, with those blocks whose boxes it overlaps.
+If all corners of a face are on one side of a triangle's plane, none of its edges meets that triangle. The
+blocks near a block are listed once, and each of its faces is compared, eight triangles at a time, with those
+blocks whose boxes it overlaps.
 """
 
 import numpy as np
@@ -72,8 +72,9 @@ def _overlapping(words, at, low_x, low_y, low_z, high_x, high_y, high_z):
 
 @inlined
 def _reached(corners, a, b, c, near_boxes, at):
-    """Return the mask of eight boxes that a face overlaps. Their padding exceeds the rounding of the face's
-    box.
+    """Return the mask of eight boxes that a face overlaps.
+
+    Their padding exceeds the rounding of the face's box.
     """
     low_x = min(corners[a, 0], corners[b, 0], corners[c, 0])
     low_y = min(corners[a, 1], corners[b, 1], corners[c, 1])
@@ -129,7 +130,7 @@ def _creased_edges(corners, faces, neighbors, face, edges, depth):
 
 @kernel
 def _edges_on(corners, faces, face, other, edges, depth):
-    """Return the mask of those *edges* (bits) of a face that lie on another face."""
+    """Return the mask of a face's *edges* (bits) that lie on another face."""
     found = 0
     for k in range(3):
         start, end = faces[face, k], faces[face, (k + 1) % 3]
@@ -141,8 +142,7 @@ def _edges_on(corners, faces, face, other, edges, depth):
 
 @kernel
 def _edges_through(corners, faces, slot_faces, reals, face, block, lanes, edges, depth):
-    """Return the mask of those *edges* (bits) of a face that cross a triangle in *lanes* (bits) of a block.
-    """
+    """Return the mask of a face's *edges* (bits) that cross a triangle in *lanes* (bits) of a block."""
     found = 0
     for k in range(3):
         if not (edges >> k) & 1:
@@ -170,8 +170,7 @@ def planes_of_block(reals, base):
 
 @inlined
 def _meeting(corners, faces, face, planes, deep, flat):
-    """Return the mask of triangles that a face may cross, and for each corner the mask of those in its plane.
-    """
+    """Return the mask of triangles that a face may cross, and for each corner that of coplanar triangles."""
     (ax, ay, az), (nx, ny, nz) = planes
     h0 = _height_over(nx, ny, nz, ax, ay, az, corners, faces[face, 0])
     h1 = _height_over(nx, ny, nz, ax, ay, az, corners, faces[face, 1])

@@ -1,6 +1,6 @@
 """Preparation of rays for a walk, eight at a time.
 
-Preparing rays one by one would take as long as three steps of a walk each.
+Preparing a single ray would take three steps of a walk.
 """
 
 from math import frexp, ldexp

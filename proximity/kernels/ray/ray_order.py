@@ -49,7 +49,7 @@ def ray_order(model, origins, directions):
 
 @allocating_kernel
 def _halve(sides, row_count):
-    """Split a box of such sides (3,) as often as pays for this number of rays.
+    """Split a box with sides (3,) into cells, according to the number of rays.
 
     *sides* become those of the cells. Returns the number of cells along x, y and z, and the rank of each.
     """

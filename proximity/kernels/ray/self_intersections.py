@@ -179,10 +179,9 @@ def _is_turned(corners, faces, piece, count, reals, words, root, moments):
     makes_arrays=True,
 )
 def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):
-    """Return the mask of slots with faces that cross others, or are on the wrong side of such.
+    """Return the mask of slots whose faces cross others, or are on the wrong side of crossing faces.
 
-    (blocks,) uint8, including neighbours of these faces. The arguments are those of
-    `folded_faces.folded_faces`.
+    (blocks,) uint8; neighbours are included. The arguments are those of `folded_faces.folded_faces`.
     """
     marks, depth = np.zeros(len(faces), np.bool_), 0.0
     for axis in range(3):

@@ -59,7 +59,7 @@ FLOAT32_WIDENING = 2.0**-22
 
 @inlined
 def is_from_afar(ox, oy, oz):
-    """Test whether a ray starts so far out that `approach` must move its start; scalars or vectors."""
+    """Test whether a ray starts beyond `FAR`, to be moved by `approach`; scalars or vectors."""
     reach = maximum(maximum(absolute(ox), absolute(oy)), absolute(oz))
     return reach > like(FAR, reach)
 
@@ -81,8 +81,7 @@ def approach(ox, oy, oz, dx, dy, dz):
 
 @inlined
 def _cube_parameters(o, d):
-    """Return the parameters at which one coordinate enters and leaves the cube; infinite if it is constant.
-    """
+    """Return the parameters at which one coordinate enters and leaves the cube; infinite if constant."""
     zero, endless = like(0.0, d), like(np.inf, d)
     is_still, is_within = d == zero, absolute(o) <= like(APPROACH_REACH, o)
     step = select(is_still, like(1.0, d), d)
@@ -135,7 +134,7 @@ def bound_of_parameter(best, start):
 
 @inlined
 def open_boxes(words, base, aim, zero, best32):
-    """Return entry and exit parameters of the boxes at *base*, and the mask of those hit up to *best32*.
+    """Return entry and exit parameters of the boxes at *base*, and the mask of hits up to *best32*.
 
     Entry parameters are >= 0. *aim*: nine numbers, from `slab` for x, y and z. *best32* is a scalar, *zero* a
     float32x8.
@@ -210,9 +209,7 @@ def look_along(ox, oy, oz, dx, dy, dz):
 
 @inlined
 def _seen_along(reals, base, view):
-    """Compute `ray_triangle_sides` of the eight triangles at *base*, and the mask of those that the line
-    hits.
-    """
+    """Compute `ray_triangle_sides` of the eight triangles at *base*, and the mask of hits by the line."""
     axis, px, py, pz, lean_x, lean_y, _ = view
     z = np.int64(axis)
     a, b, c = turned_corners_of_block(reals, base, (z + 1) % 3, (z + 2) % 3, z)

@@ -9,7 +9,7 @@ for bounds, then the query's best answer. A query is three functions:
 - ``into_part(model, part, start, query, best, stacks)``, for scenes: *best* updated with the subtree at the
   reference *start* of a part with a separate frame.
 
-*stacks* (float32) holds `STACK_SIZE` bounds and then as many references (int32 bits), twice: for a part's
+*stacks* (float32) holds `STACK_SIZE` bounds, then `STACK_SIZE` references (int32 bits), twice: for a part's
 tree and, from `SCENE_STACKS` on, for the scene's.
 """
 

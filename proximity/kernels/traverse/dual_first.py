@@ -113,7 +113,7 @@ def dual_first(open_children, look_into, reach_of, is_kept):
     """Return a walk over a frontier of *count* entries; it returns the best, the new count, and the steps.
 
     - ``open_children(model, query, one, other, is_first)``: limits of the eight pairs of children and box;
-    - ``look_into(model, query, one, other, best)``: *best* updated with two blocks, and the limit of these;
+    - ``look_into(model, query, one, other, best)``: *best* updated with two blocks, and their limit;
     - ``reach_of(query, best)``: the limit up to which entries are opened.
 
     *best*: only smaller distances are searched, and the walk ends when it is 0 or less. *ratio*: the second
