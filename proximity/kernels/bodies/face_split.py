@@ -78,8 +78,7 @@ def split_faces(vertices, faces):
 
 @allocating_kernel
 def _bodies_of_faces(stock, vertices, edges, rows):
-    """Weld and orient the faces; return the remaining ones (K,), the body of each (K,), and the body count.
-    """
+    """Weld and orient the faces; return the remaining ones (K,), the body of each (K,), and body count."""
     given, corners = gathered(stock.given, rows), gathered(stock.corners, rows)
     if len(rows) < len(stock.given):
         edges = sorted_half_edges(corners)

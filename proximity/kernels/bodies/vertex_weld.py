@@ -80,8 +80,7 @@ def distance_between(points, one, other):
 
 @allocating_kernel
 def _welded(corners, links):
-    """Return *corners* (K, 3), each replaced by its root, and a mask of the faces with two equal ones: (K,).
-    """
+    """Return *corners* (K, 3) replaced by their roots, and a mask of faces with two equal ones, (K,)."""
     welded, collapses = np.empty(corners.shape, np.int32), np.empty(len(corners), np.bool_)
     for face in range(len(corners)):
         for k in range(3):

@@ -54,8 +54,7 @@ def far_offset_sq(px, py, pz):
 
 @inlined
 def wide_gaps_sq(nodes, base, x, y, z):
-    """Return squared distances from a point to the boxes of a node in float64; *x y z* are float64x8 splats.
-    """
+    """Return squared distances from a point, float64x8 splats, to the boxes of a node in float64."""
     ((lx, ly, lz), (ux, uy, uz)), zero = wide_boxes_of(nodes, base), splat(0.0)
     gap_x = maximum(maximum(lx - x, x - ux), zero)
     gap_y = maximum(maximum(ly - y, y - uy), zero)

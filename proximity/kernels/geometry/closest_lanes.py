@@ -131,8 +131,7 @@ def _feature_of(is_start, is_end, number, end_number):
 
 @inlined
 def _closest_on_edges(p, a, b, c):
-    """Return squared distance, arm, weights, feature and number as `closest_feature.closest_on_edges` does.
-    """
+    """Return squared distance, arm, weights, feature, number as `closest_feature.closest_on_edges` does."""
     zero, one = splat(0.0), splat(1.0)
     t, arm, best_sq, is_start, is_end = _on_edge(p, a, b)
     feature, which = _feature_of(is_start, is_end, 0.0, 1.0)

@@ -43,8 +43,7 @@ def join(links, one, other, is_crossed):
 
 @allocating_kernel
 def component_labels(links):
-    """Return the component of each node, (N,) int64, numbered by lowest node, and the number of components.
-    """
+    """Return the component of each node, (N,) int64, by lowest node, and the number of components."""
     labels, found = np.empty(len(links), np.int64), 0
     for node in range(len(links)):
         root = root_of(links, node) >> 1

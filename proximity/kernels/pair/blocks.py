@@ -56,8 +56,7 @@ def _gap_along(axis, triangle, others, slack, axis_sq):
 
 @kernel
 def turn_axis(reals, slots, turn, offset, axis):
-    """Set the axis to the direction of the best connection, from the first part; return the squared length.
-    """
+    """Set the axis to the direction of the best connection, from the first part; return squared length."""
     corners, ends = stack_f64(BOTH), stack_f64(6)
     read_both(reals, slots, turn, offset, corners)
     length_sq = connect(corners, ends)
@@ -69,7 +68,9 @@ def turn_axis(reals, slots, turn, offset, axis):
 
 @inlined
 def _ends_along(axis, triangles):
-    """Return the upper ends of eight triangles along an axis, and the interval of all; unused lanes are nan.
+    """Return the upper ends of eight triangles along an axis, and the interval of all.
+
+    Unused lanes are nan.
     """
     x, y, z = splat(axis[0]), splat(axis[1]), splat(axis[2])
     a, b, c = dot(x, y, z, *triangles[0]), dot(x, y, z, *triangles[1]), dot(x, y, z, *triangles[2])

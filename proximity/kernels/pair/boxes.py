@@ -86,8 +86,7 @@ def rounding_size(frames, first, second, offset):
 
 @inlined
 def gap_along(one, other, axis):
-    """Return the gap between two parts' boxes along an axis, m; negative if they overlap. *one*: its frame.
-    """
+    """Return the gap between parts' boxes along an axis, m; negative if they overlap. *one*: its frame."""
     return max(one.box_lower[axis] - other.box_upper[axis], other.box_lower[axis] - one.box_upper[axis])
 
 
@@ -170,8 +169,7 @@ def ends_of(boxes, axis):
 
 @inlined
 def begins_of(words, base, turn, offset, axis):
-    """Return the lower ends of the eight boxes at *base* of the second part along an axis of the first frame.
-    """
+    """Return the lower ends of the eight boxes at *base* of the second part along an axis of the first."""
     (lx, ly, lz), (ux, uy, uz) = wide_boxes_of(words, base)
     x = splat(_axis_along(axis, turn, 0))
     y = splat(_axis_along(axis, turn, 1))

@@ -53,8 +53,7 @@ def contains(model, part, p, slot, workspace):
 
 @inlined
 def goal_of(state, limits):
-    """Return the bound at which a piece is resolved; *limits*: relative and absolute (local) gap of bounds.
-    """
+    """Return the bound at which a piece is resolved; *limits*: relative and absolute (local) gap."""
     return state.best * (1.0 + limits[0]) + limits[1]
 
 

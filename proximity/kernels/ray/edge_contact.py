@@ -24,8 +24,7 @@ def has_corner(faces, face, corner):
 
 @kernel
 def _plane(corners, faces, face, depth):
-    """Return a normal of a face, and its length, or 0 if the face is thinner than *depth* and has no plane.
-    """
+    """Return a normal of a face, and its length, or 0 for a face thinner than *depth*, without a plane."""
     nx, ny, nz = face_normal(corners, faces, face)
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     longest_sq = max(corner_distance_sq(corners, a, b), corner_distance_sq(corners, a, c))

@@ -120,8 +120,7 @@ def _share_out(boxes, links, nodes, costs, splits):
 
 @kernel
 def _children(links, splits, node, children, waiting):
-    """Write the children of the wide node that *node* becomes to *children*, in order; return their number.
-    """
+    """Write the children of the wide node of *node* to *children*, in order; return their number."""
     if links[node, LINK_LEFT] < 0:
         children[0] = node
         return 1

@@ -73,10 +73,11 @@ EIGHTH_TANGENT = 0.41421356237309503
 
 @entry("float64[:, 3], int32[:], float, float64[:, 3], float64[:] -> int")
 def survey_vertices(vertices, leaders, largest, kept, box):
-    """Copy *vertices* (V, 3) to *kept*, fill *box* (6,), lower and upper; the first row that cannot be used.
+    """Copy *vertices* (V, 3) to *kept*, fill *box* (6,), lower and upper; return the first invalid row.
 
     *leaders* (V,) int32: the first vertex at the same position, its own row or a lower one, or `UNUSED`. A
-    row cannot be used if it is not finite, beyond *largest*, or elsewhere than its leader. `NO_ROW`: all can.
+    row is invalid if it is not finite, exceeds *largest*, or differs from its leader. `NO_ROW`: all are
+    valid.
     """
     bad = np.int64(NO_ROW)
     low_x, low_y, low_z = np.inf, np.inf, np.inf
@@ -101,7 +102,7 @@ def survey_vertices(vertices, leaders, largest, kept, box):
 
 @entry(ModelArrays, "int, float64[:, 3], int32[:] -> float, float", makes_arrays=True)
 def refit_part(model, part, vertices, leaders):
-    """Write *vertices* (V, 3), m, of which all can be used, into a part; its frame is set, and holds them.
+    """Write valid *vertices* (V, 3), m, into a part, whose frame is set and contains them.
 
     Returns area and three times the enclosed volume, local.
     """
