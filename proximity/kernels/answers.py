@@ -58,13 +58,13 @@ CLEARANCE_ANSWER = record(
 DEPTH_ANSWER = record(
     "DepthAnswer",
     lower="f8",  # m: no shorter displacement separates the parts
-    upper="f8",  # m: a displacement of this length along *normal* separates them
-    normal="(3,)f8",  # scene's frame: direction that frees the first part, or 0
+    upper="f8",  # m: this displacement separates them
+    normal="(3,)f8",  # scene's frame: normal of the contact at *upper*, towards the first part, or 0
     steps="i8",
 )
 DEEPEST_ANSWER = record(
     "DeepestAnswer",
-    lower="f8",  # m: depth reached at *point*
+    lower="f8",  # m: a point is at least this deep
     upper="f8",  # m: no point is deeper
     point="(3,)f8",  # m, scene's frame
     steps="i8",

@@ -41,7 +41,7 @@ class Shells(NamedTuple):
     points: np.ndarray  # (C, 3) float64
     corners: np.ndarray  # (K, 3) int32, rows of points
     order: np.ndarray  # (K,) int32, faces, grouped by shell
-    starts: np.ndarray  # (P + 1,) int64, in order
+    starts: np.ndarray  # (P + 1,) int64, offsets in order
     boxes: np.ndarray  # (P, 6) float64, lower and upper bounds
 
 

@@ -1,7 +1,7 @@
-"""Connected components by union-find, with nodes that run the same way or opposite ways.
+"""Connected components by union-find, with the relative orientation of nodes.
 
-The link of a node is twice the number of a connected node, plus one if the two run opposite ways; a root
-links to itself. The root of a component is its lowest node.
+The link of a node is twice the number of a connected node, plus one if their orientations are opposite; a
+root links to itself. The root of a component is its lowest node.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ def unlinked(count):
 
 @kernel
 def root_of(links, node):
-    """Return twice the root of a node, plus one if the node runs against it, with path halving."""
+    """Return twice the root of a node, plus one if their orientations are opposite, with path halving."""
     at = 2 * node
     while links[at >> 1] != at & ~1:
         link = links[at >> 1]
@@ -32,7 +32,7 @@ def root_of(links, node):
 
 @kernel
 def join(links, one, other, is_crossed):
-    """Connect two nodes, running opposite ways if *is_crossed* (0 or 1); return False on contradiction."""
+    """Connect two nodes, with opposite orientations if *is_crossed* (0 or 1); False on contradiction."""
     first, last = root_of(links, one), root_of(links, other) ^ is_crossed
     low, high = min(first >> 1, last >> 1), max(first >> 1, last >> 1)
     if low == high:

@@ -51,7 +51,7 @@ def meeting_reach(slack):
 
 @kernel
 def _add_common(corners, triangle, point, reach, points, count):
-    """Append *point* if it is on triangle 0 or 1; return the count."""
+    """Append *point* if it is on the triangle with number *triangle*, 0 or 1; return the count."""
     off = between(point, on_triangle(corners, triangle, *point, stack_closest(1)[0]))
     if dot(*off, *off) > reach * reach:
         return count

@@ -56,7 +56,7 @@ FRONTIER_X, FRONTIER_Y, FRONTIER_Z, FRONTIER_OFFSET = 0, LANES, 2 * LANES, 3 * L
 FRONTIER_DUE = FRONTIER_GROUP * FRONTIER_CAPACITY
 """One number per node: the displacement up to which the planes of its unopened children are out of reach."""
 FRONTIER_NODES = FRONTIER_DUE + FRONTIER_CAPACITY
-"""One number per node: its index."""
+"""One number per node: the node's."""
 FRONTIER_TRAVEL = FRONTIER_NODES + FRONTIER_CAPACITY
 """Accumulated displacement of the point since the frontier began; then its last position. In the tree's
 frame."""
@@ -68,7 +68,7 @@ FRONTIER_BEGINS = -1
 LONG_WALK = 20
 """Steps: a shorter walk is as fast as testing a frontier."""
 MOST_NODES = 2**24
-"""Largest integer range that float32 represents exactly."""
+"""Maximum node number, up to which float32 represents integers exactly."""
 FARTHEST_POINT = 1e3
 """Part sizes: from farther away float32 cannot distinguish the planes."""
 MOST_TRAVEL = np.float32(2.0)

@@ -56,7 +56,7 @@ def reaches_through(corners, faces, face, start, end, depth):
 
 @kernel
 def lies_on(corners, faces, face, start, end, depth):
-    """Test whether more than the minimum length of an edge in a face's plane lies on the face.
+    """Test whether an edge in a face's plane overlaps the face by more than the minimum length.
 
     Includes the rim, unless they share a corner: near it, thin faces are close to their rims everywhere.
     """

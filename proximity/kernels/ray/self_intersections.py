@@ -42,7 +42,7 @@ from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, bits, splat, splat32, square_root, trailing_zeros
 
 VOTES = 5
-"""Faces sampled of a component whose first face has the wrong side; the majority counts."""
+"""Faces sampled of each component; the majority counts."""
 MOST_BLOCKS = 512
 """Maximum average number of blocks per face: usual bodies need about six. Beyond it all faces count as
 crossing."""
@@ -163,7 +163,7 @@ def _gather_piece(neighbors, first, is_seen, piece):
 
 @kernel
 def _is_turned(corners, faces, piece, count, reals, words, root, moments):
-    """Test whether a piece is flipped: its first sampled faces and the majority have the inside above."""
+    """Test whether most sampled faces of a piece lack the outside above or the inside below."""
     votes = min(VOTES, count)
     against = 0
     for vote in range(votes):

@@ -25,8 +25,9 @@ from proximity.native import allocating_kernel, entry, inlined, kernel
 from proximity.native.simd import horizontal_min, load, minimum, splat32, store
 
 EVEN_DEPTH = MAX_DEPTH // 2 - 10
-"""From this level on leaves are distributed by count, independent of the binary tree: any ends ten levels
-later. The tree of a scene and that of a part below it so fit the stack. Real parts end before."""
+"""From this level on leaves are distributed by count, independent of the binary tree, which ends ten levels
+later at most. So the trees of a scene and of a part below it fit the stack together. Real parts end
+before."""
 NOT_WIDER = 0
 """Split of a subtree that gains no benefit from one more lane."""
 NO_REFERENCE = -1
@@ -206,8 +207,7 @@ def _wait(waiting, at, node, first, number, depth, reference_at):
 def widen_tree(boxes, links, order):
     """Return the wide nodes, the order of faces, and each leaf's first position in it.
 
-    *boxes*: (N * `BOX_STRIDE`,) float32. *links*: (N, 4); from `binned_sah.halve`; children may have been
-    moved since.
+    *boxes*: (N * `BOX_STRIDE`,) float32. *links*: (N, 4); from `binned_sah.halve`, possibly rearranged since.
     """
     topological, starts, numbers = _levels(links)
     leaf_count = np.int64(numbers[0])
@@ -223,8 +223,8 @@ def widen_tree(boxes, links, order):
     box = np.empty(6, np.float32)
     children, lanes = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
     scratch = np.empty((LANES + 1, 2), np.int64)
-    # Future wide nodes: a node of the binary tree, or consecutive leaves; depth; offset of the reference to
-    # it.
+    # Future wide nodes: binary node, or first and number of consecutive leaves; depth; offset of the
+    # reference.
     waiting = np.empty((MAX_DEPTH * LANES, 5), np.int64)
     _wait(waiting, 0, 0, 0, leaf_count, 0, NO_REFERENCE)
     waiting_count = 1
