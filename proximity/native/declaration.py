@@ -76,7 +76,7 @@ def entry(
 
 def entry_named(name: str) -> Any:
     """Return an entry point, from the compiled table or else from the module that declares it."""
-    if name.startswith("__"):  # Python looks up such names in every module
+    if name.startswith("__"):  # Python probes every module for such names
         raise AttributeError(name)
     if not IS_AHEAD:
         import_entries(name)
