@@ -30,9 +30,7 @@ def _crossed_cubes():
 
 
 def _holed_ball(face_count):
-    """A ball without some faces at its top: it has an inside that can be entered without crossing the
-    surface.
-    """
+    """A ball without some faces at its top, whose inside can be entered without crossing the surface."""
     vertices, faces = shapes.sphere(0.5, 3)
     heights = vertices[faces].mean(axis=1)[:, 2]
     return vertices, faces[np.argsort(heights)[:-face_count]]

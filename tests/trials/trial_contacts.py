@@ -78,8 +78,9 @@ def _look_at_times(log, tally, how, rows, place, rate, limits):
 
 
 def _interpolate(xs, ys, x):
-    """Interpolate linearly per row, clamped at the ends: *xs*, *ys* (M, K), *x* (M,); return values and
-    slopes.
+    """Interpolate each row linearly, clamped at the ends; return values and slopes.
+
+    *xs*, *ys*: (M, K); *x*: (M,).
     """
     k = np.clip((xs[:, 1:-1] <= x[:, None]).sum(axis=1), 0, xs.shape[1] - 2)
     every = np.arange(len(x))
