@@ -116,7 +116,7 @@ def answers(monkeypatch):
         found |= {f"tick, {field}": records[field] for field in records.dtype.names}
         model = model_of(*WALKED, poses=[WALKED_POSE, Pose()])
         found["slabs"] = part_arrays(model, 0).moments
-        if not IS_AHEAD:  # a traversal is no entry point
+        if not IS_AHEAD:  # not an entry point
             found |= walks(model)
     return found
 

@@ -29,10 +29,8 @@ def predictions(h):
     """Errors of each pose, held and predicted, *h* later; the predicted bound; two masks.
 
     The recording is interpolated linearly; poses before a gap of more than 30 ms are skipped. A pose is
-    *moving* when the
-    last difference is faster than 0.1 m/s, and *clean* when its velocity is known and no tracking jump lies
-    between the
-    previous pose and the compared position.
+    *moving* when the last difference is faster than 0.1 m/s, and *clean* when its velocity is known and no
+    tracking jump lies between the previous pose and the compared position.
     """
     found = []
     for times, places in recordings():

@@ -213,8 +213,7 @@ def test_part_flat_to_one_layer_of_numbers():
 
 
 def test_garbage_is_built_and_asked_without_harm():
-    """Random bit patterns as coordinates and any indices: invalid meshes are refused, the rest give results.
-    """
+    """Random bit patterns as coordinates and any indices: invalid meshes are refused, others work."""
     rng = np.random.default_rng(9)
     for _ in range(30):
         vertices = rng.integers(0, 2**64, (40, 3), np.uint64).view(np.float64)

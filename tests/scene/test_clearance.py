@@ -281,9 +281,6 @@ def test_limits_that_are_none_are_refused(limits):
         scene.clearance("a", "b", **limits)
 
 
-# --- all pairs -------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def cloud():
     """Parts of three kinds at random poses: apart, crossing, and one inside another."""

@@ -243,8 +243,7 @@ def test_a_part_is_drawn_where_its_corners_are_and_as_large(box, offset):
 
 @pytest.mark.parametrize("height", [-0.05, 0.01, 0.05])
 def test_points_are_seen_before_behind_and_through_the_part(box, height):
-    """Regression: the view direction was reversed, so that points in the rear half of the parts were omitted.
-    """
+    """Regression: the view direction was reversed, and points in the rear half of the parts were omitted."""
     camera = Camera(rotation_of("top"), np.array([0.02, 0.015, 0.0]), 5e-4, (120, 120))
     point = np.array([[0.02, 0.015, height]])
     without, plain = drawn(box, camera)

@@ -20,8 +20,7 @@ def assert_hits_are_right(hit, ask, origins, directions):
     """Check that distances are those of *ask*, the oracle; near a rim, of the same ray displaced by rounding.
 
     A ray that passes an edge within coordinate rounding may hit or miss: the oracle's own result depends on
-    how the origin
-    is displaced.
+    how the origin is displaced.
     """
     largest = max(np.abs(origins).max(), 3.0)
     room = (1e-12 * hit.distance + 1.6e-14 * largest) * judging.slant(hit, directions)
@@ -157,8 +156,7 @@ def test_any_ray_or_segment_is_answered_as_by_the_oracle(name, start, way, mesh)
 @pytest.mark.parametrize("offset", [np.zeros(3), FAR], ids=["here", "far"])
 @pytest.mark.parametrize("count", [1, 9, 64])
 def test_answer_of_a_scene_is_the_least_over_its_parts(name, count, offset, is_turned):
-    """Compare with the oracle's results for each part in its own frame; the reported part has the distance.
-    """
+    """Compare with the oracle for each part in its own frame; the reported part has the distance."""
     query, scene = QUERIES[name], some_scene(count, is_turned=is_turned, offset=offset)
     rng = np.random.default_rng(10)
     starts = offset + rng.uniform(-6.0, 6.0, (120, 3))

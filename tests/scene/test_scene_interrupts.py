@@ -59,7 +59,7 @@ CHANGES = {
 
 
 def interrupted_at(line, change, scene):
-    """Change and query *scene*, interrupted before its modules' line number *line*; return whether it was."""
+    """Change and query *scene*, interrupted before the *line*-th line executed; return whether it was."""
     left = line
 
     def watch(frame, event, _):

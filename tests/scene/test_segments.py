@@ -59,8 +59,7 @@ def beside_a_needle(aspect, rng):
     """A needle, another face, and a segment in the needle's plane, off its short side.
 
     The start's distance off the short side is lost in the rounding of the needle's length. The other face is
-    closer than the
-    needle, but farther than the needle's plane.
+    closer than the needle, but farther than the needle's plane.
     """
     tip, along = rng.uniform(-1.0, 1.0, (2, 3))
     needle = np.stack([tip, tip + along, tip + along + aspect * rng.normal(size=3)])

@@ -79,8 +79,7 @@ def test_inside_and_sign_agree_everywhere(name, seed):
     """`contains` uses a grid of cells first, `signed_distance` the surface.
 
     Regression: in a rotated torus a point at depth 0.2 was not inside. The plane and box of a face, but not
-    the face, met
-    its cell, and no face was found within the cell's diagonal.
+    the face, met its cell, and no face was found within the cell's diagonal.
     """
     vertices, faces = mesh_of(name)
     solid = Solid(vertices @ shapes.rotation(seed).T, faces)

@@ -270,8 +270,7 @@ working_range = 0.5
 
 @pytest.fixture
 def served(tmp_path):
-    """Serve a scene file with a tracked part in a thread; yield subscriber, publishers and a stop function.
-    """
+    """Serve a scene file with a tracked part in a thread; yield subscriber, publishers and stop function."""
     path, name = tmp_path / "cell.toml", tmp_path.name
     path.write_text(SCENE.format(name=name, file=MESHES / "assembly.step"))
     with (

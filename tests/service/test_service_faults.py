@@ -1,8 +1,7 @@
 """System faults: a service in a separate process with shared memory, observed by readers.
 
 Each test kills, starves, edits or sends invalid data to a service run by `start_service`. The components have
-their own
-tests; these cover only effects of their combination.
+their own tests; these cover only effects of their combination.
 """
 
 import os
@@ -290,7 +289,7 @@ def test_killed_readers_disturb_neither_the_service_nor_others(served, subscribe
             reader.kill()
     after = seen(subscriber, is_ok).header
 
-    # The reader buffers 64 frames, and all arrive as long as it can read.
+    # The reader buffers 64 frames, all of which arrive if it is not kept from reading.
     assert after["session"] == before["session"] and after["sequence"] > before["sequence"]
     assert subscriber.counts.flawed.total() == 0 and served.service.is_running
 

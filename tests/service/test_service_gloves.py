@@ -41,7 +41,7 @@ def folder(tmp_path):
 
 @pytest.fixture
 def gloves_of(folder):
-    """The service's glove input for two fingers, from a scene file with that [glove]."""
+    """Fingertip paths of two fingers, from a scene file with the given [glove] text."""
 
     def read(text, count=2):
         (folder / "cell.toml").write_text(SCENE + text)
@@ -52,7 +52,7 @@ def gloves_of(folder):
 
 @pytest.fixture(scope="module")
 def ways(tmp_path_factory):
-    """The service's glove input for two fingers."""
+    """Fingertip paths of two fingers."""
     folder = tmp_path_factory.mktemp("ways")
     shutil.copy(MESHES / "box.stl", folder)
     glove_files.write(folder / "glove.json")

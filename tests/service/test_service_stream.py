@@ -236,8 +236,7 @@ def test_instants_of_another_machine_are_told_on_our_clock(monkeypatch):
     ages = [sender.send(transit) for transit in (3 * MS, MS, 4 * MS, MS, MS, MS, 4 * MS, MS)]
 
     # Poses are accepted once the other clock has been observed for 50 ms. The transit time in excess of the
-    # fastest is
-    # measured, and 1 ms is added for the fastest.
+    # fastest is measured, and 1 ms is added for the fastest.
     assert ages[:5] == [None] * 5
     assert ages[5:] == pytest.approx([2 + 1, 2 + 3 + 1, 2 + 1], abs=0.05)
 

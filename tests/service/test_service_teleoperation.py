@@ -16,7 +16,7 @@ KNOWN = ContactFlag.TRACKED | ContactFlag.SIGNED | ContactFlag.IN_RANGE
 
 
 def measured(distances, measured_ns=NOW, error=0.0001, **fields):
-    """Measurements of as many fingers as distances."""
+    """Measurements with a distance per finger."""
     samples = Measurements(len(distances))
     samples.distances[:, 0], samples.pose_ns[:] = distances, measured_ns
     for name, value in told(distances, measured_ns, error, **fields).items():

@@ -1,16 +1,13 @@
 """Brute-force reference results. Imports nothing from the package.
 
 Every face is tested. Distances are computed in `numpy.longdouble` (64 bits of mantissa on x86) with
-compensated
-cross products, which keeps slivers and faces without area accurate; crossings and wide solid angles are
-computed in
-integers. Bounding spheres and side tests, with a margin for rounding, only skip faces that cannot affect the
-result.
+compensated cross products, which keeps slivers and faces without area accurate; crossings and wide solid
+angles are computed in integers. Bounding spheres and side tests, with a margin for rounding, only skip faces
+that cannot affect the result.
 
 The conventions are the package's: metres, faces counter-clockwise seen from outside, signed distance negative
 inside, `(..., 3)` points give results of shape `(...)`; no result is face -1, distance inf, point nan.
-Coordinates may
-lie between about 1e-100 and 1e100.
+Coordinates may lie between about 1e-100 and 1e100.
 """
 
 import math
@@ -108,8 +105,8 @@ def ray(vertices, faces, origins, directions):
     """First hit and signed crossings of rays, decided without rounding.
 
     A ray through an edge or a corner hits every face there, and crosses exactly one of them. Faces parallel
-    to the ray are
-    not hit; their neighbours are. A hit at the origin itself counts as the first hit, but not as a crossing.
+    to the ray are not hit; their neighbours are. A hit at the origin itself counts as the first hit, but not
+    as a crossing.
     """
     corners = _corners(vertices, faces)
     origins, directions = _together(origins, directions)

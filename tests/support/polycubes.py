@@ -29,8 +29,7 @@ class Polycube:
 
 
 def polycube(rng: np.random.Generator) -> Polycube:
-    """Choose a box, a prism over connected cells, or connected cells; some with surfaces of large triangles.
-    """
+    """Choose a box, a prism over connected cells, or connected cells; some surfaces have large triangles."""
     kind = rng.integers(3)
     if kind == 0:
         size = rng.integers(1, 5, 3)

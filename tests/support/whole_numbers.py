@@ -15,9 +15,8 @@ def exact_hit(origin, direction, corners, *, end=None):
     """Ray parameter at the face's plane, whether the face is hit, and the signed crossing: -1, 0 or 1.
 
     Faces parallel to the line are not hit. A crossing through an edge or a corner is resolved by symbolic
-    perturbation,
-    the same for all faces: only a line strictly to the left of an edge that rises (seen along the ray) is
-    inside.
+    perturbation, the same for all faces: only a line strictly to the left of an edge that rises (seen along
+    the ray) is inside.
     """
     _, (start, way), (triangle,) = whole_numbers([origin, direction if end is None else end], corners[None])
     if end is not None:
@@ -104,8 +103,7 @@ def are_crossing(one, other, *, is_strict):
     """Test whether two integer triangles cross each other, not only touch.
 
     Strict: an edge of one passes through the interior of the other. Otherwise: they share a line segment,
-    whose ends may
-    lie on edges of both.
+    whose ends may lie on edges of both.
     """
     if is_strict:
         pairs = [(edge, other) for edge in _edges(one)] + [(edge, one) for edge in _edges(other)]

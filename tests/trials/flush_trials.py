@@ -1,8 +1,7 @@
 """Random trials of `PartTracker` with coincident features: one solid of cubes slides along another.
 
 Shared volume, distance and separation displacement are computed exactly from the cubes. Positions within 1e-9
-of a
-coincidence may be judged either way.
+of a coincidence may be judged either way.
 """
 
 import warnings

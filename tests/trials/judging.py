@@ -45,8 +45,7 @@ def assert_answer_holds_together(hit, vertices, faces, points):
 
 
 def slant(hit, directions):
-    """Return 1 / cos(angle between ray and normal): the factor from coordinate rounding to hit displacement.
-    """
+    """Return 1 / cos(angle between ray and normal), which amplifies rounding into hit displacement."""
     unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
     return 1.0 / np.maximum(np.abs((unit * hit.normal).sum(axis=-1)), 1e-12)
 

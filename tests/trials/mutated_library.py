@@ -2,8 +2,7 @@
 
 ``python mutated_library.py SCENE FIRST COUNT FOLDER`` prints a line per mutation: number, description, and
 "refused" or "answered", as for Python. The library reads poses and visibility from the tables of parts,
-Python from
-the description; the two agree unless one of them was mutated.
+Python from the description; the two agree unless one of them was mutated.
 """
 
 import contextlib

@@ -1,8 +1,7 @@
 """Open and query mutated compiled scenes whose checksums are valid; run as a separate process.
 
 ``python mutated_scenes.py SCENE FIRST COUNT FOLDER`` prints a line per mutation: number, description and
-outcome. A
-crash or an endless loop ends the process.
+outcome. A crash or an endless loop ends the process.
 """
 
 import contextlib
@@ -50,7 +49,7 @@ def cell():
 
 
 def crowd():
-    """Enough moved parts to have their own nodes, and as many static ones."""
+    """As many moved parts as need their own nodes, and an equal number of static ones."""
     solids = [
         Solid(*shapes.cube(0.01)),
         Solid(*shapes.sphere(0.01, 0)),

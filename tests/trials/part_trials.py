@@ -1,8 +1,7 @@
 """Random trials of `PartTracker`: parts, settings and motions follow from one seed.
 
 At some ticks, records are compared with `Scene.clearance` without a budget, and certified times with fine
-steps of
-all parts along their velocities. `clearance` itself is verified by exact integer tests elsewhere.
+steps of all parts along their velocities. `clearance` itself is verified by exact integer tests elsewhere.
 """
 
 import warnings
@@ -44,7 +43,7 @@ SIZES = (1e-4, 0.03, 0.1, 0.1, 0.1, 0.3, 20.0)  # m
 BUDGETS = (None, None, None, 1, 3, 10, 40, 150, 1000)
 STYLES = ("rest", "coast", "coast", "jitter", "jump", "approach", "approach", "together")
 JUDGED = 10
-"""One tick in this many is compared with the reference, and one in as many of these with fine steps."""
+"""Ticks between comparisons with the reference; its square, between those with fine steps."""
 STEPS = 24
 FLAGS = {name: np.uint32(flag) for name, flag in ConnectionFlag.__members__.items()}
 SLIP = 2.0**-17 * (1.0 + 1e-6)

@@ -1,10 +1,8 @@
 """Work cells for tracker trials: parts of many kinds that move, appear and disappear, and their history.
 
 A `Cell` updates two scenes identically: one for the tracker, one for reference distances. A `History` records
-all
-poses per tick; it computes signed distances at a tick, or some seconds later at constant velocity, part by
-part in
-their own frames and without a scene.
+all poses per tick; it computes signed distances at a tick, or some seconds later at constant velocity, part
+by part in their own frames and without a scene.
 """
 
 from functools import cache

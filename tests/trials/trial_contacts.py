@@ -1,8 +1,7 @@
 """Verify times and positions of contact by sphere marching.
 
 A sphere at clearance d can move by d, so that thin walls are not stepped over. A contact found within
-rounding is at
-most `INSTANT` too early; grazing incidence amplifies rounding in time.
+rounding is at most `INSTANT` too early; grazing incidence amplifies rounding in time.
 """
 
 import numpy as np
@@ -16,8 +15,7 @@ def march(log, rows, place, rate, limits, *, to_touch=True):
     """Stage of the first contact of each sphere, up to *limits*; inf without contact.
 
     *place* maps rows and stages to points (M, 3) and the seconds for the parts' poses. *rate* (M,): upper
-    bound of the
-    approach in metres per unit of stage. *to_touch*: see `History`.
+    bound of the approach in metres per unit of stage. *to_touch*: see `History`.
     """
     stages, first = np.zeros(len(rows)), np.full(len(rows), np.inf)
     left = np.arange(len(rows))

@@ -1,8 +1,7 @@
 """Check every guarantee of every record of a trial against references without a budget.
 
 There are three: a second scene at the same poses, queried without a tracker (`Log.true`); the parts one by
-one
-(`History.signed_distance`), which also covers other times; and, for a few rows, the oracle.
+one (`History.signed_distance`), which also covers other times; and, for a few rows, the oracle.
 """
 
 import numpy as np

@@ -1,10 +1,8 @@
 """Log of a tracker trial, and the tally of the guarantees checked.
 
 Only rounding is allowed. A distance has a relative error of `DISTANCE_ROUNDING`. The point and the surface
-point are
-translated and rotated, which adds about eight roundings of the largest coordinate, each at most half of
-2^-52:
-`COORDINATE_ROUNDING` in total.
+point are translated and rotated, which adds about eight roundings of the largest coordinate, each at most
+half of 2^-52: `COORDINATE_ROUNDING` in total.
 """
 
 from dataclasses import dataclass, field

@@ -1,10 +1,8 @@
 """Motions for tracker trials: true finger positions, and the sensor's data and timing.
 
 A finger's *course* is a formula: rest, a straight line and two oscillations, with known acceleration and
-defined at
-any time. Some fingers add random walks, noise, jumps or recorded hands. Predictions are compared only for
-fingers
-without these.
+defined at any time. Some fingers add random walks, noise, jumps or recorded hands. Predictions are compared
+only for fingers without these.
 """
 
 from dataclasses import dataclass

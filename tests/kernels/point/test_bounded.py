@@ -63,7 +63,7 @@ def test_bounds_hold_whatever_the_budget(name):
     points = points_at(mesh, rng, 40)
     if name in MINUTE_BESIDE_LARGE:
         points = float(name) * rng.normal(size=(40, 3)) * 10.0 ** rng.uniform(-0.5, 0.5, (40, 1))
-        # Others between the two parts, some along axes, so far from the small one that squares overflow.
+        # Other points between the two parts, some along axes; for the small part their squares overflow.
         points[::4] = rng.normal(size=(10, 3)) * 10.0 ** rng.uniform(np.log10(float(name)), -1, (10, 1))
         points[4::12, :2] = 0.0
     # Relative to the small part in those cases: the oracle is accurate next to the large one.
@@ -240,8 +240,7 @@ def test_room_suffices_where_all_is_open(best_sq):
 
 
 def test_room_suffices_for_the_deepest_trees_and_all_budgets():
-    """Seven nodes are pending per level: of the tree over parts, one level deeper when opened, and of a part.
-    """
+    """Seven nodes are pending per level of the tree over parts, of one more level, and of a part."""
     depth = 2 * MAX_DEPTH + 1
     children = np.full((depth, LANES), ~0)
     children[:-1, 0] = np.arange(1, depth)
@@ -305,7 +304,7 @@ def test_thousands_of_parts_are_answered_within_any_budget():
 
 @pytest.fixture(scope="module")
 def cavity():
-    """A ball of 81 920 faces in a shell of as many, within a scene's memory."""
+    """A ball of 81 920 faces in a shell of equal face count, within a scene's memory."""
     shell = shapes.join(shapes.sphere(1.0, 6), shapes.sphere(1.25, 6))
     return model_of(shapes.tetrahedron(), shell).part_alone(1)
 
@@ -343,8 +342,7 @@ def test_bracket_at_the_centre_closes_with_the_budget(cavity):
 
 
 def test_a_few_steps_from_nothing_find_a_near_face_and_raise_the_bound():
-    """Each sweep follows one of the nearest nodes down to a leaf, and opens the others in order of distance.
-    """
+    """Each sweep follows a nearest node down to a leaf, and opens the others in order of distance."""
     found = walk(model_of(shapes.sphere(1.0, 5)), (0.0, 0.0, 0.5), 8)
 
     assert found.slot != NO_SLOT and 0.2 < found.lower_sq <= 0.25 <= found.best_sq * 1.01 < 0.26

@@ -113,7 +113,7 @@ def faces_that_pass(vertices, faces):
 
 
 def bare_marks(solid):
-    """Marks of the kernel before faces with a wrong sign and neighbours are added."""
+    """Marks of the kernel, before neighbours and faces with a wrong sign are added."""
     piece = part_arrays(solid.snapshot(), 0)
     model = solid.snapshot()
     marks = np.zeros(len(piece.faces), bool)

@@ -105,7 +105,7 @@ def mesh(request):
 
 @numba.njit(error_model="numpy")
 def open_lanes(node, segments, best_sq, far, opened):
-    """Lanes that a traversal with that best opens for each segment, and whether it counts as far."""
+    """Lanes that a traversal with that best opens for each segment, and a flag for far segments."""
     plan, probe = stack_plans(1)[0], stack_probes(1)[0]
     for i in range(len(segments)):
         s = segments[i]

@@ -1,5 +1,4 @@
-"""Conservative advancement: certified parameters are free, no surface is missed, and balls only save queries.
-"""
+"""Conservative advancement: certified parameters are free, surfaces are not missed, balls save queries."""
 
 import numpy as np
 import pytest

@@ -274,7 +274,7 @@ def test_way_back_is_closed(times, strays, expected):
 
 
 def test_small_stray_widens_the_error_and_passes():
-    """Two centimetres in 8 ms are no jump, but far more than acceleration explains."""
+    """Two centimetres in 8 ms do not count as a jump, but far exceed the acceleration limit."""
     finger = Finger()
     times = np.arange(9) * 8 * MS
     positions = np.zeros((9, 3))

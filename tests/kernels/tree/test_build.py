@@ -37,8 +37,7 @@ def halved(boxes, leaf_shift=FACES_SHIFT):
 
 
 def assert_binary_tree(nodes, links, faces):
-    """Check that nodes are reached once and have the union of their children's boxes, and leaves split faces.
-    """
+    """Check that nodes are reached once and enclose their children, and that leaves split the faces."""
     boxes = nodes.reshape(-1, BOX_STRIDE)
     seen, used, waiting = np.zeros(len(links), int), np.zeros(len(faces), int), [0]
     while waiting:

@@ -1,8 +1,8 @@
 """Programs built from the clients of ``proximity client``, each with its own driver.
 
 A driver takes commands: ``read EVENTS ANSWERS`` makes its reader process events from a file, ``tag KEY DATA
-SIZE…``
-prints tags, ``listen`` and ``send HOST PORT FROM-or-BIND KEY`` open an end of UDP; ``-`` omits a value.
+SIZE…`` prints tags, ``listen`` and ``send HOST PORT FROM-or-BIND KEY`` open an end of UDP; ``-`` omits a
+value.
 """
 
 import shutil

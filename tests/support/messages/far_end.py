@@ -1,8 +1,7 @@
 """The other end of a transport, in a separate process that a test can kill.
 
 The process is this script: ``far_end.py ROLE ADDRESS COUNT``. It prints a line when ready and ends with its
-standard
-input, so that no process outlives a failed test.
+standard input, so that no process outlives a failed test.
 """
 
 import contextlib

@@ -1,8 +1,7 @@
 """Verdicts that receivers in every language must reach: one table, with a test for each receiver.
 
 A `Step` is an arriving frame, and whether it is accepted or why not. Sessions are relative to `SESSION`, send
-times to
-the arrival time.
+times to the arrival time.
 """
 
 from collections.abc import Mapping
