@@ -14,7 +14,7 @@ COMMAND = ("check",)
 
 @pytest.fixture
 def catalogue(tmp_path, monkeypatch):
-    """A folder of two boxes, one with a note, two refused in one way, and one that is no mesh by its name."""
+    """A folder with two boxes, a file with a note, two refused for one reason, and one of another format."""
     monkeypatch.chdir(tmp_path)
     folder = tmp_path / "parts"
     (folder / "deep" / "er").mkdir(parents=True)

@@ -402,7 +402,7 @@ def test_file_of_another_version_is_an_error_of_its_own_that_names_both(changed,
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "count"), [("cell", 500), ("crowd", 250), ("alone", 100), ("bodies", 150)])
 def test_changed_file_is_refused_or_answers(name, count, tmp_path):
-    """What the library refuses Python does, too; it reads less of a file. A crash ends the other process."""
+    """Python refuses every file that the library refuses; it reads less of it. Crashes end a subprocess."""
     command = [sys.executable, TRIALS / "mutated_library.py", name, "0", str(count), tmp_path]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([*IMPORT_PATHS, str(ROOT / "bench")])}
 
