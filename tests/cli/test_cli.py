@@ -1,6 +1,6 @@
 """Output and exit codes of the commands, on an analytic sphere instead of a file.
 
-The sphere has radius 10 mm and its centre at the origin; `proximity.load` is replaced, so nothing compiles.
+The sphere has radius 10 mm and its centre at the origin; `proximity.load` is replaced to avoid compiling.
 """
 
 import io
@@ -197,7 +197,7 @@ def seen(screen, *words):
     return all(each in screen.getvalue() for each in words)
 
 
-@pytest.mark.parametrize("name", ["gears.step", "parts[/b].stl"])  # the second: Rich's markup closes nothing
+@pytest.mark.parametrize("name", ["gears.step", "parts[/b].stl"])  # the second: a closing tag in Rich
 def test_long_reading_shows_a_spinner_that_counts_on_a_terminal(name, monkeypatch):
     screen = terminal(monkeypatch)
     monkeypatch.setattr(progress, "ANNOUNCE_AFTER_S", 0.0)

@@ -434,7 +434,7 @@ def test_what_cannot_be_done_is_told(tmp_path):
         opened.cast(np.zeros((4, 3)), [[1, 0, 0], [0, 1, 0], [0, 0, 0], [0, 0, 0]])
     with pytest.raises(NotWatertightError, match="no part has an inside"):
         sheet.contains(point)
-    assert answers(opened) == answers(crowd(3))  # the errors have changed nothing
+    assert answers(opened) == answers(crowd(3))  # unchanged by the errors
 
 
 def matrix_with(row, column, number):

@@ -364,7 +364,7 @@ TRANSITIONS = {
             (29e-6, 0.0, POSITION), (31e-6, 0.0, APPROACH), (0.5e-3, 0.06, POSITION),
             (0.5e-3, 0.04, APPROACH), (1.5e-3, 0.06, APPROACH))
     },
-    "a touched drum holds up to a millimetre": [touching,  # new positions do not move it meanwhile
+    "a touched drum holds up to a millimetre": [touching,  # new positions do not move it
         *((run(finger=beyond(-gap), felt=0.0, position=WALL + 0.003, lower=0.0), POSITION, {"position": kept})
           for gap in (0.1e-3, 0.5e-3, 0.99e-3)),
         (run(finger=beyond(-1.01e-3), position=WALL + 0.003), APPROACH, {"at": WALL + 0.003})],

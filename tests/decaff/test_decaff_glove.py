@@ -290,7 +290,7 @@ def test_forces_are_those_of_the_paper():
 
 
 def test_cable_makes_the_wall_as_soft_as_the_paper_says():
-    """1212 N/m with 20 N/mm, 6060 N/m with 100 N/mm: the cable moves 0.246 times as far as the fingertip."""
+    """1212 N/m with 20 N/mm, 6060 N/m with 100 N/mm: 0.246 mm of cable per mm of fingertip."""
     ratio = GLOVE.cable.replica_pulley / GLOVE.tip_per_radian(0.5)
 
     assert float(ratio) == printed("0.246")

@@ -1,4 +1,4 @@
-"""Input of callers and sensors: rejected with an error, or used as far as it is valid."""
+"""Input of callers and sensors: rejected with an error, or its valid rows used."""
 
 import copy
 import pickle

@@ -189,7 +189,7 @@ def test_finger_beside_a_path_that_is_in_contact_there_has_no_time_left_if_it_go
 
 
 def test_where_the_steps_do_not_suffice_the_contact_is_not_before_what_is_told():
-    """Flush along a plate: the path is free as far as searched, error and rate of the contact are unknown."""
+    """Flush along a plate: the searched part is free, error and rate of the contact are unknown."""
     scene = Scene([plate(half=0.5), solid(shapes.box((0.3, -0.1, 0.0), (0.4, 0.1, 0.1)), "stop")])
     scene.move("stop", Pose(), velocity=(0.1, 0, 0))
     found = tick_path(scene, line((0, 0, RADIUS + 1e-4), (0.4, 0, RADIUS + 1e-4)), velocity=(0.1, 0, 0))
@@ -218,7 +218,7 @@ def test_thin_sheet_across_a_path_is_not_passed():
 
 @pytest.mark.parametrize("radius", [0.0, 1e-5])
 def test_finger_as_small_as_a_point_has_its_contact_confirmed(radius):
-    # Regression: it searched for points deeper than the radius, where a small finger touches nothing.
+    # Regression: it searched for points deeper than the radius, where a small finger has no contact.
     found = tick_path([plate()], line((0, 0, 0.05), (0, 0, -0.05)), radius=radius)
 
     true = (0.05 - radius) / 0.1

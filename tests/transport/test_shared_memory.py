@@ -218,7 +218,7 @@ def test_one_thread_may_wait_while_another_follows_to_the_next_mailbox(address, 
     waiting = threading.Thread(target=wait)
     waiting.start()
     for number in range(10):
-        path.unlink()  # by hand: no reader is woken, and for a while there is no mailbox
+        path.unlink()  # by hand: readers are not woken, and the mailbox is missing for a while
         until(lambda: inlet.receive(buffer) == NOTHING and not inlet.is_written)
         time.sleep(0.03)
         outlets.append(open_outlet(address))
