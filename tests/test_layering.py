@@ -157,7 +157,7 @@ NUMBA_MAY_BE_IMPORTED_BY = {
     "proximity.kernels.compiled_stack", "proximity.native.jit", "proximity.native.simd.compiled",
     "proximity.native.simd.vectors", "proximity.native.warm_up",
 }  # fmt: skip
-# Names of numba's compiler and LLVM code for it: imported only where numba compiles kernels.
+# Names of `proximity.native` that declare kernels: files that import them are sources of kernels.
 DECLARATIONS = {"bundle", "entry", "inlined", "kernel", "allocating_kernel"}
 
 

@@ -69,7 +69,7 @@ def answers(asked, seed=5, count=300):
     return told
 
 
-# --- the same answers ------------------------------------------------------------------------------------
+# Queries
 
 
 @pytest.mark.parametrize("instructions", SETS)
@@ -131,7 +131,7 @@ def _of_part(mesh):
     return solid, Pose(), np.arange(solid.mesh.face_count, dtype=np.int32)
 
 
-# --- changes ---------------------------------------------------------------------------------------------
+# Changes
 
 
 def crowd(count=20):
@@ -216,7 +216,7 @@ def test_rotation_in_single_precision_is_taken_as_the_nearest():
     assert np.abs(turn - rough[:3, :3]).max() < 1e-6
 
 
-# --- tracker ---------------------------------------------------------------------------------------------
+# Tracker
 
 
 @pytest.mark.parametrize("instructions", SETS)
@@ -300,7 +300,7 @@ def test_settings_and_ticks_that_cannot_be_used_are_told():
             )  # fmt: skip
 
 
-# --- bytes, threads --------------------------------------------------------------------------------------
+# Bytes and threads
 
 
 def test_bytes_stay_as_they_are(tmp_path):
@@ -344,7 +344,7 @@ def test_eight_threads_ask_one_scene():
             assert list(pool.map(lambda seed: answers(opened, seed, 500), range(8))) == expected
 
 
-# --- refusals --------------------------------------------------------------------------------------------
+# Errors
 
 
 def refusal(open_with, path):

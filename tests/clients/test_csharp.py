@@ -156,7 +156,7 @@ def test_functions_are_those_of_the_header():
         assert declared[name] == (words.count(",") + 1 if words else 0), name
 
 
-# --- Unity -----------------------------------------------------------------------------------------------
+# Unity
 
 
 def matrix_of(quaternion):
@@ -224,7 +224,7 @@ def test_part_turns_as_its_object_does(package, tmp_path, mirror, ahead):
     assert np.abs(np.subtract([float(word) for word in told[2].split()], [0.1, 0, 0])).max() < 2e-3
 
 
-# --- the guide -------------------------------------------------------------------------------------------
+# The guide
 
 
 @has_library

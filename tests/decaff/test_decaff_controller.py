@@ -350,8 +350,8 @@ def at_least(bound):
     return lambda found, before: found >= bound
 
 
-# Each failure and transition: the initial bench; then events, the state after each, and further fields. "at"
-# is the bend of the drum's target.
+# Each failure and transition: the initial bench; then events, the state after each, and further fields.
+# "at": the bend of the drum's target.
 TRANSITIONS = {
     "the drum waits retracted until a contact is told twice": [Bench, (silence(), RETRACTED),
         (step(position=math.nan), RETRACTED), (step(), RETRACTED),
@@ -369,8 +369,7 @@ TRANSITIONS = {
           for gap in (0.1e-3, 0.5e-3, 0.99e-3)),
         (run(finger=beyond(-1.01e-3), position=WALL + 0.003), APPROACH, {"at": WALL + 0.003})],
     **{
-        # Regression: it counted as touched: at a soft part a force of 0 was served, and the drum did not
-        # move.
+        # Regression: it counted as touched; a soft part served a force of 0, and the drum did not move.
         f"the object a finger leans on has gone, {fields['surface'].name}": [partial(touching, **fields),
             *[(step(position=WALL + 0.05, **fields), APPROACH,  # a centimetre away
                {"mode": DriveMode.POSITION, "at": WALL + 0.05})] * 20]
@@ -434,7 +433,7 @@ TRANSITIONS = {
         for field, value in BAD
     },
     "a pose from the future or the past is dropped": [approaching,
-        (step(ahead_ns=7 * MS), APPROACH, {"dropped": 1}),  # 6 ms ahead when it is read
+        (step(ahead_ns=7 * MS), APPROACH, {"dropped": 1}),  # 6 ms ahead when read
         (step(ahead_ns=5 * MS), APPROACH, {"dropped": 1}),  # 4 ms
         (step(), APPROACH), (step(ahead_ns=-9 * MS), APPROACH, {"dropped": 3})],
     "a jump towards the finger needs a second frame": [approaching,
@@ -611,7 +610,7 @@ def test_lost_tracking_in_contact_ramps_the_force_and_then_retracts():
 
 @pytest.mark.parametrize("jump", [-3_000_023 * MS, -11 * MS, 23 * MS])
 def test_clock_of_the_frames_that_jumps_is_no_fault_of_the_servo(jump):
-    """It is guessed from another machine's frames, and jumps when a faster one comes: the motor stays on."""
+    """The estimate from another machine's frames jumps when a faster one arrives: the motor stays on."""
     for bench in (approaching(), touching()):
         speed = float(bench.controller.known.speed)
         bench.now, bench.ahead = bench.now + jump, bench.ahead - jump

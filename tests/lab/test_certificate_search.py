@@ -103,7 +103,7 @@ def test_shrunk_balls_touch_the_ball_and_hold_none_of_it(ball):
     inside = starting_positions.medial_positions(ball, points, normals)[8:]
 
     touching = np.linalg.norm(inside - points, axis=1)
-    # Near the centre the distance is exact only within the budget.
+    # Near the centre the budget bounds the search, so the distance is approximate.
     np.testing.assert_allclose(ball.scene.distance(inside), touching, rtol=0.02)
 
 

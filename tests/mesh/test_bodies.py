@@ -70,7 +70,7 @@ def junction():
 
 
 def projective_plane():
-    """Return six vertices where every edge has two faces, but no inside exists."""
+    """Return six vertices with two faces at every edge that do not enclose an inside."""
     ring = [[0, k, k % 5 + 1] for k in range(1, 6)]
     faces = np.array([*ring, [1, 2, 4], [2, 3, 5], [3, 4, 1], [4, 5, 2], [5, 1, 3]])
     return np.random.default_rng(7).random((6, 3)), faces

@@ -43,7 +43,7 @@ def test_first_tick_is_tracked_and_exact_but_knows_no_velocity():
     )
     assert found["velocity"].tolist() == [[0, 0, 0]]
     assert found["time_to_contact"] == np.inf
-    # At a hand's maximum speed contact would be possible.
+    # The earliest contact at a hand's maximum speed.
     assert 0.0 < found["time_to_contact_lower"][0] <= 0.043 / 3.0
 
 
