@@ -45,7 +45,7 @@ def overlap(scene: Scene, first: str, second: str) -> Overlap | None:
     Raises
     ------
     SceneError
-        If there is no such part.
+        If a part does not exist.
     MeshError
         If a part is not a closed solid for manifold3d.
 

@@ -110,7 +110,7 @@ class PairQueries:
         Raises
         ------
         SceneError
-            If there is no such part, or both are the same.
+            If a part does not exist, or both are the same.
         ArgumentError
             If the tolerance or the budget is out of range.
 
@@ -160,7 +160,7 @@ class PairQueries:
         Raises
         ------
         SceneError
-            If there is no such part, or both are the same.
+            If a part does not exist, or both are the same.
         ArgumentError
             If the direction is not three finite numbers, or zero, or the tolerance is out of range.
 
@@ -212,7 +212,7 @@ class PairQueries:
         Raises
         ------
         SceneError
-            If there is no such part.
+            If the part does not exist.
         ArgumentError
             If ``max_distance`` or ``most`` is out of range.
 

@@ -130,7 +130,7 @@ def draw_scene(
             "pictures need OpenGL, and VTK found none: install libEGL and Mesa's drivers (Debian and Ubuntu: "
             "apt install libegl1 libgl1-mesa-dri)"
         )
-    plotter.set_background("white")  # a gradient would darken edges that end before it
+    plotter.set_background("white")  # a gradient would darken outlines in front of it
     for direction, brightness in LIGHTS:
         plotter.add_light(
             pyvista.Light(position=camera.screen_from_scene.T @ direction, intensity=brightness)
@@ -179,10 +179,10 @@ def _add_parts(plotter: Any, parts: "Sequence[Part]", tints: Sequence[str], came
 
 
 def _add_sheet(plotter: Any, field: FieldSlice, camera: Camera, colors: DistanceColors) -> None:
-    """Draw the plane's colours and lines of equal distance, and where it cuts the surface."""
+    """Draw the plane's colours and iso-distance lines, and its intersection with the surface."""
     sheet = load_pyvista().StructuredGrid(*np.moveaxis(camera.heights(field.points)[..., None, :], -1, 0))
     sheet["colors"] = np.swapaxes(colors(field.signed_distance), 0, 1).reshape(-1, 3)
-    sheet["distance"] = field.signed_distance.T.reshape(-1)  # down the columns, as points are
+    sheet["distance"] = field.signed_distance.T.reshape(-1)  # in column order, as the points
     look = {"lighting": False, "show_scalar_bar": False}
     plotter.add_mesh(sheet, scalars="colors", rgb=True, opacity=SHEET_OPACITY, **look)
     levels = np.arange(colors.levels[0] * colors.metres, colors.levels[-1] * colors.metres, colors.step)
