@@ -29,9 +29,9 @@ MOST_KINDS = 4
 MOST_NAMES = 1 << 20
 """Largest number of names in a description."""
 MOST_AT_ONCE = 1024
-"""Largest number of messages read at once: more than a transport buffers for a reader."""
+"""Largest number of messages read in one call: more than a transport buffers for a reader."""
 MOST_FLAWED = 256
-"""Largest number of flawed messages read at once: a flood must not block a reader."""
+"""Largest number of flawed messages read in one call: a flood must not block a reader."""
 NS_PER_DRIFT = 5000
 """Ns in which two quartz clocks may drift apart by one: 200e-6, twice their specification."""
 TRANSIT_NS = 1_000_000

@@ -112,7 +112,7 @@ PROXIMITY_API int32_t proximity_find_part(const proximity_scene *scene, const ch
 /* The number of faces of a part; 0 if the part does not exist. *Reads.* */
 PROXIMITY_API int32_t proximity_face_count(const proximity_scene *scene, int32_t part);
 
-/* Whether a part is hidden: 1 or 0. *Reads.* */
+/* Test whether a part is hidden: 1 or 0. *Reads.* */
 PROXIMITY_API int proximity_is_hidden(const proximity_scene *scene, int32_t part);
 
 /* The pose of a part: 16 numbers. *Reads.* */
@@ -224,7 +224,7 @@ PROXIMITY_API int proximity_signed_distance(const proximity_scene *scene, const 
 PROXIMITY_API int proximity_distance(const proximity_scene *scene, const double *points, size_t count,
                                      double *distances, proximity_error *error);
 
-/* Whether points are inside some part: 1 or 0 each. *Reads.* */
+/* Test whether points are inside some part: 1 or 0 each. *Reads.* */
 PROXIMITY_API int proximity_contains(const proximity_scene *scene, const double *points, size_t count,
                                      uint8_t *is_inside, proximity_error *error);
 

@@ -152,7 +152,7 @@ static inline void proximity_mailbox_wake(proximity_mailbox *box)
 #endif
 }
 
-/* Whether the writer has closed it: the remaining messages may be read, and the name belongs to another file. */
+/* Test whether the writer has closed it: the remaining messages may be read, and the name belongs to another file. */
 static inline int proximity_mailbox_is_closed(const proximity_mailbox *box)
 {
     return __atomic_load_n(&box->header->writer, __ATOMIC_ACQUIRE) == 0;
@@ -264,21 +264,21 @@ static inline int proximity_mailbox_open(proximity_mailbox *box, const char *nam
 }
 #endif
 
-/* Whether a message is waiting. */
+/* Test whether a message is waiting. */
 static inline int proximity_mailbox_has(const proximity_mailbox *box)
 {
     return __atomic_load_n(&box->header->head, __ATOMIC_ACQUIRE) != box->position;
 }
 
 #ifdef __linux__
-/* Whether a living writer has it open. */
+/* Test whether a living writer has it open. */
 static inline int proximity_mailbox_is_written(const proximity_mailbox *box)
 {
     return box->header != NULL && !proximity_mailbox_is_closed(box)
            && (box->is_writer || proximity_mailbox_lock(box->file, F_OFD_GETLK) == 0);
 }
 
-/* Whether no further message will come: it was closed, or its name belongs to another file, or to none. */
+/* Test whether no further message will come: it was closed, or its name belongs to another file, or to none. */
 static inline int proximity_mailbox_is_over(const proximity_mailbox *box)
 {
     struct stat here, there;
