@@ -59,5 +59,5 @@ def _compile() -> None:
 
 
 def write_package(folder: str | os.PathLike[str]) -> dict[str, bool]:
-    """Write the package into a folder; return by path whether files were written; an example is kept."""
+    """Write the package into a folder; return, by path, whether a file was written; an example is kept."""
     return write_files(package_files(), folder, {"example.mjs"})
