@@ -1,4 +1,4 @@
-"""Ageing of contacts: bounds widen with time until they become infinite.
+"""Ageing of contacts: widening of their bounds with time, and clearing.
 
 Both functions change records in place and keep the meaning of every field as published.
 """
