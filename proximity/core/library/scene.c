@@ -214,7 +214,7 @@ proximity_scene *proximity_scene_over(const int64_t *model)
     archive->frame_count = model[5];
     archive->part_rows = model[7];
     archive->part_count = model[7] - 1;
-    archive->names = calloc((size_t)model[7], 1); /* the scene has no names */
+    archive->names = calloc((size_t)model[7], 1); /* empty names, which are not used */
     scene->set = proximity_best_set(NULL);
     if (archive->names == NULL || scene->set == NULL || !proximity_begin_changes(scene)) {
         proximity_close(scene);

@@ -76,7 +76,7 @@ static void skip_what_is_past(Loop *loop, int64_t now_ns)
     loop->due_ns += past * loop->period_ns;
 }
 
-/* Estimate the bends of tracked fingers that are on no path. */
+/* Write the bends, with estimated rates, of tracked fingers without a path. */
 static void write_bends(Loop *loop, LoopSource *source, proximity_contact *contacts)
 {
     const double *bends = POINTER(loop->bends);

@@ -1,9 +1,9 @@
 """Models of one scene while its parts move: readers keep theirs while the next is written.
 
-A `SceneState` has the present state. A request for a model writes the rows, boxes and dynamic nodes changed
-since then to a copy that no living model uses, and that copy becomes the model. The static tree is copied
-without a part when that part moves for the first time or is hidden; it is rebuilt only when a static part is
-shown, or a part leaves the scene's frame.
+A `SceneState` has the present state. A request for a model brings the rows, boxes and dynamic nodes of a copy
+that no living model uses up to date, and that copy becomes the model. The static tree is copied without a
+part when that part moves for the first time or is hidden; it is rebuilt only when a static part is shown, or
+a part leaves the scene's frame.
 """
 
 import weakref
@@ -85,11 +85,11 @@ class SceneState:
     Not thread-safe: the scene has a lock. A model may be queried from any thread.
     """
 
-    current: Model | None  # None after a change that no model has yet
+    current: Model | None  # None after a change, until a model is requested
     latest: Model  # the current one, or the last before the change
     changes: int  # number of changes
     versions: np.ndarray  # (P + 1,) int64, the value of *changes* when the row changed last
-    _sort_steps: int  # sort steps left until the order along the curve is recomputed
+    _sort_steps: int  # largest number before the order along the curve is recomputed
     _is_whole: bool  # False during a change, and afterwards if it was interrupted
 
     def __init__(self, model: Model) -> None:
