@@ -30,7 +30,7 @@ SENSOR = _record(
 SOURCE = _record(
     "sensor",  # 0: there is a scene
     "model",  # words of its arrays, as kernels take them
-    "tracker",  # likewise, as `TrackerArrays`
+    "tracker",  # its arrays, as `TrackerArrays`
     "bend_motions",  # estimates of the bends, two a finger
     "epoch",  # of the scene
     "is_moved",  # whether parts have moved since the tracker's last tick

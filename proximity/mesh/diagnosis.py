@@ -1,6 +1,6 @@
 """Diagnosis of a mesh: counts of its defects.
 
-Diagnosis repairs and decides nothing: `body_split` has repaired the mesh, and the caller judges the counts.
+This module repairs nothing: `body_split` has repaired the mesh, and the caller judges the counts.
 `manifold3d` gives a second opinion on whether the mesh is a solid.
 """
 

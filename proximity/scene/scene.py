@@ -218,9 +218,9 @@ class Scene(Queries, PairQueries):
         poses : (K, 4, 4) float64, or a list of Pose
             ``world_from_part``, metres.
         velocities : (K, 3) float64, m/s, scene's frame
-            Of the parts' origins; zero where not given.
+            Of the parts' origins. Default: zero.
         angular_velocities : (K, 3) float64, rad/s, scene's frame
-            About the parts' origins; zero where not given.
+            About the parts' origins. Default: zero.
 
         Raises
         ------

@@ -177,8 +177,8 @@ class Tracker:
         Parameters
         ----------
         positions : (fingers, 3) float64, m, scene's frame
-            Centres of the fingertips. A row that is not finite is a finger that is not tracked: its record
-            says so, and the others are answered. Do not write to the array during the tick.
+            Centres of the fingertips. A row that is not finite marks a finger that is not tracked, also in
+            its record; the others are answered. Do not write to the array during the tick.
         t_pose_ns : int or (fingers,) int64, ns
             Instant of the positions, on the clock of *now_ns*. Repeating an instant does not change the
             velocity; an earlier one is a jump. A finger whose instant is more than a second from *now_ns* is

@@ -559,7 +559,7 @@ inline proximity_addition addition_of(std::string_view name, std::string_view fi
     return addition;
 }
 
-/// A move: the part stands, with its axes those of the scene and its origin there. Set `rotation` if the part is
+/// A move: the part is at rest, with its axes those of the scene and its origin there. Set `rotation` if the part is
 /// turned, and `velocity` while it moves.
 inline proximity_part_move move_of(std::string_view name, std::span<const double, 3> translation,
                                    std::int64_t pose_ns = clock_ns())

@@ -50,7 +50,7 @@ export function readRecord(view, offset, record) {
   return values;
 }
 
-/** Refuse values outside a field's range, which a DataView refuses without its name, or writes as NaN. */
+/** Throw for values outside a field's range: a DataView throws without its name, or writes them as NaN. */
 function checkTypes(name, field, numbers) {
   const isWide = field.type.startsWith("Big");
   for (const value of numbers) {
@@ -144,7 +144,7 @@ export function encode(kind, header, records) {
 /** A record of "poses": a finger whose centre is there, m; velocity and bend are not known. */
 export const poseOf = (finger, position, poseNs) => ({ finger, pose_ns: poseNs, position });
 
-/** A record of "moves": a part that stands, not turned, with its origin there, m. */
+/** A record of "moves": a part at rest, not turned, with its origin there, m. */
 export const moveOf = (name, translation, poseNs) => ({
   name, pose_ns: poseNs, translation, rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1],
   velocity: [0, 0, 0], angular_velocity: [0, 0, 0],
@@ -270,7 +270,7 @@ export class FrameReader {
   #ended = new Map(); // session: the last number of a run before
   #held = null;
   #isNew = false;
-  #nowNs = null; // of the last reading, their clock; null where that is not known
+  #nowNs = null; // of the last reading, publisher's clock; null if it is not known
   #valid = new Map(); // finger: its newest valid contact, while parts keep their numbers
   #names = null; // of a description: numbers of its service, and the names of parts
   #labels = { of: "", names: new Map() }; // of an incomplete description

@@ -78,7 +78,7 @@ async function engineBytes(url) {
   });
 }
 
-/** The bytes at an address; a server's error page is refused. */
+/** The bytes at an address; throws for a server's error page. */
 async function fetched(url, expected, advice = "") {
   const where = String(url?.url ?? url), refuse = (reason) => {
     throw new ProximityError(3, `${where}: ${reason}${advice}`);

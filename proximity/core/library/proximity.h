@@ -62,7 +62,7 @@ enum {
 
 typedef struct proximity_error {
     int32_t code;
-    char sentence[508]; /* UTF-8: what, where, and what was expected */
+    char sentence[508]; /* UTF-8: cause, place and expected value */
 } proximity_error;
 
 /* --- scenes ------------------------------------------------------------------------------------------- */

@@ -367,7 +367,7 @@ namespace Proximity
         private ulong lastSession, lastSequence, newestSession;
         private long lastSent, lastNow;
         private readonly Dictionary<long, string> labels = new Dictionary<long, string>(); // not all have come
-        private ProximityDescriptionHeader labelsOf, namesOf; // namesOf: zeros where no description has come
+        private ProximityDescriptionHeader labelsOf, namesOf; // namesOf: zeros before the first description
         private string[] partNames = new string[0];
 
         public ProximityFrameReader(bool sharesClock, bool isKeyed, double staleAfter = 0.08, double maxSpeed = 3,
@@ -804,7 +804,7 @@ namespace Proximity
             return pose;
         }
 
-        /// <summary>A move of now: the part stands, not turned, with its origin there. Makes garbage: keep it.</summary>
+        /// <summary>A move of now: the part is at rest, not turned, with its origin there. Makes garbage: keep it.</summary>
         public static ProximityMove MoveOf(string name, double x, double y, double z)
         {
             ProximityMove move = ProximityMove.Begin();
