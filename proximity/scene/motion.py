@@ -1,6 +1,6 @@
 """Motions of a part: turns, slides and poses between which it is interpolated."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
@@ -44,11 +44,20 @@ class Span:
 
 
 class Motion:
-    """The motion of a part, as `Scene.clearance_along` takes it: made by `hinge`, `slide` or `through`."""
+    """The motion of a part for `Scene.clearance_along`: see `hinge`, `slide` and `through`, which make one.
 
-    def __init__(self, first: float, last: float, spans: Any) -> None:
+    Parameters
+    ----------
+    first, last : float
+        Positions at which it begins and ends.
+    spans : callable
+        Takes the part's present pose and the middle of its box, (3,) m, part's frame; returns the pieces of
+        the motion.
+    """
+
+    def __init__(self, first: float, last: float, spans: Callable[[Pose, np.ndarray], list[Span]]) -> None:
         self.first, self.last = first, last
-        self._spans = spans
+        self.spans = spans
 
     @classmethod
     def hinge(cls, point: Any, axis: Any, start: float, end: float) -> "Motion":
@@ -144,11 +153,6 @@ class Motion:
             return found
 
         return cls(float(steps[0]), float(steps[-1]), spans)
-
-    def spans(self, pose: Pose, middle: np.ndarray) -> list[Span]:
-        """Return the pieces of the motion from a present pose; *middle*: of the part's box, part's frame."""
-        found: list[Span] = self._spans(pose, middle)
-        return found
 
 
 def _turn(axis: np.ndarray, angle: float) -> np.ndarray:

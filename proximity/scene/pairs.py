@@ -1,7 +1,7 @@
 """Queries of pairs of parts: their distance, and the nearest pairs of a scene."""
 
 from bisect import insort
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from enum import StrEnum
 from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -17,8 +17,6 @@ from proximity.scene.model.assembly import Model
 from proximity.scene.solid import Solid
 
 if TYPE_CHECKING:
-    from proximity.scene.motion import Motion
-    from proximity.scene.motion_clearance import MotionClearance
     from proximity.scene.penetration import DeepestPoint, Penetration
 
 
@@ -238,65 +236,6 @@ class PairQueries:
                     del found[most:]
                     limit = min(limit, found[-1][0])
         return [pair for *_, pair in found]
-
-    def clearance_along(
-        self,
-        part: str | int,
-        motion: "Motion",
-        *,
-        others: Iterable[str | int] | None = None,
-        tolerance: float = 0.05,
-        below: float | None = None,
-    ) -> "MotionClearance":
-        """Return the smallest distance of a part over a whole motion, also between the samples.
-
-        The scene does not change.
-
-        Parameters
-        ----------
-        part : str or int
-            Name or index of the part that moves; it may be hidden.
-        motion : Motion
-            Its motion, relative to its present pose or through given poses.
-        others : iterable of str or int
-            Parts to measure to, hidden ones left out. Default: all other visible parts. Leave out the parts
-            that it rests on or turns in: it touches them all the time.
-        tolerance : float
-            The returned distance may be longer than the true minimum by this share of it.
-        below : m
-            End as soon as it is certain whether the smallest distance is less than this.
-
-        Returns
-        -------
-        MotionClearance
-            The smallest distance with its bounds, its position and points; the first touch; and the curve.
-
-        Raises
-        ------
-        SceneError
-            If there is no such part, or no other part to measure to.
-        ArgumentError
-            If the tolerance or ``below`` is out of range.
-        PoseError
-            If the motion leaves the range of poses.
-
-        Notes
-        -----
-        Cost: that of `clearance` for each sample: 50 for a part that keeps away, the more the longer its path
-        is relative to the smallest distance; 20 000 at most, see ``is_complete``.
-        Source: conservative advancement, Mirtich 1996.
-        """
-        from proximity.scene.motion_clearance import MotionSearch  # other queries do not need it
-
-        tolerance = not_negative("tolerance", tolerance, "shares")
-        limit = None if below is None else not_negative("below", below, "metres")
-        names = [] if others is None else list(others)
-        model, solids, (row, *rows) = self._state_with_rows(part, *names)
-        visible = np.flatnonzero(model.parts["is_hidden"][:-1] == 0).tolist()
-        measured = {each for each in (visible if others is None else rows) if each != row} & set(visible)
-        if not measured:
-            raise SceneError(f"there is no other visible part to measure {part!r} to")
-        return MotionSearch(model, solids, row, measured, motion).search(tolerance, limit)
 
 
 def deepest_of(queries: PairQueries, first: str, second: str, tolerance: float) -> "DeepestPoint":

@@ -10,7 +10,7 @@ from proximity.checks import refuse_trimesh
 from proximity.errors import SceneError
 from proximity.scene.model.assembly import Model
 from proximity.scene.model.scene_state import box_of_vertices
-from proximity.scene.pairs import PairQueries
+from proximity.scene.motion_clearance import MotionQueries
 from proximity.scene.part import (
     NO_VELOCITY,
     LoadReport,
@@ -27,7 +27,7 @@ from proximity.scene.solid import Solid
 from proximity.system.locks import fork_safe_lock
 
 
-class Scene(Queries, PairQueries):
+class Scene(Queries, MotionQueries):
     """Parts that are queried together; they may be moved, deformed, added and removed between queries.
 
     Parameters
