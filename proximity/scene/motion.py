@@ -1,4 +1,4 @@
-"""Motions of a part: turns, slides and poses between which it is interpolated."""
+"""Motions of a part: turns, slides, and paths through given poses."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from proximity.pose import Pose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Span:
-    """A piece of a motion: the part turns about an axis, and the axis moves along a line, both evenly.
+    """A piece of a motion. The part turns evenly about an axis, which moves evenly along a line.
 
     ``start`` and ``end`` are positions, ``pose`` is scene from part at the start. ``centre`` is a point of
     the axis at the start and ``axis`` its unit direction, both in the scene's frame.
@@ -30,28 +30,31 @@ class Span:
     angle: float  # rad
 
     def pose_at(self, position: float) -> Pose:
-        """Return scene from part at a position between start and end."""
+        """Return the pose, scene from part, at a position between start and end."""
         share = (position - self.start) / (self.end - self.start)
         turn = _turn(self.axis, share * self.angle)
         translation = self.centre + share * self.shift + turn @ (self.pose.translation - self.centre)
         return Pose(turn @ self.pose.rotation, translation)
 
     def path_length(self, points: np.ndarray) -> float:
-        """Return an upper bound, m, of the paths of the part's points; *points* (V, 3) are its corners."""
+        """Return an upper bound, m, of the length of the path of any point of the part.
+
+        *points*: (V, 3), the corners of the part.
+        """
         arms = points @ self.pose.rotation.T + (self.pose.translation - self.centre)
         radius = float(np.sqrt(np.max(np.sum(np.cross(arms, self.axis) ** 2, axis=1))))
         return float(np.linalg.norm(self.shift)) + abs(self.angle) * radius
 
 
 class Motion:
-    """The motion of a part for `Scene.clearance_along`: see `hinge`, `slide` and `through`, which make one.
+    """The motion of a part for `Scene.clearance_along`. It is made by `hinge`, `slide` or `through`.
 
     Parameters
     ----------
     first, last : float
         Positions at which it begins and ends.
     spans : callable
-        Takes the part's present pose and the middle of its box, (3,) m, part's frame; returns the pieces of
+        Takes the part's present pose and the middle of its box, (3,) m, part's frame, and returns the pieces of
         the motion.
     """
 
@@ -112,17 +115,17 @@ class Motion:
 
     @classmethod
     def through(cls, poses: Iterable[Pose], positions: Any = None) -> "Motion":
-        """Return a motion through poses.
+        """Return a motion through given poses.
 
-        Between two poses the middle of the part's box moves along a line and the part turns about one axis,
-        the shorter way, both evenly.
+        Between two poses, the middle of the part's box moves evenly along a line. The part turns evenly about
+        one axis, by the smaller of the two possible angles.
 
         Parameters
         ----------
         poses : iterable of Pose
-            Scene from part, two at least.
+            Scene from part; at least two.
         positions : (K,) array-like
-            Position of each pose, such as a time in s, ascending. Default: 0, 1, 2, …
+            Position of each pose, such as a time in s, in ascending order. Default: 0, 1, 2, …
 
         Raises
         ------
@@ -156,7 +159,7 @@ class Motion:
 
 
 def _turn(axis: np.ndarray, angle: float) -> np.ndarray:
-    """Return the rotation about a unit axis (Rodrigues)."""
+    """Return the rotation matrix for a turn about a unit axis, by Rodrigues' formula."""
     x, y, z = axis
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turn: np.ndarray = np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * (skew @ skew)

@@ -1,7 +1,7 @@
-"""The smallest clearance of a part over a whole motion, certain between the samples.
+"""The smallest clearance of a part over a whole motion, with bounds that also hold between the samples.
 
 A distance changes by at most the length of the path of the part's points (conservative advancement, Mirtich
-1996): between two poses with distances a and b and a path of length w, it is at least (a + b - w) / 2. The
+1996). So between two poses with distances a and b and a path of length w, it is at least (a + b - w) / 2. The
 interval with the smallest bound is halved until the bounds meet the tolerance.
 """
 
@@ -22,23 +22,23 @@ from proximity.scene.pairs import Clearance, PairQueries, _clearance, _pairs_by_
 from proximity.scene.solid import Solid
 
 SAMPLES = 48
-"""Intervals at the beginning, of all spans together; each span has two at least."""
+"""Number of intervals at the beginning, in all spans together. Each span has at least two."""
 MAX_SAMPLES = 20_000
 RESOLUTION = 1e-6
-"""Of the part's path: how closely the first touch is located, and smaller bounds are not improved."""
+"""Share of the part's path to which the first touch is located. Smaller bounds are not improved."""
 ROUNDING = 1e-12
-"""Of the largest coordinate: the error of a distance."""
+"""Error of a distance, as a share of the largest coordinate."""
 
 
 class MotionClearance(NamedTuple):
     """The smallest distance of a moving part over its motion.
 
     ``nearest`` is the clearance at ``position``, where the distance is smallest. The true minimum over the
-    whole motion is between ``lower`` and ``distance``, m. ``first_touch`` is None if no touch was found;
-    otherwise it is two positions: before the first the part certainly does not touch, and at the second it
-    does. ``positions`` (N,) are the sampled ones in the order of the motion, ``distances`` (N,), m, the
-    distances there, and ``bounds`` (N - 1,), m, lower bounds between two of them. ``is_complete`` is False if
-    the search ended at its limit of samples before the bounds met the tolerance.
+    whole motion is between ``lower`` and ``distance``, m. ``first_touch`` is None if no touch was found.
+    Otherwise it is two positions: the part certainly does not touch before the first, and touches at the
+    second. ``positions`` (N,) are the sampled ones in the order of the motion. ``distances`` (N,), m, are the
+    distances there, and ``bounds`` (N - 1,), m, are lower bounds between two successive positions.
+    ``is_complete`` is False if the search ended at its limit of samples before the bounds met the tolerance.
     """
 
     nearest: Clearance
@@ -53,7 +53,7 @@ class MotionClearance(NamedTuple):
 
 
 class _Interval(NamedTuple):
-    """Two samples and a bound between them; compared by the bound."""
+    """Two samples and a lower bound of the distance between them. Intervals are compared by the bound."""
 
     lower: float
     start: float
@@ -64,7 +64,7 @@ class _Interval(NamedTuple):
 
 
 class MotionSearch:
-    """Distances of one part along a motion; the scene itself does not change."""
+    """Search for the smallest distance of one part along a motion. The scene itself does not change."""
 
     def __init__(self, model: Model, solids: list[Solid], row: int, others: set[int], motion: Motion) -> None:
         self._solids, self._row, self._others = solids, row, others
@@ -81,7 +81,8 @@ class MotionSearch:
         self._count = 0
 
     def search(self, tolerance: float, below: float | None) -> MotionClearance:
-        """Search until the bounds meet the *tolerance*, or decide whether a distance is less than *below*."""
+        """Search until the bounds meet the *tolerance*, or show whether some distance is less than *below*.
+        """
         open_intervals = self._first_intervals()
         heapify(open_intervals)
         resolution = RESOLUTION * sum(self._lengths)
@@ -115,7 +116,7 @@ class MotionSearch:
         return (position - start) / (end - start)
 
     def _path(self, span: int, start: float, end: float) -> float:
-        """Return a length, m, that no point of the part exceeds between two positions."""
+        """Return an upper bound, m, of the path of any point of the part between two positions."""
         return self._lengths[span] * (self._share(span, end) - self._share(span, start))
 
     def _first_intervals(self) -> list[_Interval]:
@@ -143,7 +144,7 @@ class MotionSearch:
         )
 
     def _distance(self, span: Span, position: float) -> float:
-        """Return the distance at a position; keep the smallest, the first of several."""
+        """Return the distance at a position, and store it with its clearance if it is the smallest so far."""
         self._count += 1
         matrix = span.pose_at(position).matrix[None]
         none = np.empty((0, 3))
@@ -166,7 +167,9 @@ class MotionSearch:
         return best.distance
 
     def _first_touch(self, intervals: list[_Interval]) -> tuple[float, float]:
-        """Return a position up to which the part is certainly free, and one at which it touches."""
+        """Return a position up to which the part certainly does not touch, and a position at which it
+        touches.
+        """
         waiting = intervals[::-1]
         free = intervals[0].start
         while waiting:
@@ -185,7 +188,7 @@ class MotionSearch:
 
 
 class MotionQueries(PairQueries):
-    """Answers of a scene about pairs of its parts, also over a motion."""
+    """Queries of a scene about pairs of its parts, including those over a motion."""
 
     def clearance_along(
         self,
