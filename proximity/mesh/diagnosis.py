@@ -110,8 +110,7 @@ def _as_tuple(point: np.ndarray) -> tuple[float, float, float]:
 
 
 def manifold_solid(points: np.ndarray, corner_ids: np.ndarray, face_ids: np.ndarray | None = None) -> Any:
-    """Return the ``manifold3d.Manifold`` of balanced faces. Its ``status()`` is an error if it is not a
-    solid.
+    """Return a ``manifold3d.Manifold`` of balanced faces. If it is not a solid, its ``status()`` is an error.
 
     *points*: (K, 3) float64, one row a position; *corner_ids*: (F, 3) int32, as in `Topology`. Pieces cut
     from the solid keep the (F,) *face_ids*. manifold3d 3.5.4 ends the process on 4 of 735 meshes whose faces

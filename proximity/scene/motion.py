@@ -54,8 +54,8 @@ class Motion:
     first, last : float
         Positions at which it begins and ends.
     spans : callable
-        Takes the part's present pose and the middle of its box, (3,) m, part's frame, and returns the pieces of
-        the motion.
+        Takes the part's present pose and the middle of its box, (3,) m, part's frame. It returns the pieces
+        of the motion.
     """
 
     def __init__(self, first: float, last: float, spans: Callable[[Pose, np.ndarray], list[Span]]) -> None:

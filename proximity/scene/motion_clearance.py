@@ -167,9 +167,7 @@ class MotionSearch:
         return best.distance
 
     def _first_touch(self, intervals: list[_Interval]) -> tuple[float, float]:
-        """Return a position up to which the part certainly does not touch, and a position at which it
-        touches.
-        """
+        """Return a position up to which the part certainly does not touch, and one at which it touches."""
         waiting = intervals[::-1]
         free = intervals[0].start
         while waiting:
@@ -210,8 +208,8 @@ class MotionQueries(PairQueries):
         motion : Motion
             Its motion, relative to its present pose or through given poses.
         others : iterable of str or int
-            Parts to measure to, hidden ones left out. Default: all other visible parts. Leave out the parts
-            that it rests on or turns in: it touches them all the time.
+            Parts to which the distance is measured; hidden ones are ignored. Default: all other visible
+            parts. Leave out the parts that it rests on or turns in, because it touches them all the time.
         tolerance : float
             The returned distance may be longer than the true minimum by this share of it.
         below : m
@@ -233,8 +231,8 @@ class MotionQueries(PairQueries):
 
         Notes
         -----
-        Cost: that of `clearance` for each sample: 50 for a part that keeps away, the more the longer its path
-        is relative to the smallest distance; 20 000 at most, see ``is_complete``.
+        Cost: that of `clearance` for each sample. There are 50 samples for a part that keeps away, and more
+        for a path that is long relative to the smallest distance; 20 000 at most, see ``is_complete``.
         Source: conservative advancement, Mirtich 1996.
         """
         tolerance = not_negative("tolerance", tolerance, "shares")

@@ -11,10 +11,10 @@ from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 
 TOUCHING_THICKNESS = 1e-6
-"""Mean thickness up to which a common volume counts as touching, relative to the longest side of the box
-around both parts.
+"""Largest mean thickness of a common volume that counts as touching.
 
-STEP files are rounded to single precision, 6e-8, so parts that touch may overlap slightly.
+It is relative to the longest side of the box around both parts. STEP files are rounded to single precision,
+6e-8, so parts that touch may overlap slightly.
 """
 
 

@@ -17,7 +17,7 @@ NO_REPAIRS = Repairs(0, 0, 0.0, 0, 0, 0, False)
 NO_VELOCITY = np.zeros(3)
 NO_VELOCITY.flags.writeable = False
 NO_VELOCITIES = np.zeros((0, 3))
-"""Stands for zero velocities of all parts that are moved."""
+"""Represents zero velocities of all parts that are moved."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
