@@ -1,1 +1,3 @@
-"""Inside or outside of one part: winding number, pseudo-normals, and a grid of classified cells."""
+"""Decision between inside and outside of one part: winding number, pseudo-normals, and a grid of classified
+cells.
+"""
