@@ -11,8 +11,9 @@ from proximity.native import inlined
 from proximity.native.simd import fma, maximum, minimum, narrow, select, splat, splat32
 
 FAR = 2.0
-"""Distance from the middle, in part sizes, up to which rounding a coordinate to float32 errs by at most
-2^-24.
+"""Largest distance from the middle for which the rounding of a coordinate to float32 is at most 2^-24.
+
+It is in part sizes.
 """
 BOX_MARGIN = np.float32(2.0**-23)
 """Padding of boxes when they are made. It is twice the rounding of the query and of the box itself."""
@@ -97,8 +98,7 @@ def lanes_of_point(px, py, pz):
 
 @inlined
 def node_bounds_sq(words, base, point_lanes):
-    """Return bounds of squared distances to a node's boxes, by the method that suits the distance of the
-    point.
+    """Return bounds of squared distances to a node's boxes, by the method for near or for distant points.
 
     *point_lanes*: from `lanes_of_point`.
     """

@@ -1,7 +1,7 @@
-"""Closest points of eight triangles to one point each, by `closest_feature.closest_on_triangle` in every
-lane.
+"""Closest points of eight triangles to one point each.
 
-The formulas and their order are the same, so that a point gets the same answer alone or in a batch.
+It is `closest_feature.closest_on_triangle` in every lane. The formulas and their order are the same, so that
+a point gets the same answer alone or in a batch.
 """
 
 import numpy as np

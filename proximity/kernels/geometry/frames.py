@@ -112,16 +112,16 @@ def _pull_in(value):
 
 @inlined
 def turn_to_scene(frames, parts, part, source, at, target, to):
-    """Rotate a direction from the part's frame to the scene's frame, and write it to *target* from *to* on.
-    """
+    """Rotate a direction from the part's frame to the scene's frame. Write it to *target* from *to* on."""
     x, y, z = direction_to_scene(frames, parts, part, source[at], source[at + 1], source[at + 2])
     target[to], target[to + 1], target[to + 2] = x, y, z
 
 
 @inlined
 def to_scene(frames, parts, part, source, at, target, to):
-    """Transform a point from the part's local frame to the scene's frame, and write it to *target* from *to*
-    on.
+    """Transform a point from the part's local frame to the scene's frame.
+
+    Write it to *target* from *to* on.
     """
     for axis in range(3):
         target[to + axis] = source[at + axis] / frames[part].scale + frames[part].centre[axis]

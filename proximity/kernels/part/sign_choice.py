@@ -34,9 +34,12 @@ SAMPLE_NEAR, SAMPLE_FAR = 1e-6, 3e-2
 The first is just at the surface. At the second, other faces may be nearer.
 """
 CLEAR_TURNS = 0.95
-"""An open surface has an inside if the winding number just below it is above this ..."""
+"""Winding number just below an open surface that must be exceeded for it to have an inside."""
 CLEAR_SHARE = 0.95
-"""... on this share of its area. A sheet, a hemisphere or a box without its lid fails."""
+"""Share of the area on which `CLEAR_TURNS` must be exceeded.
+
+A sheet, a hemisphere or a box without its lid fails.
+"""
 SURFACE_SHARE = 1e-9
 """Distance from the surface, in sizes of the part, within which rounding makes the side arbitrary."""
 MAX_UNCLEAR_TURNS = 0.2
@@ -160,8 +163,8 @@ def _contradictions(model, samples, beside, folded):
     -----
     A surface without self-intersections has winding number 0 just above it and 1 just below.
     Self-intersection curves divide any other surface into regions, and in some of them this fails everywhere:
-    one sample per region suffices. Regions that are some cells wide are found by checking the sign grid next to all faces.
-    Regions of small faces are found by sampling the faces next to cells without a side.
+    one sample per region suffices. Regions that are some cells wide are found by checking the sign grid next to
+    all faces. Regions of small faces are found by sampling the faces next to cells without a side.
     """
     _, words, frames, parts = model
     corners, faces, _, slot_faces = tables_of(model)

@@ -51,7 +51,7 @@ In parts with at most this number of faces, any face may be sampled.
 FACE_SAMPLE_WEIGHTS = np.array([[100, 100, 100], [298, 1, 1], [1, 298, 1], [1, 1, 298]]) / 300.0
 """Weights of the corners of a face at its samples.
 
-One is in the middle, and one is near each corner, because corners enter other regions first.
+One sample is in the middle, and one is near each corner, because corners enter other regions first.
 """
 
 
@@ -76,9 +76,7 @@ def surface_samples(corners, faces):
 
 @kernel
 def _first_above(sums, value):
-    """Return the index of the first number above *value* in ascending *sums*, or their length if there is
-    none.
-    """
+    """Return the index of the first number above *value* in ascending *sums*, or their length without one."""
     low, high = 0, len(sums)
     while low < high:
         middle = (low + high) // 2

@@ -1,3 +1,1 @@
-"""Decision between inside and outside of one part: winding number, pseudo-normals, and a grid of classified
-cells.
-"""
+"""Decision between inside and outside of one part, by winding numbers, pseudo-normals or a grid of cells."""

@@ -99,7 +99,7 @@ def _reach(states, neighbor, state, stack, waiting):
 
 @kernel
 def _spread(states, seed, state, nx, ny, nz, stack):
-    """Set the state of a cell and of all cells that are connected to it by cells without a face."""
+    """Set the state of a cell and of all cells that are connected to it without crossed cells between."""
     states[seed] = state
     stack[0] = seed
     waiting = 1

@@ -27,11 +27,10 @@ from proximity.native import inlined
 from proximity.native.simd import load_int
 
 LEAST_SIDE_SINE = 1e-6
-"""Minimum sine of the angle between the direction to the closest point and the plane across the
-pseudo-normal.
+"""Minimum sine of the angle between the direction to the closest point and a plane.
 
-Below it, the winding number decides the sign: rounding rotates that direction by 1e-7 at a point 1e-9 part
-sizes away.
+The plane is perpendicular to the pseudo-normal. Below the minimum, the winding number decides the sign:
+rounding rotates that direction by 1e-7 at a point 1e-9 part sizes away.
 """
 
 
@@ -142,9 +141,7 @@ def _is_inside(model, part, slot, p, closest):
 
 @inlined
 def signed_of_slot(model, part, slot, p, closest):
-    """Return the signed distance in the local frame from *p* to a triangle, equal to that of
-    `closest_of_slot`.
-    """
+    """Return the signed local distance from *p* to a triangle. It equals that of `closest_of_slot`."""
     read_corners(model.reals, slot, closest)
     if has_normals(model.words, model.parts, part, slot):
         is_over, height = over_face(closest, p[0], p[1], p[2])

@@ -32,9 +32,7 @@ from proximity.native.simd import (
 
 @kernel
 def _turns_of_block(reals, base, ray):
-    """Return the number of faces of a block through which the ray leaves, minus those through which it
-    enters.
-    """
+    """Return how many faces of a block the ray leaves through, minus how many it enters through."""
     axis, u_axis, v_axis, sign, along, across_u, across_v = ray
     zero, to_sign = splat(0.0), splat(sign)
     u, v = base + LANES * u_axis, base + LANES * v_axis
@@ -106,8 +104,9 @@ def _turns_ahead(reals, words, root, axis, sign, px, py, pz):
 
 @inlined
 def winding_along_ray(reals, words, root, px, py, pz):
-    """Return the winding number of a closed part around a local point, and how many nodes and leaves were
-    visited.
+    """Return the winding number of a closed part around a local point.
+
+    Return also how many nodes and leaves were visited.
     """
     base = NODE_STRIDE * root
     is_used = used_lanes(words, base)
