@@ -163,8 +163,8 @@ def _contradictions(model, samples, beside, folded):
     -----
     A surface without self-intersections has winding number 0 just above it and 1 just below.
     Self-intersection curves divide any other surface into regions, and in some of them this fails everywhere:
-    one sample per region suffices. Regions that are some cells wide are found by checking the sign grid next to
-    all faces. Regions of small faces are found by sampling the faces next to cells without a side.
+    one sample per region suffices. Regions that are some cells wide are found by checking the sign grid next
+    to all faces. Regions of small faces are found by sampling the faces next to cells without a side.
     """
     _, words, frames, parts = model
     corners, faces, _, slot_faces = tables_of(model)

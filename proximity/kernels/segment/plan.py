@@ -164,8 +164,7 @@ def ordered_axes(plan):
 
 @inlined
 def _perpendicular(plan, j, k):
-    """Return half the unit vector that is perpendicular to an axis and to the segment, or 0 if it is
-    undefined.
+    """Return half the unit vector that is perpendicular to an axis and to the segment, or 0 without one.
 
     It has two components. It is halved because it is multiplied by the sum of a box's ends.
     """

@@ -178,8 +178,7 @@ def segment_triangle_distance_sq(a, b, c, d, slope_x, slope_y, inverse_sq):
 
 @kernel
 def _take_end(end, fraction, witness):
-    """Update the witness by an end of the segment and the point of the triangle nearest to it, if they are
-    nearer.
+    """Update the witness by an end of the segment and the nearest point of the triangle, if they are nearer.
     """
     closest_on_triangle(end[0], end[1], end[2], witness)
     if witness.length < witness.gap:

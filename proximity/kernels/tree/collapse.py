@@ -78,8 +78,7 @@ def clear_box(box):
 
 @allocating_kernel
 def _levels(links):
-    """Return the nodes of a binary tree with parents first, and the first leaf and the leaf count of each
-    node.
+    """Return the nodes of a binary tree with parents first, and the first leaf and leaf count of each node.
     """
     count = len(links)
     nodes, starts, numbers = np.empty(count, np.int32), np.zeros(count, np.int32), np.ones(count, np.int32)
@@ -104,10 +103,10 @@ def _levels(links):
 
 @kernel
 def _share_out(boxes, links, nodes, costs, splits):
-    """Compute the least cost of each subtree in 1 to 8 lanes, and how many of these lanes its left half
-    takes.
+    """Compute the least cost of each subtree in 1 to 8 lanes, and how its two halves share these lanes.
 
-    The first split is that of all eight lanes of the wide node of the subtree. The others may be `NOT_WIDER`.
+    *splits* receives the number of lanes of the left half. The first split is that of all eight lanes of the
+    wide node of the subtree. The others may be `NOT_WIDER`.
     """
     for i in range(len(nodes) - 1, -1, -1):
         node = nodes[i]

@@ -89,8 +89,7 @@ def _extent(reals, first, last, nx, ny, nz):
 
 @inlined
 def slabs_distance_sq(words, at, x, y, z, factor):
-    """Return lower bounds (float32x8) of the squared distances from a point to a node's children, times
-    *factor*.
+    """Return lower bounds (float32x8) of squared distances from a point to a node's children, times *factor*.
 
     *at*: the moments of the node. *x y z*: float64x8 splats of the point. A child without a mean normal gives
     0.

@@ -58,13 +58,12 @@ from proximity.native.simd import (
 )
 
 RESULT_SUMS = 16
-"""Number of sums of a subtree: area; area times centre, three; area normal, three; area normal times
-position, nine.
+"""Number of sums of a subtree.
+
+They are its area; area times centre, three; area normal, three; and area normal times position, nine.
 """
 RESULT_STRIDE = 24
-"""Numbers stored for a subtree: its sums, then lower xyz and negated upper xyz of its box, and two unused
-ones.
-"""
+"""Numbers stored for a subtree: its sums, the lower xyz and the negated upper xyz of its box, two unused."""
 CORNER_ROW = 8
 """Numbers stored for a corner, in a cache line. They are its coordinates and its normal, in rows of four."""
 CORNER_NORMAL = 4
@@ -266,9 +265,7 @@ def _refit_block(model, boxes, block, corner_rows, ids, first, results, at):
 
 @inlined
 def _refit_node(words, base, moments, results, below, at):
-    """Write the boxes and moments of the node at *base* from the results of its children, and write its
-    result.
-    """
+    """Write the boxes, moments and result of the node at *base* from the results of its children."""
     # Each lane is a child: area; area times centre; area normal n; n times position, xy for nx times y.
     area, x, y, z = load_rows(results, below, 0, 0)
     nx, ny, nz, xx = load_rows(results, below, 0, 4)

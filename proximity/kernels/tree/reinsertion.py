@@ -134,10 +134,10 @@ def _at_rank(values, rank):
 
 @allocating_kernel
 def improve(boxes, links):
-    """Move the largest subtrees of a binary tree of `binned_sah.halve` to where they add the least surface
-    area.
+    """Move the largest subtrees of a binary tree to where they add the least surface area.
 
-    Afterwards, children may precede their parents. The root stays node 0.
+    The tree is from `binned_sah.halve`. Afterwards, children may precede their parents. The root stays node
+    0.
     """
     count = len(links)
     parents = np.full(count, NO_CHILD, np.int32)
