@@ -111,8 +111,7 @@ def _entry(name: str) -> Entry:
 
 @cache
 def _compiled_table() -> dict[str, list[str]]:
-    """Return the number of rows with the interpreter locked, and the signature, of each compiled entry point.
-    """
+    """Return the number of rows with the interpreter locked, and the signature, of each entry point."""
     lines = (line.split("|") for line in OBJECTS.entry_signatures.splitlines())
     return {name: values for name, *values in lines}
 

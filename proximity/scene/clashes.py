@@ -44,8 +44,7 @@ class MeasuredPair:
 
     @property
     def rank(self) -> tuple[bool, float, float]:
-        """Key for sorting: first the clashes, from the deepest on, then the other pairs, from the nearest on.
-        """
+        """Key for sorting. Clashes come first, from the deepest on; then other pairs, from the nearest on."""
         return (not self.is_clash, -self.deepest if self.is_clash else 0.0, self.clearance.distance)
 
 

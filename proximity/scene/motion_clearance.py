@@ -81,8 +81,7 @@ class MotionSearch:
         self._count = 0
 
     def search(self, tolerance: float, below: float | None) -> MotionClearance:
-        """Search until the bounds meet the *tolerance*, or show whether some distance is less than *below*.
-        """
+        """Search until the bounds meet the *tolerance*, or decide whether a distance is less than *below*."""
         open_intervals = self._first_intervals()
         heapify(open_intervals)
         resolution = RESOLUTION * sum(self._lengths)

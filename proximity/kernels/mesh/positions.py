@@ -6,8 +6,7 @@ from proximity.native import allocating_kernel, entry, inlined, kernel
 
 NO_ROW_YET = -1
 HASH_FACTOR = 0x2545F491
-"""Factor for hashing: odd, without a pattern, and below 2**30, so that its product with 32 bits fits int64.
-"""
+"""Factor for hashing. It is odd and without a pattern; below 2**30, its product with 32 bits fits int64."""
 LOW_BITS = 0xFFFFFFFF
 
 

@@ -39,7 +39,9 @@ DOWN = 1.0 - 2.0**-50
 
 @inlined
 def _query_in(frames, parts, part, point):
-    """Return a point of the scene in the frame of *part*, as x, y, z, its `factor_of`, and whether it is far.
+    """Return a point of the scene in the frame of *part*.
+
+    The result is x, y, z, the `factor_of` the part, and whether the point is far.
     """
     x, y, z = point
     px, py, pz = to_local(frames, parts, part, x, y, z)
@@ -98,8 +100,7 @@ def factor_of(frames, part):
 
 @inlined
 def known_sq(model, part, slot, point):
-    """Return the squared distance, in the scene's scale, from a point in the scene's frame to one triangle.
-    """
+    """Return the squared distance from a point in the scene's frame to one triangle, in the scene's scale."""
     reals, _, frames, parts = model
     px, py, pz = to_local(frames, parts, part, point[0], point[1], point[2])
     return slot_distance_sq(reals, slot, px, py, pz) * factor_of(frames, part)
@@ -107,8 +108,7 @@ def known_sq(model, part, slot, point):
 
 @inlined
 def best_known(model, part, slot, point):
-    """Return the squared distance to the nearest triangle in the block of *slot*, and the slot of this
-    triangle.
+    """Return the squared distance to the nearest triangle in the block of *slot*, and its slot.
 
     The distance is that of `known_sq`.
     """
@@ -120,8 +120,7 @@ def best_known(model, part, slot, point):
 
 @inlined
 def _nearer_in_leaf(reals, reference, query, best):
-    """Update *best* in the same way as `nearer_in_block`, with squared distances in the scene's scaled frame.
-    """
+    """Return the result of `nearer_in_block`, but with squared distances in the scene's scaled frame."""
     px, py, pz, factor, _ = query
     lanes = splat(px), splat(py), splat(pz)
     found_sq, slot = nearer_in_block(reals, ~reference, lanes, best[0] / factor, best[1])

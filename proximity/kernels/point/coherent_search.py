@@ -52,12 +52,15 @@ FRONTIER_CAPACITY = 112
 DUE_WORD = FRONTIER_CAPACITY // 2
 """Number of nodes per word of due bits."""
 FRONTIER_GROUP = 4 * LANES
-"""Numbers per node that are stored first: the planes of its children, as x, y, z of the direction and offset.
+"""Numbers per node for the planes of its children: x, y, z of the direction, and offset.
+
+They are stored first.
 """
 FRONTIER_X, FRONTIER_Y, FRONTIER_Z, FRONTIER_OFFSET = 0, LANES, 2 * LANES, 3 * LANES
 FRONTIER_DUE = FRONTIER_GROUP * FRONTIER_CAPACITY
-"""Offset of one number per node: the displacement up to which the planes of its unopened children are out of
-reach.
+"""Offset of one number per node, the displacement at which its planes must be tested again.
+
+Up to this displacement, the planes of its unopened children are out of reach.
 """
 FRONTIER_NODES = FRONTIER_DUE + FRONTIER_CAPACITY
 """Offset of one number per node, which is the number of the node."""
@@ -127,8 +130,9 @@ def _plane_of_block(reals, base, px, py, pz):
 
 @inlined
 def _plane_of_box(words, position, qx, qy, qz):
-    """Return the plane of a child's box as seen from *q*, as direction and offset, and the distance of the
-    box.
+    """Return the plane of a child's box as seen from *q*, and the distance of the box.
+
+    The plane is given by its direction and offset.
     """
     at_x = min(max(qx, lower_at(words, position, 0)), upper_at(words, position, 0))
     at_y = min(max(qy, lower_at(words, position, 1)), upper_at(words, position, 1))
@@ -181,8 +185,7 @@ def _keep_point(frontier, travel, qx, qy, qz):
 
 @inlined
 def _travel_since(frontier, qx, qy, qz, slack):
-    """Return an upper bound of the displacement of the point that has accumulated since the frontier began.
-    """
+    """Return an upper bound of the displacement that the point has accumulated since the frontier began."""
     sx, sy, sz = (
         qx - frontier[FRONTIER_TRAVEL + 1],
         qy - frontier[FRONTIER_TRAVEL + 2],
@@ -238,7 +241,8 @@ def _away(frontier, node, vx, vy, vz):
 
 @inlined
 def _better_plane(reals, block, p, plane):
-    """Return the farther of two planes from *p*: *plane*, which is that of a box, and the plane of the block.
+    """Return the plane of a block if it is farther from *p* than *plane*, the plane of its box; otherwise
+    *plane*.
     """
     px, py, pz = p
     gx, gy, gz, offset = _plane_of_block(reals, block, px, py, pz)

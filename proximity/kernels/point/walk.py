@@ -36,8 +36,7 @@ NOTHING_SEEN = 0
 
 @inlined
 def nearer_in_block(reals, block, p, best_sq, best_slot):
-    """Return the squared distance and the slot of a triangle of *block* that is better than the best, or of
-    the best.
+    """Return the squared distance and the slot of the best triangle so far, after a search in *block*.
 
     *p*: the point, (x, y, z) of float64x8. A triangle is better if it is nearer, or as near with a lower
     slot.
@@ -54,7 +53,7 @@ def nearer_in_block(reals, block, p, best_sq, best_slot):
 
 @inlined
 def best_of_block(reals, slot, px, py, pz):
-    """Return the nearest triangle to a local point in the block of *slot*, as its squared distance and its
+    """Return the squared distance from a local point to the nearest triangle in the block of *slot*, and its
     slot.
 
     This is faster than for one triangle alone, and a walk that starts from the result can skip the block.

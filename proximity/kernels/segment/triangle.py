@@ -178,8 +178,7 @@ def segment_triangle_distance_sq(a, b, c, d, slope_x, slope_y, inverse_sq):
 
 @kernel
 def _take_end(end, fraction, witness):
-    """Update the witness by an end of the segment and the nearest point of the triangle, if they are nearer.
-    """
+    """Update the witness by an end of the segment and the point of the triangle nearest to that end."""
     closest_on_triangle(end[0], end[1], end[2], witness)
     if witness.length < witness.gap:
         witness.gap, witness.fraction = witness.length, fraction
@@ -199,7 +198,7 @@ def _from_nearer_end(start, end, fraction):
 
 @inlined
 def _take_passing(plan, corner, t, u, witness):
-    """Update the witness by two points, if they are nearer.
+    """Update the witness by two points if they are nearer than its own.
 
     One is at *t* along the segment, the other at *u* along the edge from *corner*.
     """

@@ -28,8 +28,7 @@ It is larger than all rounding of a lookup.
 SAMPLE_PITCH = 2.0
 """Distance, in cells, of the samples of a face in `uncertain_points`, along its longest side and across."""
 SAMPLE_CLEARANCE = 1.0 + 4.0 * CELL_SLACK
-"""Distance of samples from a face along its normal, in cells, at which the face does not cross their cells.
-"""
+"""Distance of samples from a face, in cells along its normal. The face does not cross the cells there."""
 MOST_POINTS = 1024
 """Maximum number of points that `uncertain_points` returns. It must be even."""
 CELLS_PER_FACE = 64

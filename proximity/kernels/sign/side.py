@@ -116,7 +116,9 @@ def closest_of_slot(model, part, slot, p, closest):
 
 @inlined
 def closest_of_lane(model, part, slot, p, table, k, closest):
-    """Return the results of `closest_of_slot` from column *k* of a table of `closest_lanes.closest_of_lanes`.
+    """Return the results of `closest_of_slot`, taken from column *k* of a *table*.
+
+    `closest_lanes.closest_of_lanes` has filled the table.
     """
     feature, which = read_row(table, len(table) // LANES_COLUMNS, k, closest)
     face = load_int(model.words, model.parts[part].slot_faces + slot)

@@ -204,7 +204,9 @@ def _turned_by_block(reals, base, x, y, z, cosine, sine, turns):
 
 @kernel
 def _sum_of_angles(cosine, sine, turns):
-    """Return the sum of the angles of all lanes, which are added by cyclic shifts of four, two and one lanes.
+    """Return the sum of the angles of all lanes.
+
+    They are added by cyclic shifts of four, two and one lanes.
     """
     twice = stack_f64(ROUND), stack_f64(ROUND), stack_f64(ROUND)
     for step in (4, 2, 1):

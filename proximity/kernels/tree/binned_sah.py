@@ -18,8 +18,11 @@ from proximity.native import allocating_kernel, inlined, kernel
 from proximity.native.simd import halves_swapped, lane, load, minimum, splat32, store
 
 LINK_LEFT = 0
-"""Columns of a binary tree's links (int32): its children, or -1 in a leaf; a leaf's first face, in the order
-of faces, and face count."""
+"""Columns of the links of a binary tree (int32).
+
+They are the two children of a node, or -1 in a leaf; and the first face and the number of faces of a leaf, in
+the order of faces.
+"""
 LINK_RIGHT = 1
 LINK_FIRST = 2
 LINK_COUNT = 3

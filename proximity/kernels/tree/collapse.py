@@ -78,8 +78,7 @@ def clear_box(box):
 
 @allocating_kernel
 def _levels(links):
-    """Return the nodes of a binary tree with parents first, and the first leaf and leaf count of each node.
-    """
+    """Return the nodes of a binary tree with parents first, and the first leaf and leaf count of each."""
     count = len(links)
     nodes, starts, numbers = np.empty(count, np.int32), np.zeros(count, np.int32), np.ones(count, np.int32)
     nodes[0] = 0

@@ -74,7 +74,9 @@ def fill_slabs(words, reals, root, node_count, moments, moments_at):
 
 @kernel
 def _extent(reals, first, last, nx, ny, nz):
-    """Return the least and the largest scalar product of *n* with a corner in the blocks *first* to *last*.
+    """Return the least and the largest scalar product of *n* with the corners of some blocks.
+
+    *first*, *last*: the first and the last block.
     """
     x, y, z = splat(nx), splat(ny), splat(nz)
     least, largest = splat(np.inf), splat(-np.inf)

@@ -209,8 +209,7 @@ def _arc(y, x):
 
 @inlined
 def _refit_block(model, boxes, block, corner_rows, ids, first, results, at):
-    """Write a block and its boxes, and add its triangles to the normals of their corners and to its result.
-    """
+    """Write a block and its boxes. Add its triangles to the normals of their corners and to its result."""
     reals, base = model.reals, BLOCK_STRIDE * block
     ax, ay, az, _ = load_rows(corner_rows, ids, first, 0)
     bx, by, bz, _ = load_rows(corner_rows, ids, first + LANES, 0)

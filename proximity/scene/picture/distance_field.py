@@ -1,4 +1,6 @@
-"""Signed distance on a plane across a scene, and its colours: red inside, white at the surface, blue outside.
+"""Signed distance on a plane across a scene, and its colours.
+
+It is red inside, white at the surface and blue outside.
 """
 
 from dataclasses import dataclass

@@ -52,8 +52,7 @@ SENTENCES = {
     stored_bytes.BAD_ARRAY: "it is damaged: the checksum of {name} differs",
     stored_bytes.BAD_END: "its table of arrays does not fit it (the end)",
 }
-"""Message for each kind of fault. {0} and {1} are numbers from the kernel, {name} is the name of the array.
-"""
+"""Message for each kind of fault. {0} and {1} are numbers from the kernel, {name} is the array's name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -44,8 +44,9 @@ def _curve_key(box):
 
 @kernel
 def _mend_order(boxes, dynamic, order, keys, steps):
-    """Sort the positions *order* in *dynamic* by Morton code, by an insertion sort with at most *steps*
-    swaps.
+    """Sort *order*, which has positions in *dynamic*, by Morton code.
+
+    It is an insertion sort with at most *steps* swaps.
     """
     for i in range(len(dynamic)):
         keys[i] = _curve_key(boxes[dynamic[i]])

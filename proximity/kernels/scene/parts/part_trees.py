@@ -67,7 +67,8 @@ def copy_offsets(parts, copy):
 
 @entry("Part[:] -> int, int")
 def copies_in_use(parts):
-    """Return which copies of the region and of the static tree a model uses, or -1 for a position of no copy.
+    """Return which copies of the region and of the static tree a model uses, or -1 instead of an unknown
+    copy.
     """
     row = parts[len(parts) - 1]
     moving, static = np.int64(-1), np.int64(-1 if row.static_capacity else 0)
@@ -215,7 +216,9 @@ def thin_static(words, parts, copy):
 
 @kernel
 def write_dynamic_entries(words, parts, at):
-    """Write one entry for each dynamic part after the entries of the static tree, which start at word *at*.
+    """Write one entry for each dynamic part after the entries of the static tree.
+
+    *at*: the word at which the entries of the static tree start.
     """
     scene, numbers = len(parts) - 1, words.view(np.int32)
     to = at + 2 * parts[scene].entry_count

@@ -31,8 +31,9 @@ def _off_exact(matrix):
 
 @inlined
 def is_rigid(matrix, tolerance, farthest):
-    """Test whether a (4, 4) matrix is a rigid transform within *tolerance*, with coordinates of at most
-    *farthest*.
+    """Test whether a (4, 4) matrix is a rigid transform.
+
+    *tolerance*: limit of the error of the rotation. *farthest*: limit of each coordinate of the translation.
     """
     is_affine = matrix[3, 0] == 0.0 and matrix[3, 1] == 0.0 and matrix[3, 2] == 0.0 and matrix[3, 3] == 1.0
     for axis in range(3):
@@ -112,8 +113,9 @@ def _step_to_rotation(turn):
 
 @entry("Frame[:], Part[:], int")
 def update_box(frames, parts, row):
-    """Compute the box of a row in the scene's frame, and whether it is rotated, from its pose and its own
-    box.
+    """Compute the box of a row in the scene's frame from its pose and its own box.
+
+    Note also whether the pose has a rotation.
     """
     is_turned, is_shifted = False, False
     for i in range(3):

@@ -56,9 +56,7 @@ def note_fault(fault, kind, part, first, second, third):
 
 @inlined
 def _lanes(words, base):
-    """Return two masks of the lanes of the node at word *base*: those with a valid box, and those that are
-    empty.
-    """
+    """Return two masks of the lanes of the node at word *base*: lanes with a valid box, and empty lanes."""
     used, unused = np.int64(ALL_LANES), np.int64(ALL_LANES)
     for axis in range(3):
         lower, upper = lower_along(words, base, axis), upper_along(words, base, axis)
@@ -157,8 +155,9 @@ def _is_box_near(words, at):
 
 @kernel
 def _fault_in_slots(reals, words, parts, part, seen, fault):
-    """Check that every face is in one slot, and that lanes have the triangles of their faces, or NaN without
-    one.
+    """Check that every face is in one slot, and that each lane has the triangle of its face.
+
+    A lane without a face must have NaN.
     """
     first, face_count = parts[part].first_block, parts[part].face_count
     found = np.int64(0)

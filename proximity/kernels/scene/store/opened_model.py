@@ -241,8 +241,7 @@ def _follow(ends, which, start, size):
 
 @kernel
 def _fault_in_runs(real_count, word_count, parts, fault):
-    """Check that the arrays of all parts are in the order of the layout, within bounds and without overlap.
-    """
+    """Check that the arrays of all parts are in the order of the layout, in bounds and without overlap."""
     scene, ends = len(parts) - 1, stack_i64(2)
     last = parts[scene - 1]
     nodes, blocks = last.root + last.node_count, last.first_block + last.block_count
