@@ -29,7 +29,7 @@ class Stock(NamedTuple):
     is_turned: np.ndarray  # (F,) bool, flipped to match the orientation of the others
     is_inside_out: np.ndarray  # (F,) bool, flipped (again) with all others
     points: np.ndarray  # (C, 3) float64, positions scaled to coordinates of at most 1
-    exponent: int  # of two, of the scale: products of three stay far from over- and underflow
+    exponent: int  # of the scale, a power of two: products of three neither over- nor underflow
 
 
 @entry(

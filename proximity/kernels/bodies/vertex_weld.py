@@ -27,10 +27,10 @@ WELD_STEPS = MAX_WELD * 10.0 ** np.arange(-6, 1)
 
 @allocating_kernel
 def weld_near(corners, points, pieces):
-    """Weld near vertices.
+    """Weld vertices that are near each other, if that closes a piece.
 
-    Return the corners of the faces, (K, 3), and a mask of faces that became lines, (K,) bool. *corners*: (K,
-    3), rows of *points* (C, 3). *pieces*: the pieces before welding, at least one of them open.
+    Return the corners of the faces, (K, 3), and a mask of the faces that became lines, (K,) bool. *corners*:
+    (K, 3), rows of *points* (C, 3). *pieces*: the pieces before welding, at least one of them open.
     """
     welded, is_collapsed = corners.copy(), np.zeros(len(corners), np.bool_)
     is_left, is_rim = np.empty(len(corners), np.bool_), np.zeros(len(points), np.bool_)

@@ -11,9 +11,9 @@ from proximity.native import inlined
 from proximity.native.simd import fma, maximum, minimum, narrow, select, splat, splat32
 
 FAR = 2.0
-"""Largest distance from the middle for which the rounding of a coordinate to float32 is at most 2^-24.
+"""Distance from the middle, in part sizes, up to which points have float32 bounds.
 
-It is in part sizes.
+Up to it, rounding a coordinate to float32 errs by at most 2^-24.
 """
 BOX_MARGIN = np.float32(2.0**-23)
 """Padding of boxes when they are made. It is twice the rounding of the query and of the box itself."""

@@ -50,7 +50,7 @@ def is_alone(parts):
 def direction_to_local(frames, parts, part, x, y, z):
     """Rotate a direction from the scene's frame to the frame of *part*.
 
-    It has scalars or vectors of eight.
+    *x y z*: scalars or vectors of eight.
     """
     if parts[part].is_turned:
         return (
@@ -84,7 +84,7 @@ def direction_to_scene(frames, parts, part, x, y, z):
 def to_local(frames, parts, part, x, y, z):
     """Transform a point from the scene's frame to the local frame of *part*.
 
-    It has scalars or vectors of eight.
+    *x y z*: scalars or vectors of eight.
     """
     dx = x - like(frames[part].translation[0], x)
     dy = y - like(frames[part].translation[1], y)

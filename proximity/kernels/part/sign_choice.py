@@ -181,7 +181,7 @@ def _contradictions(model, samples, beside, folded):
             is_clear[slot_faces[slot]] = True
     above = _beside_surface(face_samples(corners, faces, is_clear), SAMPLE_NEAR * size)
     asked = 4 * len(samples) + len(above) + len(uncertain)
-    # Without folds: a surface with many of them intersects itself.
+    # Folds are not left out here, because a surface with many of them intersects itself.
     _write_folded(words, parts, beside)
     against = np.int64(0)
     for offset in (-SAMPLE_NEAR, SAMPLE_NEAR, -SAMPLE_FAR, SAMPLE_FAR):

@@ -241,8 +241,9 @@ def _away(frontier, node, vx, vy, vz):
 
 @inlined
 def _better_plane(reals, block, p, plane):
-    """Return the plane of a block if it is farther from *p* than *plane*, the plane of its box; otherwise
-    *plane*.
+    """Return the plane of a block or the plane of its box, whichever is farther from *p*.
+
+    *plane*: the plane of the box.
     """
     px, py, pz = p
     gx, gy, gz, offset = _plane_of_block(reals, block, px, py, pz)

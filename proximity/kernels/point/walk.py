@@ -53,10 +53,10 @@ def nearer_in_block(reals, block, p, best_sq, best_slot):
 
 @inlined
 def best_of_block(reals, slot, px, py, pz):
-    """Return the squared distance from a local point to the nearest triangle in the block of *slot*, and its
-    slot.
+    """Return the squared distance from a local point to the nearest triangle of a block, and its slot.
 
-    This is faster than for one triangle alone, and a walk that starts from the result can skip the block.
+    *slot*: any slot of the block. This is faster than for one triangle alone, and a walk that starts from the
+    result can skip the block.
     """
     p = splat(px), splat(py), splat(pz)
     return nearer_in_block(reals, slot // LANES, p, np.inf, np.int64(NO_SLOT))

@@ -78,7 +78,7 @@ def fill_moments(words, reals, node_count, moments):
 
     Nodes are processed from the last to the first, because the number of a child is above its parent's.
     """
-    # Per node: area; area times centre; area normal; area normal times position, nine numbers.
+    # Per node: area; area times centre; area normal; area normal times position (nine numbers).
     sums = np.zeros((node_count, 16))
     own = np.empty(16)
     for node in range(node_count - 1, -1, -1):

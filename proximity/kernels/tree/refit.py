@@ -238,7 +238,7 @@ def _refit_block(model, boxes, block, corner_rows, ids, first, results, at):
     bcx, bcy, bcz = cx - bx, cy - by, cz - bz
     nx, ny, nz = cross(abx, aby, abz, acx, acy, acz)
     length = square_root(dot(nx, ny, nz, nx, ny, nz))
-    # A face without area has no normal and weight.
+    # A face without area has neither a normal nor a weight.
     has_area = length > zero
     inverse = splat(1.0) / length
     a = select(has_area, _arc(length, dot(abx, aby, abz, acx, acy, acz)) * inverse, zero)

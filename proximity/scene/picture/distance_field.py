@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 AXES = "xyz"
 SHOWN_AXES = {"x": (1, 2), "y": (0, 2), "z": (0, 1)}
 """Horizontal and vertical axis of the map of a plane, by the axis that is perpendicular to it."""
-MARGIN = 0.18  # of the longer side of the scene's box, around it
+MARGIN = 0.18  # around the scene's box, as a share of its longer side
 CELLS = 480  # along the longer side of the map
 MAP = "RdBu"
 TICKS = 9

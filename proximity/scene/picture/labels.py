@@ -7,7 +7,7 @@ import numpy as np
 from proximity.scene.picture.distance_field import load_matplotlib
 from proximity.scene.picture.scene_view import INK, Camera, Connections
 
-SCALE_SHARE = 0.22  # of the width: the scale is the longest round length below
+SCALE_SHARE = 0.22  # of the width; the scale is the longest round length below it
 ROUND = (1.0, 2.0, 5.0, 10.0)
 ARROW = 0.055  # of the height
 

@@ -29,19 +29,19 @@ TO_VIEWER = {
     "bottom": (0.0, 0.0, -1.0),
 }
 """Direction from the part to the viewer for each view, in the scene's frame; z is up."""
-MARGIN = 0.10  # of the image, free on each side
-SMALLEST_EXTENT = 1e-9  # m: a single point fills no image
-SAMPLES = 2  # a side of a pixel
+MARGIN = 0.10  # share of the image that is left free on each side
+SMALLEST_EXTENT = 1e-9  # m; for a single point, which has no extent
+SAMPLES = 2  # per side of a pixel
 INK = "#17202a"
 SHARP_EDGE = 25.0  # degrees between faces: an edge is drawn, and the surface is not shaded across it
-LIGHTS = (  # towards the light: right, up, to the viewer; how bright
+LIGHTS = (  # direction to the light (right, up, to the viewer), and its brightness
     ((0.30, 0.55, 0.78), 0.70),
     ((-0.70, 0.10, 0.70), 0.30),
     ((0.0, 0.0, 1.0), 0.25),
 )
 SURFACE_LOOK = {"ambient": 0.20, "diffuse": 0.95, "specular": 0.12, "specular_power": 24.0}
 SHINE_THROUGH = 0.30  # opacity of queries behind or inside a part
-NEAREST_OFFSET = -66000.0  # offset in depth, in units that VTK calls so
+NEAREST_OFFSET = -66000.0  # offset in depth, in VTK's units for it
 SHEET_OPACITY = 0.5
 MAX_TUBES = 400  # connections; with more, only the points are drawn
 POINT_RADIUS, END_RADIUS, TUBE_RADIUS = 0.0125, 0.0055, 0.0026  # of the image's height

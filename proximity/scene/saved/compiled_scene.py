@@ -46,8 +46,10 @@ LAYOUT |= {
     for field in layout.PART.names or ()
 }
 LAYOUT["SCENE_GRID"] = LAYOUT["PART_GRID"]
-"""Numbers that define the layout of a model's arrays: a file with others is rejected. A change that no number
-shows, such as another meaning of a column, needs another `archive.FORMAT_VERSION`."""
+"""Numbers that define the layout of a model's arrays. A file with other numbers is rejected.
+
+A change that no number shows, such as another meaning of a column, needs another `archive.FORMAT_VERSION`.
+"""
 
 _FIELDS = (
     "name", "repairs", "velocity", "angular_velocity", "is_hidden", "stiffness", "damping",

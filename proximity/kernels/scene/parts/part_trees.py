@@ -67,9 +67,7 @@ def copy_offsets(parts, copy):
 
 @entry("Part[:] -> int, int")
 def copies_in_use(parts):
-    """Return which copies of the region and of the static tree a model uses, or -1 instead of an unknown
-    copy.
-    """
+    """Return which copies of the region and of the static tree a model uses. An unknown copy gives -1."""
     row = parts[len(parts) - 1]
     moving, static = np.int64(-1), np.int64(-1 if row.static_capacity else 0)
     for copy in range(REGION_COPIES):
