@@ -20,7 +20,10 @@ def unlinked(count):
 
 @kernel
 def root_of(links, node):
-    """Return twice the root of a node, plus one if their orientations are opposite. The path is halved."""
+    """Return twice the root of a node, plus one if their orientations are opposite.
+
+    The path to it is halved.
+    """
     at = 2 * node
     while links[at >> 1] != at & ~1:
         link = links[at >> 1]

@@ -30,7 +30,7 @@ def merged_faces(vertices, faces):
         if number[vertex] >= 0:
             for axis in range(3):
                 used[number[vertex], axis] = vertices[vertex, axis] + 0.0  # the sum turns -0.0 into 0.0
-    # At first this is the equal row of each row. The number of its position then replaces it.
+    # At first this is the first equal row of each row. The number of its position then replaces it.
     position = first_of_equal_rows(used)
     found = 0
     for row in range(used_count):

@@ -90,7 +90,7 @@ def choose_sign(model, is_watertight, is_balanced):
 
 @entry(ModelArrays, "int, bool, int32[:]", makes_arrays=True)
 def restore_sign(model, sign, has_grid, folded):
-    """Write a sign that is already known. *folded*: faces near which the winding number decides."""
+    """Write a sign that is already known. *folded*: the faces near which the winding number decides."""
     _, words, _, parts = model
     _, faces, _, slot_faces = tables_of(model)
     marks = np.zeros(len(faces), np.bool_)

@@ -22,9 +22,9 @@ It is an edge of 26 degrees. Folded faces have -1; few edges of real parts are t
 NEAR_CORNER = 0.8
 """Weight of a corner at the sample points of a face, in addition to its centroid."""
 MOST_STEP, STEP_SHARE = 1e-6, 1e-3
-"""Limits of the distance of samples to either side, in the local frame.
+"""Limits of the distance of samples to either side of a face, in the local frame.
 
-The second is a share of the root of the area.
+The second is relative to the root of the area of the face.
 """
 MOST_LOOKED_AT = 4096
 """Maximum number of faces that are tested in a part. Further sharp faces count as folded."""
@@ -34,7 +34,7 @@ MOST_LOOKED_AT = 4096
 def folded_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):
     """Return a mask of the slots whose faces are folded, or adjacent to a folded face, (blocks,) uint8.
 
-    Adjacent faces belong to it because a fold has at least two layers, and layers in one plane are equally
+    Adjacent faces are included because a fold has at least two layers, and layers in one plane are equally
     near.
 
     *corners*: (K, 3), *faces*: (F, 3), in the local frame. *neighbors*: (F, 3), the face across each edge, or

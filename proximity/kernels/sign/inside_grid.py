@@ -2,7 +2,7 @@
 
 A scene tests many parts for containment, usually by one lookup in this grid. The grid is in the local frame
 of the part and moves with it. It has two bits per cell, so sixteen cells per word. Only parts whose winding
-number is an integer have a grid, because only there inside and outside change nowhere but at faces.
+number is an integer have a grid: in other parts, inside and outside may also change away from faces.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
 
 CELL_SLACK = 1e-6
-"""A face this close to a cell, in cells, counts as crossing it.
+"""Distance, in cells, up to which a face counts as crossing a cell.
 
 It is larger than all rounding of a lookup.
 """

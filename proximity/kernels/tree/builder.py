@@ -45,7 +45,8 @@ def build_tree(boxes, leaf_shift):
         order[face] = face
     tree, links = halve(boxes, order, leaf_shift)
     if leaf_shift != ENTRIES_SHIFT:
-        # Not for trees over entries, built at run time: it saves 2 % of the steps but takes a third of the time.
+        # Not for trees over entries, which are built at run time: it saves 2 % of the steps, but takes a
+        # third of the time.
         improve(tree, links)
     return widen_tree(tree, links, order)
 
