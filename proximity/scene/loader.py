@@ -37,7 +37,7 @@ def load(
     cache: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> Scene:
-    """Return the scene in a file of triangles or a STEP file, or one that `Scene.save` wrote.
+    """Load a scene from a file of triangles, from a STEP file, or from a file of `Scene.save`.
 
     The formats are STL, OBJ, PLY, OFF, glTF, GLB, 3MF and STEP.
 
@@ -64,7 +64,7 @@ def load(
     Returns
     -------
     Scene
-        In metres. Names and poses are the file's; a part with several bodies is split.
+        In metres. Names and poses are those of the file; a part with several bodies is split.
 
     Raises
     ------

@@ -25,7 +25,10 @@ SAMPLES = 48
 """Number of intervals at the beginning, in all spans together. Each span has at least two."""
 MAX_SAMPLES = 20_000
 RESOLUTION = 1e-6
-"""Share of the part's path to which the first touch is located. Smaller bounds are not improved."""
+"""Accuracy of the position of the first touch, as a share of the part's path.
+
+Smaller bounds are not improved.
+"""
 ROUNDING = 1e-12
 """Error of a distance, as a share of the largest coordinate."""
 

@@ -244,7 +244,7 @@ def _take_edge(plan, corner, witness):
 
 @inlined
 def _take_crossing(plan, witness):
-    """Write the crossing to the witness, if there is one. Return whether there is.
+    """Write the crossing to the witness, if there is one, and return whether there is.
 
     It is consistent with `segment_triangle_distance_sq`.
     """
@@ -273,10 +273,10 @@ def _take_crossing(plan, witness):
 
 @kernel
 def segment_on_triangle(plan, witness):
-    """Write the nearest points of the planned segment and of the triangle in *witness* to *witness*.
+    """Write the nearest points of the planned segment and of a triangle to *witness*.
 
-    Ties: the first along the segment. Degenerate: see `closest_on_triangle`; a segment without length gives
-    its start.
+    The corners of the triangle are already in *witness*. Ties: the first along the segment. Degenerate: see
+    `closest_on_triangle`; a segment without length gives its start.
     """
     witness.gap = inf
     if _take_crossing(plan, witness):

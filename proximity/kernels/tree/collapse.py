@@ -35,7 +35,7 @@ NOT_WIDER = 0
 NO_REFERENCE = -1
 """Represents the offset of the reference to the root, which has none.
 
-Also the binary node of consecutive leaves.
+It also represents the binary node of consecutive leaves.
 """
 
 

@@ -1,11 +1,11 @@
-"""Oriented boxes of leaf blocks, which let a query of a point skip blocks.
+"""Oriented boxes of leaf blocks, by which a point query can skip blocks.
 
 An axis-aligned box is nearer to a point than a tilted or curved patch of faces, by about the size of the
 patch. A box along the axes of the patch - its mean normal, its longest edge, and their cross product - errs
 only by the sagitta. In float32 it is one cache line; the block is nine, and takes five times the work.
 
-`ORIENTED_STRIDE` words per block: x of the three axes, y, z; the least scalar product of a corner with each
-axis, and the largest; 0.
+A block has `ORIENTED_STRIDE` words: x of the three axes, then y, then z; the least scalar product of a corner
+with each axis, then the largest; and 0.
 
 **Rounding.** For a point within `FAR` and a corner, both in the local frame, a computed gap exceeds the true
 one by at most 12 x 2^-24: five from the sum, four from the difference, two from rounding the point, one from

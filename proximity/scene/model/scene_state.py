@@ -32,9 +32,9 @@ from proximity.scene.model.assembly import EXACT_ENOUGH, Model, finished
 FARTHEST_MOVE = LARGEST_COORDINATE / 4.0
 """m. Sums of coordinates from farther moves could leave the range of computation."""
 FASTEST_MOVE = 1e9
-"""m/s or rad/s. Displacements and squares of larger velocities could overflow."""
+"""m/s, three times the speed of light, or rad/s. Displacements and squares of more could overflow."""
 UPDATES_BEFORE_SHRINKING = 1000
-"""Minimum number of updates between two reductions of the scene's frame.
+"""Number of updates of a new frame of the scene before it may be made smaller.
 
 A part that returned from far away leaves a frame that is too large. A smaller frame requires a new tree,
 which a part that oscillates must not cause at every tick.
@@ -122,7 +122,7 @@ class SceneState:
     def move(
         self, rows: np.ndarray, matrices: np.ndarray, velocities: np.ndarray, angular_velocities: np.ndarray
     ) -> None:
-        """Move parts and set their velocities. A part whose pose does not change stays in the static tree.
+        """Move parts and set their velocities. A part whose pose does not change does not become dynamic.
 
         *matrices*: (K, 4, 4); *velocities*, *angular_velocities*: (K, 3).
         """
@@ -170,7 +170,7 @@ class SceneState:
 
     @property
     def dynamic_rows(self) -> list[int]:
-        """Rows of the parts that have moved relative to the static tree."""
+        """Rows of the dynamic parts, which have been moved or deformed separately."""
         return [int(row) for row in np.flatnonzero(self.parts["is_dynamic"][:-1])]
 
     def values(self, row: int) -> dict[str, Any]:

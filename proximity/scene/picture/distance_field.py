@@ -1,6 +1,6 @@
 """Signed distance on a plane across a scene, and its colours.
 
-It is red inside, white at the surface and blue outside.
+The colours are red inside, white at the surface and blue outside.
 """
 
 from dataclasses import dataclass

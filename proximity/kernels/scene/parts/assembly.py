@@ -40,7 +40,7 @@ SPARE = 1.25
 Opening other parts may need a larger tree.
 """
 LINE_REALS, LINE_WORDS = 8, 16
-"""Numbers in a cache line. Each array is aligned to such a line."""
+"""Number of reals and number of words in a cache line, to which each array is aligned."""
 CELLS_PER_PART = 64
 """Number of cells per part in the grid over a scene.
 

@@ -115,7 +115,7 @@ def _step_to_rotation(turn):
 def update_box(frames, parts, row):
     """Compute the box of a row in the scene's frame from its pose and its own box.
 
-    Note also whether the pose has a rotation.
+    Whether the pose has a rotation is stored, too.
     """
     is_turned, is_shifted = False, False
     for i in range(3):

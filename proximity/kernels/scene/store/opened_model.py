@@ -77,9 +77,9 @@ BAD_ORDER, BEYOND_FRAME = 140, 141
 def complete_model(reals, words, frames, parts, columns, count, tolerance, farthest, fastest, fault):
     """Validate a model of *count* parts and compute its derived values.
 
-    Return the kind of its first defect, or `SOUND`. *columns*: *parts*, as numbers. Poses, velocities and
-    hidden parts are taken from the rows, if a move within *tolerance*, *farthest* and *fastest* (see
-    `placement.first_unfit`) could have written them. *fault*: see `model_validation`.
+    Return the kind of its first defect, or `SOUND`. *columns*: the table *parts* as numbers. Poses,
+    velocities and hidden parts are taken from the rows, if a move within *tolerance*, *farthest* and
+    *fastest* (see `placement.first_unfit`) could have written them. *fault*: see `model_validation`.
     """
     kind = fault_in_rows(reals, words, frames, parts, columns, count, fault)
     if kind == SOUND:

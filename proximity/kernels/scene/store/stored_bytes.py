@@ -40,9 +40,10 @@ def _crc_table():
 
 CRC_TABLE = _crc_table()
 WEIGHTS = np.arange(1, WORDS_OF_PAGE + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) | np.uint64(1)
-"""Weights of the words of a page. They are odd, so that a product keeps every changed bit.
+"""Weights of the words of a page.
 
-They are distinct, so that a swap of two words is detected.
+They are odd, so that a product keeps every changed bit, and distinct, so that a swap of two words is
+detected.
 """
 
 
