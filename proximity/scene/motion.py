@@ -144,14 +144,10 @@ class Motion:
             )
 
         def spans(_: Pose, middle: np.ndarray) -> list[Span]:
-            from scipy.spatial.transform import Rotation  # other motions do not need it
-
             found = []
             for k, (begin, finish) in enumerate(pairwise(through)):
                 centre, other = (pose.rotation @ middle + pose.translation for pose in (begin, finish))
-                turn = Rotation.from_matrix(finish.rotation @ begin.rotation.T).as_rotvec()
-                angle = float(np.linalg.norm(turn))
-                axis = turn / angle if angle > 0.0 else np.array([0.0, 0.0, 1.0])
+                axis, angle = _axis_and_angle(finish.rotation @ begin.rotation.T)
                 found.append(Span(steps[k], steps[k + 1], begin, centre, other - centre, axis, angle))
             return found
 
@@ -164,6 +160,21 @@ def _turn(axis: np.ndarray, angle: float) -> np.ndarray:
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turn: np.ndarray = np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * (skew @ skew)
     return turn
+
+
+def _axis_and_angle(turn: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the unit axis of a rotation, and its angle from 0 to pi."""
+    sine = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    cosine = 0.5 * (np.trace(turn) - 1.0)
+    angle = float(np.arctan2(np.linalg.norm(sine), cosine))
+    if angle == 0.0:
+        return np.array([0.0, 0.0, 1.0]), 0.0
+    axis = sine
+    if cosine < 0.0:  # near a half turn the sine vanishes
+        squares = 0.5 * (turn + turn.T) - cosine * np.eye(3)
+        axis = squares[np.argmax(np.diagonal(squares))]
+        axis = axis if axis @ sine >= 0.0 else -axis
+    return axis / np.linalg.norm(axis), angle
 
 
 def _point(name: str, given: Any) -> np.ndarray:

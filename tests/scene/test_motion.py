@@ -143,6 +143,21 @@ def test_bounds_hold_against_fine_steps(seed):
         assert fine(scene, "a", [pose_at(share)])[0] == 0.0
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1.0, 2.0, np.pi - 1e-9, np.pi])
+def test_a_path_ends_at_its_poses(angle):
+    random = np.random.default_rng(7)
+    for axis in (*np.eye(3), *random.normal(size=(20, 3))):
+        begin = Pose(shapes.rotation(3), random.normal(size=3))
+        finish = Pose(rotation_about(axis, angle) @ begin.rotation, random.normal(size=3))
+
+        (span,) = Motion.through([begin, finish]).spans(begin, random.normal(size=3))
+
+        for position, pose in ((0.0, begin), (1.0, finish)):
+            np.testing.assert_allclose(span.pose_at(position).matrix, pose.matrix, atol=1e-14)
+        half = span.pose_at(0.5).rotation @ begin.rotation.T
+        np.testing.assert_allclose(half @ half, finish.rotation @ begin.rotation.T, atol=1e-14)
+
+
 def test_other_parts_are_those_that_are_named_and_visible():
     scene = scene_of(([0, 0, 0], [1, 1, 1]), ([0, 0, 1], [1, 1, 2]), ([0, 0, 2.5], [1, 1, 3]))
     slide = Motion.slide([1, 0, 0], 0.0, 0.5)
