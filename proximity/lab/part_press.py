@@ -40,7 +40,7 @@ def simulate_on_part(
     at: Sequence[float] | None = None,
     speed: float = 0.1,
 ) -> PartSimulation:
-    """Return a press on a part."""
+    """Simulate a press on a part, with the given setup and with ideal distances."""
     hand = Hand()
     finger, press = place_finger(scene, at), hand.press(speed)
     runs = [press_on_part(finger, press, each, hand) for each in (setup, setup.ideal)]

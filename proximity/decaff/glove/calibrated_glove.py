@@ -100,8 +100,7 @@ class CalibratedGlove:
         return counts, self._extended_bend(counts)
 
     def path_finger(self) -> np.ndarray:
-        """Return the fingertip's path from flat hand to fist at evenly spaced bends, (K, 3), m, finger frame.
-        """
+        """Return the fingertip's path from flat hand to fist at evenly spaced bends, (K, 3), m, finger frame."""
         return self.finger.path_world(Pose(), PATH_CORNERS)
 
     def drum_angle(self, bend: ArrayLike) -> np.ndarray:

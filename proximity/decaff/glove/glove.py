@@ -134,8 +134,7 @@ class Glove:
         return np.asarray(tip_force, np.float64) * self.tip_per_radian(bend)
 
     def lever(self, bend: ArrayLike) -> np.ndarray:
-        """Return the displacement of the fingertip per radian of the drum, (...), m; also torque per force.
-        """
+        """Return the displacement of the fingertip per radian of the drum, (...), m; also torque per force."""
         return self.tip_per_radian(bend)
 
     def tip_drum(self, bend: float = CONTACT_BEND) -> Drum:

@@ -159,8 +159,7 @@ def _look(
 
 
 def _apart(positions: np.ndarray, worths: np.ndarray, distance: float) -> Iterator[int]:
-    """Yield the rows of the costliest positions at a distance from each other, from one to `CLIMBS` of them.
-    """
+    """Yield the rows of the costliest positions at a distance from each other, from one to `CLIMBS` of them."""
     chosen: list[int] = []
     for k in np.argsort(-worths, kind="stable").tolist():
         if len(chosen) == CLIMBS or (chosen and worths[k] == NOWHERE):

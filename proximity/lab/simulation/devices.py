@@ -161,7 +161,7 @@ class Sensing:
         whole("seed", self.seed, 0)
 
     def noises(self, duration: float) -> np.ndarray:
-        """Return the error of each distance measured in *duration* seconds, m; the same on every run."""
+        """Return the noise of each distance measured in *duration* seconds, m. It is the same on every run."""
         if self.noise == 0.0:
             return np.zeros(1)
         count = math.ceil(duration * self.rate) + 1
@@ -208,5 +208,8 @@ class Decaff:
 
     @classmethod
     def of(cls, glove: Glove) -> "Decaff":
-        """Return a glove's drum, with the wall at random within a count of its encoder, without its cable."""
+        """Return the drum of a glove, with the wall at random within a count of its encoder.
+
+        The cable of the glove is left out.
+        """
         return cls(with_random_phases(glove.tip_drum(), 1)[0])

@@ -30,7 +30,7 @@ class Deviation:
     swing: float  # N, of the force at rest, minimum to maximum
     peak: float  # N, largest force
     peak_error: float  # N, largest force minus that of the real wall
-    work_error: float  # J, of the finger until the release, minus the real one; negative if the wall adds energy
+    work_error: float  # J, of the finger until the release, minus the real one; < 0: the wall adds energy
 
 
 def deviation(response: Response, reference: Response | None = None) -> Deviation:
