@@ -49,7 +49,7 @@ def boundary(device: SampledMass, count: int = 400) -> tuple[np.ndarray, np.ndar
 
 
 def largest_damping(device: SampledMass) -> float:
-    """Return the largest damping of a stable wall, N·s/m, which is that of a wall almost without stiffness."""
+    """Return the largest damping of a stable wall, N·s/m. Such a wall has almost no stiffness."""
     return math.tan(device.last_half_angle) * device.damping_unit
 
 

@@ -21,7 +21,10 @@ NUMBERS_A_LINE = 4
 def controller_sources(
     gloves: Sequence[Glove | CalibratedGlove], settings: ControllerSettings | None = None
 ) -> dict[str, str]:
-    """Return the texts of a controller's files by file name. *gloves*: one for all fingers, or one for each."""
+    """Return the texts of a controller's files by file name.
+
+    *gloves*: one for all fingers, or one for each.
+    """
     paths = [FingerPath(glove) for glove in gloves]
     settings = settings or ControllerSettings(drum=paths[0].drum)
     return {

@@ -215,7 +215,7 @@ class Drum:
         return -self.motor.heating_time * math.log1p(-(share**2)) if share < 1.0 else math.inf
 
     def motor_torque(self, force: float) -> float:
-        """Return the motor's torque for a force, N m at its shaft, without losses and within the force limit."""
+        """Return the motor's torque for a force, N m at its shaft, without losses. The force is limited."""
         most = self.force_limit
         return min(max(force, -most), most) / self.turn
 
@@ -230,7 +230,10 @@ class Drum:
         return math.floor((position - offset) / step + 0.5) * step + offset
 
     def as_array(self, stop: float = math.inf) -> np.ndarray:
-        """Return the drum's numbers in the layout of the kernels. *stop*: position of a mechanical stop, m."""
+        """Return the drum's numbers in the layout of the kernels.
+
+        *stop*: position of a mechanical stop, m.
+        """
         motor, lever, squared = self.motor, self.lever, self.lever**2
         stiction, play = (STICTION, self.play) if self.has_teeth else (1.0, 0.0)
         numbers = (

@@ -94,7 +94,10 @@ class Servo:
 
 
 def best_damped(device: SampledMass, share: float = WELL_DAMPED_SHARE) -> Gains:
-    """Return a share of the largest stable stiffness, and the damping for the fastest decay of disturbances."""
+    """Return a share of the largest stable stiffness, and the damping that is best for it.
+
+    It is the damping with which disturbances die out fastest.
+    """
     if not positive("share", share, "shares") < 1.0:
         raise ArgumentError(f"share is {share!r}, expected one below 1 of the largest stiffness")
     stiffness = share * maximum_stiffness(device).stiffness

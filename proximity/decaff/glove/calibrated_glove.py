@@ -100,7 +100,10 @@ class CalibratedGlove:
         return counts, self._extended_bend(counts)
 
     def path_finger(self) -> np.ndarray:
-        """Return the fingertip's path from flat hand to fist at evenly spaced bends, (K, 3), m, finger frame."""
+        """Return the fingertip's path from flat hand to fist, (K, 3), m, in the finger's frame.
+
+        The points are evenly spaced in bend.
+        """
         return self.finger.path_world(Pose(), PATH_CORNERS)
 
     def drum_angle(self, bend: ArrayLike) -> np.ndarray:

@@ -63,7 +63,7 @@ class FingerPath:
         self.drum, self.play = worn.tip_drum(), float(worn.tip_play(CONTACT_BEND))
 
     def tables(self) -> tuple[list[float], list[float], list[float]]:
-        """Return the tables, which are increasing rows of bends, positions, m, and angles of the drum, rad."""
+        """Return the tables of bends, positions, m, and angles of the drum, rad, each of them increasing."""
         return self._bends, self._positions, self._angles
 
     def position(self, bend: float) -> float:

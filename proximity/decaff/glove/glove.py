@@ -134,7 +134,10 @@ class Glove:
         return np.asarray(tip_force, np.float64) * self.tip_per_radian(bend)
 
     def lever(self, bend: ArrayLike) -> np.ndarray:
-        """Return the displacement of the fingertip per radian of the drum, (...), m; also torque per force."""
+        """Return the displacement of the fingertip per radian of the drum, (...), m.
+
+        It is also the torque of the drum, N m, per newton at the fingertip.
+        """
         return self.tip_per_radian(bend)
 
     def tip_drum(self, bend: float = CONTACT_BEND) -> Drum:

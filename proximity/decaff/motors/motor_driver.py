@@ -127,7 +127,7 @@ class MotorAddress:
         return self.options.get(name, default)
 
     def check_options(self) -> None:
-        """Raise an error for unknown options, as a misspelt option could be a limit that then does not apply."""
+        """Raise an error for unknown options, as a misspelt one would be a missing limit."""
         unknown = sorted(set(self.options) - self.asked)
         if unknown:
             raise self.refuse(f"unknown option {unknown[0]!r} (expected {', '.join(sorted(self.asked))})")
@@ -227,7 +227,7 @@ class MotorScale:
         return -self._direction * force * self._path.lever(angle) / self._ratio
 
     def force(self, torque: float, angle: float) -> float:
-        """Return the force on the finger, N, at a torque of the motor, N m. This is the inverse of `torque`."""
+        """Return the force on the finger, N, at a torque of the motor, N m. It is the inverse of `torque`."""
         return -self._direction * torque * self._ratio / self._path.lever(angle)
 
     def drum_speed(self, speed: float, angle: float) -> float:

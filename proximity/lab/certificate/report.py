@@ -123,7 +123,7 @@ def _case(timing: MotionTiming, period: float) -> dict[str, Any]:
 
 
 def _times(times: Times, period: float) -> dict[str, Any]:
-    """Return percentiles of times, the number of ticks longer than a period, and a curve of times and counts."""
+    """Return percentiles of times, the number above the period, and a curve of times and counts."""
     return {**percentiles(times), "over_period": over_count(times, period), "tail": curve(times)}
 
 

@@ -49,7 +49,10 @@ def tail(times: dict[str, float | None]) -> tuple[str, float]:
 
 
 def over_count(times: Times, period: float) -> int:
-    """Return the number of durations longer than a period, s, for a histogram to within the width of a bin."""
+    """Return the number of durations longer than a period, s.
+
+    For a histogram it is exact to within the width of a bin.
+    """
     if isinstance(times, Histogram):
         rows = times.rows()
         return sum(count for _, upper_ns, count in rows if min(upper_ns, times.max_ns) > 1e9 * period)

@@ -159,7 +159,10 @@ def _look(
 
 
 def _apart(positions: np.ndarray, worths: np.ndarray, distance: float) -> Iterator[int]:
-    """Yield the rows of the costliest positions at a distance from each other, from one to `CLIMBS` of them."""
+    """Yield the rows of the costliest positions that are a distance apart, at least one of them.
+
+    There are at most `CLIMBS`.
+    """
     chosen: list[int] = []
     for k in np.argsort(-worths, kind="stable").tolist():
         if len(chosen) == CLIMBS or (chosen and worths[k] == NOWHERE):

@@ -103,7 +103,7 @@ class EngineSetup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EnginePress:
-    """Result of a press. Positions of `response` are relative to the true surface, along the finger's path."""
+    """Result of a press. Positions of `response` are relative to the true surface on the finger's path."""
 
     finger: PlacedFinger
     setup: EngineSetup

@@ -127,7 +127,10 @@ def first_touch(scene: Scene, finger: Finger, world_from_hand: Pose) -> float:
 
 
 def _viewpoint(scene: Scene) -> np.ndarray:
-    """Return a point above the middle of all parts, higher by the height of the parts and a finger's length."""
+    """Return a point above the middle of all parts.
+
+    Its height above the parts is their own height plus the length of a finger.
+    """
     lower, upper = scene.bounds
     middle = 0.5 * (lower + upper)
     return np.array([middle[0], middle[1], upper[2] + (upper[2] - lower[2]) + 0.1])

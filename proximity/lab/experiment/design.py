@@ -169,7 +169,10 @@ class Design:
     digest: str  # first digits of the SHA-256 of the file
 
     def pairs(self, task: Task) -> list[tuple[str, str]]:
-        """Return the planned comparisons of a task. By default, all conditions are compared with the first."""
+        """Return the planned comparisons of a task.
+
+        If the file names none, all conditions are compared with the first.
+        """
         if task.comparisons:
             return [(one.partition(AGAINST)[0], one.partition(AGAINST)[2]) for one in task.comparisons]
         first, *others = self.compared(task)

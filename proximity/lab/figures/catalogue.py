@@ -65,7 +65,7 @@ PLATES = {
 
 
 def chosen_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of the requested figures without duplicates, or of all figures if none is requested."""
+    """Return the names of the requested figures without duplicates, or of all if none is requested."""
     chosen = tuple(dict.fromkeys(names))
     for name in chosen:
         if name not in PLATES:

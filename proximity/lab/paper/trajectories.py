@@ -26,7 +26,7 @@ class Motion:
 
 
 class Intent(Protocol):
-    """Intended motion of a hand in a closed loop, which is its motion without a wall. It touches at time 0."""
+    """Intended motion of a hand in a closed loop, as it would be without a wall. It touches at time 0."""
 
     @property
     def release_time(self) -> float:

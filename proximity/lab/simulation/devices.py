@@ -161,7 +161,7 @@ class Sensing:
         whole("seed", self.seed, 0)
 
     def noises(self, duration: float) -> np.ndarray:
-        """Return the noise of each distance measured in *duration* seconds, m. It is the same on every run."""
+        """Return the noise of each distance measured in *duration* seconds, m, equal on every run."""
         if self.noise == 0.0:
             return np.zeros(1)
         count = math.ceil(duration * self.rate) + 1

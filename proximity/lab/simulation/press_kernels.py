@@ -79,7 +79,7 @@ bundle(
 
 @inlined
 def intent(press: np.ndarray, t: float) -> tuple[float, float]:
-    """Return intended position and speed of the hand at *t*, as in a `trajectories.Press` that touches at 0."""
+    """Return intended position and speed of the hand at *t*, as in a `Press` that touches at 0."""
     speed, depth, release = press[0], press[1], press[2]
     rise = 2.0 * depth / speed
     if t < 0.0:

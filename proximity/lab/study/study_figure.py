@@ -43,7 +43,10 @@ def write_figure(study: Study, rows: Sequence[Row], path: Path) -> None:
 
 
 def chosen_axes(study: Study, rows: Sequence[Row]) -> dict[str, str]:
-    """Return the columns of measure, x, lines and panels, from the study's file or else the first that vary."""
+    """Return the columns of measure, x, lines and panels.
+
+    Unless the file names them, the first that vary are used.
+    """
     factors = list(study.conditions[0].values)
     measures = [name for name in rows[0] if name not in (*factors, "seconds") and _is_number(rows, name)]
     chosen = {key: name for key, name in study.plot.items() if name}

@@ -97,7 +97,10 @@ def _imported(table: Table, name: str, jobs: Mapping[str, Job]) -> Job:
 
 
 def _conditions(document: Document, folder: Path, job_name: str, job: Job) -> Iterator[Condition]:
-    """Yield the condition of every combination of [factors] with each of [[conditions]], without duplicates."""
+    """Yield the conditions of a study without duplicates.
+
+    They are all combinations of [factors] with each of [[conditions]].
+    """
     rows = document.data.get("conditions", [{}])
     if not isinstance(rows, list):
         document.complain(("conditions",), "conditions are not tables, expected [[conditions]] above each")
