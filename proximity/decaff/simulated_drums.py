@@ -264,7 +264,7 @@ class DrumBench:
         finger.step(nothing, 1_000_000, 1e-3, None, None)
 
     def warnings(self) -> list[str]:
-        """Return messages about limitations of these drums with this service, each only once.
+        """Return messages about limitations of the drums with this service. Each message is returned once.
 
         This method may be called from any thread.
         """

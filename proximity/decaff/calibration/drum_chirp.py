@@ -87,7 +87,7 @@ def inertia(drum: Drum) -> float:
 
 
 def drum_stiffness(glove: Glove, cable: float) -> float:
-    """Return the stiffness of a cable felt at the drum of a fixed finger, N m/rad. *cable*: in N/m."""
+    """Return the stiffness of a cable at the drum, N m/rad, while the finger is fixed. *cable*: in N/m."""
     return cable * glove.cable.replica_pulley**2
 
 

@@ -137,7 +137,7 @@ class SimulatedGlove:
         return DrumRecord(times, torques, read, disturbed)
 
     def _swung(self, plant: np.ndarray, times: np.ndarray, torques: np.ndarray) -> np.ndarray:
-        """Compute the angles of the drum under torques, (N,), rad. It starts at rest at 0."""
+        """Compute the angles of the drum under torques, (N,), rad. The drum starts at rest at 0."""
         return answer(plant, DrumRecord(times, torques, times, torques), self._drum_latency, FINE_STEP)
 
     def _turned(self) -> float:

@@ -88,7 +88,7 @@ def motor_force(
 
 @inlined
 def arrived(drive: np.ndarray) -> float:
-    """Return the servo's force that takes effect in this step, N, and make the present demand pending."""
+    """Return the servo's force that takes effect in this step, N. Its present demand becomes pending."""
     count = drive.shape[0] - DRIVE_SIZE
     if count == 0:
         return drive[DRIVE_APPLIED]

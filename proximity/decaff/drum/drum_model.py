@@ -225,7 +225,7 @@ class Drum:
         return min(max(speed, -most), most) * self.turn
 
     def reading(self, position: float) -> float:
-        """Return the position of the rotor that the encoder reads, m, which is that of the nearest count."""
+        """Return the rotor's position as the encoder reads it, m, which is that of the nearest count."""
         step, offset = self.resolution, self.encoder_phase * self.resolution
         return math.floor((position - offset) / step + 0.5) * step + offset
 

@@ -79,7 +79,7 @@ def spectral_radius(polynomials: np.ndarray) -> np.ndarray:
 
 
 def maximum_stiffness(device: SampledMass) -> Gains:
-    """Return the largest stable stiffness, and a damping with which all smaller ones are stable too."""
+    """Return the largest stable stiffness, and the damping that makes all smaller ones stable too."""
     return gains_at(device, _stiffest_half_angle(device))
 
 

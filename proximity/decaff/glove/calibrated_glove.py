@@ -44,7 +44,7 @@ INVERSE = np.linspace(0.0, 1.0, 4097)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedGlove:
-    """A glove with its measurements. A table that cannot belong to the glove raises an error."""
+    """A glove with its measurements. Raises an error if the table cannot belong to the glove."""
 
     glove: Glove  # as designed; its finger is replaced by the measured one
     calibration: Calibration
@@ -74,7 +74,7 @@ class CalibratedGlove:
     def bend_of_counts(
         self, counts: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
-        """Return the bend for counts, (...). Counts farther off the table than a hand can reach give nan."""
+        """Return the bend at potentiometer counts, (...), or nan for counts that no hand can reach."""
         read = np.asarray(counts, np.float64)
         behind = np.asarray(tension, np.float64) * self.calibration.cable_compliance
         ahead = np.where(is_closing, 0.0, self.calibration.backlash)
@@ -112,7 +112,10 @@ class CalibratedGlove:
         return self.glove.drum.drum_angle(replica) + self.calibration.touch_offset
 
     def _extended_bend(self, counts: np.ndarray) -> np.ndarray:
-        """Return the bend by the table. Beyond the ends, where its slope may be 0, its mean slope is used."""
+        """Return the bend by the table, extrapolated beyond its ends with its mean slope.
+
+        The slope at the ends may be 0.
+        """
         first, last = self.calibration.counts[[0, -1]]
         inside = np.clip(counts, first, last)
         return self._table(inside) + (counts - inside) / (last - first)

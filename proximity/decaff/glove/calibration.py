@@ -107,7 +107,7 @@ LARGEST_FILE = 100_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """Measurements of one finger's glove. Contradictory measurements raise an error."""
+    """Measurements of one finger's glove. Raises an error if they contradict each other."""
 
     made: datetime  # when it was measured; with its time zone
     counts: np.ndarray  # (7,) float64, potentiometer with a slack cable while the finger closes; increasing

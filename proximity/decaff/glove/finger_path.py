@@ -89,7 +89,10 @@ class FingerPath:
         return _along(position, self._positions, self._angles)
 
     def lever(self, angle: float) -> float:
-        """Return the displacement of the fingertip per radian of the drum, m, or torque per force, N m/N."""
+        """Return the displacement of the fingertip per radian of the drum, m.
+
+        It is also the torque of the drum, N m, per newton at the fingertip.
+        """
         i = min(max(bisect_right(self._angles, angle), 1), len(self._angles) - 1)
         along = self._positions[i] - self._positions[i - 1]
         return along / (self._angles[i] - self._angles[i - 1]) if angle == angle else float("nan")

@@ -67,7 +67,7 @@ class ArmDrum:
 
 @dataclass(frozen=True, slots=True)
 class Glove:
-    """One finger of the glove. A linkage that cannot follow the finger raises an error.
+    """One finger of the glove. Raises an error if the linkage cannot follow the finger.
 
     Angles of the replica are relative to that of the flat hand with a cable without slack. Each ``bend`` is
     an array of any shape (...).

@@ -223,7 +223,7 @@ class MotorScale:
         return self._path.drum_position(angle)
 
     def torque(self, force: float, angle: float) -> float:
-        """Return the motor's torque that exerts a force, N, on the finger, N m."""
+        """Return the motor's torque, N m, for a force on the finger, N."""
         return -self._direction * force * self._path.lever(angle) / self._ratio
 
     def force(self, torque: float, angle: float) -> float:

@@ -1,4 +1,4 @@
-"""Drum moved by a real motor, which is homed first, kept within its limits, and switched off if uncertain.
+"""Drum moved by a real motor, which is homed first, limited, and switched off at any uncertainty.
 
 The interface is that of `DrumPlant`, the simulated drum. Uncertainties are a late answer, a fault or an end
 reported by the motor, a jump of the encoder, a drum beyond its limits, and a shaft that does not turn
@@ -132,7 +132,7 @@ class MotorDrum:
             self._pause(pause or _slept)
 
     def home(self, pause: Callable[[float], bool] | None = None) -> None:
-        """Switch the motor on, and find the mechanical stop beyond the retracted drum, twice.
+        """Switch the motor on, and find the mechanical stop beyond the retracted drum by two touches.
 
         *pause*: function that waits for a time, s, and returns whether to give up.
         """

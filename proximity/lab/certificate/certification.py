@@ -82,7 +82,7 @@ class Certificate:
         }
 
     def machine_verdict(self) -> dict[str, Any]:
-        """Return whether the machine met the deadlines of the loop, whatever the cause of a missed one."""
+        """Return whether the machine met the loop's deadlines. A deadline may be missed for any reason."""
         period = 1e-9 * self.loop.period_ns
         missed, due = self.loop.missed, self.loop.ticks + self.loop.missed
         kept = missed <= MISSED * due
@@ -112,7 +112,7 @@ def certify(
     seed: int = SEED,
     progress: Progress = lambda _, __: None,
 ) -> Certificate:
-    """Return the certificate of a scene, which takes about ten seconds.
+    """Certify a scene, which takes about ten seconds.
 
     *seed*: of all random numbers. The positions found are the same on every run.
     """

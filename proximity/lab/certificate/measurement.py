@@ -77,9 +77,9 @@ def tick_all(
     velocities: np.ndarray | None = None,
     before: Callable[[int], object] | None = None,
 ) -> None:
-    """Tick a tracker at positions, and velocities, (T, N, 3), as the service does, and time each call.
+    """Tick a tracker through positions, (T, N, 3), as the service does, and time each call.
 
-    *before*: called before each tick with its number.
+    *velocities*: of the fingers, (T, N, 3). *before*: called before each tick with its number.
     """
     contacts, thread, wall = tracker.contacts, time.thread_time_ns, time.perf_counter_ns
     work, flags = contacts["work"], contacts["flags"]
@@ -176,7 +176,7 @@ def motion_rows(subject: Subject, found: Results, tick_count: int, seed: int) ->
 
 
 def worst_passing(subject: Subject, found: Results, tick_count: int, seed: int) -> np.ndarray:
-    """Return fingers that pass through the worst positions of moving fingers, (T, N, 3) m."""
+    """Return positions of fingers that pass through the worst positions of moving fingers, (T, N, 3), m."""
     positions = _positions(found, SearchGoal(StartMode.MOVES, True))
     rng = np.random.default_rng([seed, 100])
     return motions.passing(positions, subject.fingers, tick_count, rng, rate=1.0 / subject.period)
@@ -220,7 +220,7 @@ def _timing(
 def _run(
     tick_through: Callable[..., None], positions: np.ndarray, progress: Callable[[int], None]
 ) -> TickLog:
-    """Return the times of all ticks of a motion, which follow some uncounted ticks as a rehearsal."""
+    """Time all ticks of a motion, after a few ticks that are not counted."""
     log, rehearsal = TickLog(), positions[: min(REHEARSAL, len(positions) // 10)]
     progress(0)
     with without_collector():

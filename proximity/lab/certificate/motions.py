@@ -55,9 +55,9 @@ def passing(
 
 
 def repeated(positions: np.ndarray, ticks: int) -> np.ndarray:
-    """Repeat a motion to (ticks, N, 3). Between its end and its start is a pause without fingers.
+    """Return a repeated motion, with a pause without fingers between two rounds.
 
-    *positions*: (T, N, 3), m.
+    *positions*: (T, N, 3), m. *ticks*: number of ticks without the pauses.
     """
     nobody = np.full((PAUSE_TICKS, *positions.shape[1:]), np.nan)
     one = np.concatenate([positions, nobody])

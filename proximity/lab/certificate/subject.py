@@ -152,7 +152,7 @@ def _of_scene_file(settings: SceneFile, recording: Recording | None, period: flo
 
 
 def _more_inputs(settings: SceneFile) -> dict[str, bool]:
-    """Return whether a scene file has inputs other than poses, by the name of the input."""
+    """Return, for each kind of input other than poses, whether a scene file has it."""
     return {
         "paths of fingers": settings.input.poses is not None,
         "parts that move": settings.input.moves is not None,

@@ -65,7 +65,10 @@ def search(
     max_steps: float = MAX_STEPS,
     progress: Progress = lambda _, __: None,
 ) -> dict[SearchGoal, SearchResult]:
-    """Search the worst positions for each of `GOALS`. *counts*: of starts, by default `START_COUNTS`."""
+    """Search for the worst positions for each of `GOALS`.
+
+    *counts*: numbers of starting positions, by default `START_COUNTS`.
+    """
     rng = np.random.default_rng([seed, 0])
     positions, origins = starting_positions(subject, START_COUNTS if counts is None else counts, rng)
     found: dict[SearchGoal, SearchResult] = {}
@@ -146,7 +149,7 @@ def _in_ball(count: int, rng: np.random.Generator) -> np.ndarray:
 def _look(
     probe: Probe, positions: np.ndarray, is_centre: np.ndarray, rng: np.random.Generator, max_steps: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return contacts, and the rows of their positions, until the steps are exhausted. Centres come first."""
+    """Evaluate positions until the steps are exhausted, centres first. Return contacts and their rows."""
     order = rng.permutation(len(positions))
     order = np.concatenate([order[is_centre[order]], order[~is_centre[order]]])
     found: list[np.ndarray] = []

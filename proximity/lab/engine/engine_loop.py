@@ -97,7 +97,7 @@ class EngineSetup:
 
     @property
     def expected_latency(self) -> float:
-        """Latency for which the tracker predicts, s."""
+        """Latency that the tracker's prediction covers, s."""
         return float(max(self.latency)) if isinstance(self.latency, Sequence) else float(self.latency)
 
 

@@ -76,7 +76,7 @@ class Findings:
 
 
 def analyse(design: Design, rows: Sequence[Row]) -> Findings:
-    """Return the results of visits."""
+    """Analyse the rows of visits."""
     kept, excluded = exclude(design, rows)
     scores: dict[Key, float] = {}
     functions: dict[Key, Psychometric] = {}
@@ -166,7 +166,7 @@ def compare(design: Design, task: Task, scores: dict[Key, float]) -> list[Compar
 
 
 def paired_p(differences: np.ndarray) -> np.ndarray:
-    """Return the p values of t tests of (..., participants) differences.
+    """Return the p values of paired t tests on differences, (..., participants).
 
     If all differences are equal, p is 1 for zeros and 0 otherwise.
     """

@@ -77,7 +77,10 @@ def intervals_of(trial: Trial) -> tuple[Interval, Interval]:
 
 
 def interval_of(task: Task, condition: Condition, level: float) -> Interval:
-    """Return the surface of a condition with a level of the task's stimulus, which is absent at level 0."""
+    """Return the interval for a condition and a level of the task's stimulus.
+
+    At level 0 the stimulus is absent.
+    """
     stiffness, latency = task.stiffness, condition.latency
     damping = condition.damping if task.damping is None else task.damping
     if task.varied is Varied.LATENCY:

@@ -59,7 +59,7 @@ class Observer:
         return True
 
     def read(self, text: Text) -> None:
-        """Continue."""
+        """Do nothing."""
 
     def wait_ready(self, trial: Trial, interval: int) -> None:
         """Select the random numbers for the speed of the hand."""
@@ -83,7 +83,7 @@ class Observer:
         return trial.odd if rng.random() < self._probability(trial) else 3 - trial.odd
 
     def explain(self, why: str) -> None:
-        """Continue."""
+        """Do nothing."""
 
     def _probability(self, trial: Trial) -> float:
         """Return the probability of the right answer to a trial."""

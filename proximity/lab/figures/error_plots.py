@@ -102,7 +102,7 @@ def numbers_against_latency(glove: Glove = OURS) -> Table:
 
 
 def draw_against_speed(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
-    """Draw the table of `numbers_against_speed` over speed, with a panel per latency."""
+    """Draw force errors over speed with a panel per latency, from `numbers_against_speed`."""
     panels = style.panels_across(figure, len(SPEED_PANELS))
     for panel, latency in zip(panels, SPEED_PANELS, strict=True):
         rows = table.where(latency_s=latency)
@@ -113,7 +113,7 @@ def draw_against_speed(figure: "Figure", table: Table, glove: Glove = OURS) -> N
 
 
 def draw_against_latency(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
-    """Draw the table of `numbers_against_latency` over latency, with a panel per speed."""
+    """Draw force errors over latency with a panel per speed, from `numbers_against_latency`."""
     panels = style.panels_across(figure, len(LATENCY_PANELS))
     for panel, speed in zip(panels, LATENCY_PANELS, strict=True):
         rows = table.where(speed_m_per_s=speed)

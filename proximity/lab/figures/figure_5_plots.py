@@ -109,7 +109,7 @@ def drawer(name: str) -> "Callable[[Figure, Table], None]":
 
 
 def draw_all(figure: "Figure", table: Table) -> None:
-    """Draw the table of `all_numbers`, positions and forces of all eight figures on a page."""
+    """Draw positions and forces of all eight figures on a page, from the table of `all_numbers`."""
     if style.is_narrow(figure):
         figure.set_figheight(NARROW_HEIGHT)
     grid = figure.subplots(8, 2, sharex=True, height_ratios=(2, 3) * 4)

@@ -43,7 +43,7 @@ def numbers(glove: Glove = OURS) -> Table:
 
 
 def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
-    """Draw the table of `numbers`, the motions of the drums."""
+    """Draw the motions of the drums, from the table of `numbers`."""
     panel, drums = figure.subplots(), tip_drums(glove)
     for name, stroke in zip(drums, STROKES, strict=False):
         at_rest = float(table[f"{name}_settled_s"][0])

@@ -51,7 +51,7 @@ class Intent(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Press:
-    """A press at constant speed to a depth, which is held and left at the same speed.
+    """A press that comes at constant speed, stops at a depth, holds it, and leaves at the same speed.
 
     A press that would leave before it has stopped raises an error.
     """

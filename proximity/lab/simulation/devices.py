@@ -57,7 +57,7 @@ class Hand:
 
 @dataclass(frozen=True, slots=True)
 class TipCable:
-    """Cable by its effects at the fingertip, which are stretch and friction in its sheath."""
+    """Cable between finger and link, described by its effects at the fingertip."""
 
     stiffness: float  # N/m
     capstan: float = 0.0  # friction as a share of its tension
@@ -193,7 +193,7 @@ class Holding:
 
 @dataclass(frozen=True, slots=True)
 class Decaff:
-    """Glove with a contact drum, by its parts and settings."""
+    """Parts and settings of a glove with a contact drum."""
 
     drum: Drum = DRUMS[USUAL_GEAR]
     servo: Servo = None  # type: ignore[assignment]  # None: the one that suits the drum, at 3 kHz

@@ -143,7 +143,7 @@ def step_finger(press: PressArrays, i: int) -> None:
 
 
 def pressed_on(answer: Callable[[PressArrays, int], None]) -> Callable[[PressArrays, int, int], None]:
-    """Return a kernel that steps rows from a first to before a last one, with a kernel for the wall."""
+    """Return the kernel that computes a range of rows with a given kernel for the wall."""
 
     @inlined
     def advance(press: PressArrays, first: int, last: int) -> None:
@@ -222,7 +222,7 @@ def meet_device(press: PressArrays, i: int) -> None:
 
 @inlined
 def meet_drum(press: PressArrays, i: int) -> None:
-    """Step a link that is free until it meets the drum, and the drum, which the motor moves."""
+    """Step the link, which is free until it meets the drum, and the motor-driven drum."""
     where = press.where[i] = press.drive[drums.DRIVE_POSITION]
     link, link_speed = press.link[i], press.link_speed[i]
     back = contact_force(press.body[0], link, link_speed, where, press.drive[drums.DRIVE_SPEED])
@@ -256,5 +256,5 @@ def begin_press(press: PressArrays) -> None:
 
 @entry(PressArrays, "int, int")
 def press_drum(press: PressArrays, first: int, last: int) -> None:
-    """Compute rows from *first* to before *last* of a press on a drum, during which its servo is idle."""
+    """Compute the rows from *first* to *last*, exclusive, of a press on a drum whose servo is idle."""
     advance_drum(press, first, last)

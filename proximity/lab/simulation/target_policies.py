@@ -15,7 +15,7 @@ from proximity.lab.simulation.devices import Holding
 
 
 class Target(IntEnum):
-    """Policy by the position that a distance is combined with."""
+    """Policies, which differ in the position that a distance is combined with."""
 
     NAIVE = 0
     """Present position of the link, also in contact. This is the paper's "proportionate position" literally.

@@ -147,7 +147,7 @@ def _levels(document: Document, folder: Path, path: KeyPath, content: Any, job: 
 def _read(
     document: Document, folder: Path, path: KeyPath, value: Any, accepted: tuple[type, ...]
 ) -> list[Any]:
-    """Return the values of an item, which are several for a pattern of files and none if it is invalid."""
+    """Return the values of an item. A pattern of files may have several, an invalid item has none."""
     if value == NONE and types.NoneType in accepted:
         return [None]
     if Path in accepted and isinstance(value, str):
@@ -174,7 +174,7 @@ def _digest(path: Path, known: dict[str, str]) -> str:
 
 
 def _key(job: str, values: Mapping[str, Any], digests: Mapping[str, str]) -> str:
-    """Return the hash of a condition, in which the content of a file counts and not its name."""
+    """Return the hash of a condition, in which a file is represented by its content."""
     plain = {
         name: digests.get(str(one), str(one)) if isinstance(one, Path) else one
         for name, one in values.items()

@@ -180,7 +180,7 @@ def _own_ray_folder() -> str:
 
 @contextlib.contextmanager
 def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
-    """Yield Ray. If it does not run in this process, it is started, and stopped at the end."""
+    """Yield the module `ray` with a running Ray. If Ray was started here, it is stopped at the end."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # no usage statistics
     folder = "" if address else _own_ray_folder()
     with needed("a study needs", "study"):
