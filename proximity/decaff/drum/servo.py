@@ -52,8 +52,8 @@ class DrumCommand:
 SERVO_RATE = 3000.0  # Hz, default; assumed
 DEADBAND_COUNTS = 0.5  # of the encoder
 MAX_LAG = 5e-3  # m, lag of a drum with a latency behind an accelerating reference; assumed
-INTEGRAL_TURN = 4.0  # rad of the servo's swing, integral time of such a drum; assumed
-FORCE_DAMPING_SHARE = 0.25  # of mass over latency, damping of such a drum in force mode; assumed
+INTEGRAL_TURN = 4.0  # rad of the servo's swing, integral time of a drum with a latency; assumed
+FORCE_DAMPING_SHARE = 0.25  # of mass over latency, damping of a drum with a latency in force mode; assumed
 WELL_DAMPED_SHARE = 0.2  # of the largest stiffness, at which a servo is well damped
 SIMULATION_STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its drum
 

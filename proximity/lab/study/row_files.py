@@ -3,8 +3,7 @@
     DIR/rows/20260131T120000-1a2b-00000.parquet   rows of one run, a file every few seconds
     DIR/rows.csv                                  the newest row of each condition
 
-A file is visible only when it is complete. After a killed run, only the rows that it had not written are
-computed again.
+A file is visible only when it is complete. After a killed run, only its unwritten rows are computed again.
 """
 
 import contextlib
