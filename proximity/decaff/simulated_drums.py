@@ -123,7 +123,7 @@ def with_bend(contact: Any, path: FingerPath) -> Any:
     if int(contact["mode"]) in NEAR:
         reported["contact_bend"], reported["contact_bend_error"] = CONTACT_BEND, 0.0
     else:
-        reported["bend_rate"] = math.nan  # no contact is expected: no extrapolation
+        reported["bend_rate"] = math.nan  # no extrapolation, as no contact is expected
     return reported
 
 

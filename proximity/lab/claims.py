@@ -31,7 +31,7 @@ from proximity.lab.simulation.target_policies import Target
 from proximity.lab.stability import largest_damping
 
 YES, PARTLY, NO = "yes", "yes, if", "no"
-TIMES = (0.0, 0.520, 1e-5)  # s: from, to, step of the curves
+TIMES = (0.0, 0.520, 1e-5)  # s, start, end and step of the curves
 HAND = Hand()
 PHASES = 16  # of the encoder, at random
 SHAKING = 0.1  # N rms
@@ -49,7 +49,7 @@ SYMBOLS = (
     "Numbers in brackets after a claim are the paper's equations; 5a to 5h are its figures.",
 )
 HOW = "All of this comes from models of this project; nothing was measured on hardware or with people."
-SMOOTH_STOP = 26.0 / 35.0  # of the damper's loss: mean share of the speed over the path of a press
+SMOOTH_STOP = 26.0 / 35.0  # factor of the damper's loss, the mean share of the speed over a press's path
 PAIR = sampled_mass.Gains(3900.0, 60.0)  # the paper's
 
 

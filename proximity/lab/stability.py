@@ -72,7 +72,7 @@ def slowest_period(mass: float, gains: Gains, delay_samples: int = 1) -> float:
     # a/b² does not depend on the period; along the edge it falls from infinity to zero.
     ratio = 2.0 * mass * stiffness / damping**2
 
-    # From near its start, where a = 2h² and b = (2d+1)h².
+    # The search begins near the start of the edge, where a = 2h² and b = (2d+1)h².
     start = min(0.1 * math.sqrt(2.0 / ratio) / (2 * delay_samples + 1), 0.1 * device.last_half_angle)
 
     def left(half_angle: float) -> float:
@@ -133,7 +133,7 @@ def rests_on(hand: Hand, wall: CoupledWall, device: Link = COUPLED_DEVICE) -> bo
     """
     moved, pushed = _sampled(hand, device, 1.0 / wall.rate)
     delay, size = round(wall.latency * wall.rate), len(pushed)
-    # The state: of device and finger now, and the device's positions at earlier samples.
+    # The state consists of device and finger now, and of the device's positions at earlier samples.
     loop = np.zeros((size + delay + 1, size + delay + 1))
     position = np.eye(len(loop))[[0, *range(size, len(loop))]]  # now, one sample ago, and so on
     damping = wall.damping * wall.rate

@@ -21,7 +21,7 @@ from proximity.errors import DecaffError
 HELD_BEND = 0.5
 FREE_SWING = 0.3  # rad, either way, of the free drum at its first frequency; assumed
 COASTING = 5.0  # coasting time of the drum, in pushes
-OVER_FRICTION = 5.0  # ratio of the free chirp to the friction: then the drum hardly ever sticks
+OVER_FRICTION = 5.0  # ratio of the free chirp to the friction, at which the drum hardly ever sticks
 HELD_FORCE = 3.0  # N at the fingertip, mean of the held chirp
 HELD_SHARE = 1.0 / 6.0  # amplitude of the held chirp, as a share of that force
 MAX_SHARE = 0.6  # of the motor's torque
@@ -32,8 +32,8 @@ MAX_MISFIT = 0.15  # maximum share of a swing that the model may leave unexplain
 MAX_TORQUE_OFF = 0.3  # share of the chirp by which the motor's torque may differ from the command
 LATEST_CURRENT = 0.01  # s, maximum delay of the current behind the command
 MIN_CYCLES = 6.0  # samples to a cycle of the fastest swing
-DIFFERENCES = (0.02, 0.005)  # shares; smaller differences are hidden by friction that sticks and slips
-SEARCHED = np.geomspace(0.25, 4.0, 33)  # times the modelled inertia or stiffness, starts of the search
+DIFFERENCES = (0.02, 0.005)  # shares; smaller differences are hidden by stick-slip friction
+SEARCHED = np.geomspace(0.25, 4.0, 33)  # starts of the search, times the modelled inertia or stiffness
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Chirp:
         last = min(self.last, rate / MIN_CYCLES)
         times = np.arange(round(SECONDS * rate)) / rate
         phase = 2.0 * math.pi * (self.first * times + (last - self.first) / (2.0 * SECONDS) * times**2)
-        # Begins at full torque: so the mean speed is 0, and a free drum stays in place.
+        # It begins at full torque, so that the mean speed is 0 and a free drum stays in place.
         chirp = self.mean + self.amplitude * np.cos(phase)
         rise = self.mean * np.linspace(0.0, 1.0, round(RISE * rate)) if self.mean else np.zeros(0)
         push = np.zeros(round((1.0 + COASTING) * self.push * rate))
@@ -67,7 +67,7 @@ def free_chirp(drum: Drum) -> Chirp:
     friction, most = drum.friction * drum.lever, MAX_SHARE * drum.force_limit * drum.lever
     amplitude = min(max(OVER_FRICTION * friction, 0.01 * most), most)
     first = math.sqrt(amplitude / (FREE_SWING * inertia(drum))) / (2.0 * math.pi)
-    # In a swing alone friction and latency look alike, as delays. Coasting shows the friction.
+    # In a swing, friction and latency both appear as delays. Coasting distinguishes them.
     push = math.sqrt(2.0 * FREE_SWING * inertia(drum) * max(friction, 0.1 * amplitude)) / amplitude
     return Chirp(0.0, amplitude, first, 8.0 * first, push)
 
@@ -210,7 +210,7 @@ def _check_motor(record: DrumRecord) -> None:
     """Raise an error if the motor's torque, computed from its current, differs from the command."""
     swung, count = float(np.std(record.commanded)), len(record.times)
     late = min(math.ceil(LATEST_CURRENT / _period(record)), count - 1)
-    # The current is read some samples late.
+    # The current is read with a delay of some samples.
     off = min(
         float(np.median(np.abs(record.torques[lag:] - record.commanded[: count - lag])))
         for lag in range(late + 1)

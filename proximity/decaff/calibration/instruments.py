@@ -67,7 +67,7 @@ class Instruments:
 
 RATE = 500.0  # Hz of torques, within the limits of the bus and this program
 LONGEST_GAP = 0.02  # s, maximum between two answers, as the motion in a longer gap is unknown
-LOOK_S = 0.01  # between two checks for an answer while a person works
+LOOK_S = 0.01  # s, between two readings of the motor while a person works
 RATIO_OFF = 0.01  # share by which gear ratios may differ
 
 

@@ -152,7 +152,7 @@ _Quantity = tuple[
 def _quantities(bench: Bench) -> list[_Quantity]:
     glove, drum = bench.glove, bench.drum
     a_count = glove.cable.replica_pulley / glove.potentiometer.gain  # m of cable
-    # From a fixed drum to a cable in N/m, and from the drum's axis to the fingertip.
+    # Conversions from the fixed drum to the cable, and from the drum's axis to the fingertip.
     per_cable, lever = drum_stiffness(glove, 1.0), drum.lever
     designed = glove.potentiometer.counts(glove.replica_angle(POSES))
 

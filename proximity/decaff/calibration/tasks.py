@@ -66,7 +66,7 @@ class Task:
     """One task of a calibration, with the instructions for a person and the measurement."""
 
     key: str
-    parts: tuple[str, ...]  # the person's actions before each reading; a sentence each
+    parts: tuple[str, ...]  # sentences that describe the person's actions before a reading
     bends: tuple[
         float | None, ...
     ]  # of the finger, in turn over the repeats; None: without a finger in the glove

@@ -84,8 +84,8 @@ class Observation:
     """
 
     now_ns: int  # of the sample, on the clock of the frames
-    bend: float  # of the finger, by the potentiometer; nan, or an impossible bend: a fault
-    drum_angle: float  # rad, by the encoder; nan, or far off the finger's path: a fault
+    bend: float  # of the finger, by the potentiometer; nan or an impossible bend is a fault
+    drum_angle: float  # rad, by the encoder; nan or an angle far off the finger's path is a fault
     state: State = State.STALE  # of the newest reading
     contact: Any = None  # CONTACT, this finger's record of it; None: no frame yet
     force: float = math.nan  # N, between finger and drum; nan: not measured
@@ -113,7 +113,7 @@ class DrumAction:
     force_slew: float = 0.0  # N/s at the fingertip, of the force; 0: that of a handover, inf: a step
     heat: float = 0.0  # of the motor, as a share; at 1 or more its force is limited to the continuous one
     is_hot: bool = False  # that limit is active, until the motor is cooler
-    is_anew: bool = False  # samples were missed: the servo of a chip restarts its mode
+    is_anew: bool = False  # samples were missed, so that the servo restarts its mode
 
 
 def commanded(action: DrumAction, target: float) -> DrumCommand:
@@ -152,7 +152,7 @@ def largest_passive_stiffness(
     own = not_negative("device_damping", device_damping, "newton seconds a metre")
     if own <= required_damping(0.0, damping, period, delay_samples):
         return 0.0
-    # At the slowest hand the bound is K T (2d+1)/2 - B, its minimum.
+    # The bound is smallest at the slowest hand, K T (2d+1)/2 - B.
     most = 2.0 * (own + abs(damping)) / (period * (2 * delay_samples + 1))
 
     def lack(stiffness: float) -> float:
@@ -165,7 +165,7 @@ def _largest(series: np.ndarray) -> float:
     """Return the maximum of a Chebyshev series between -1 and 1."""
     negligible = np.finfo(np.float64).eps * np.abs(series).max()
     turns = chebyshev.chebroots(chebyshev.chebder(chebyshev.chebtrim(series, negligible)))
-    # Candidates that are not extrema do no harm: their value is not above the maximum.
+    # Candidates that are not extrema are harmless, as their values do not exceed the maximum.
     positions = np.clip(turns.real, -1.0, 1.0)
     return float(chebyshev.chebval(np.array([-1.0, 1.0, *positions]), series).max())
 

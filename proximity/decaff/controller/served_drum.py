@@ -40,7 +40,7 @@ class ServedDrum:
         self._memory = content[0], action[0]
         self._serve = in_c("servo_step")
         in_c("servo_begin")(content[0], place[0], self.reported)
-        if self.plant["play"][0] > 0.0:  # the integral balances the spring: a steady state
+        if self.plant["play"][0] > 0.0:  # steady state, in which the integral balances the spring
             self.servo["integrated"] = -self.plant["spring"]
 
     @property

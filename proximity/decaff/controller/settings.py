@@ -18,7 +18,7 @@ from proximity.system.time_units import NS_PER_MS
 TOUCH_GAP = 30e-6  # m, of drum and finger or link, below which they touch; assumed
 RELEASE_GAP = 1e-3  # m, beyond which they are released; assumed
 MIN_WINDOW = 2  # samples
-NEAR_SHARE = 0.35  # of the energy near the finger: servo and gear's play add more; assumed
+NEAR_SHARE = 0.35  # usable share of the energy near the finger, as servo and play add to it; assumed
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Limits:
     fresh_ns: int = 20 * NS_PER_MS  # age of a pose up to which operation is normal
     stale_ns: int = 100 * NS_PER_MS  # age of a pose beyond which the state is unknown
     future_ns: int = 5 * NS_PER_MS  # time in the future beyond which a frame is invalid
-    freeze_ns: int = 250 * NS_PER_MS  # in contact without data: time without change
+    freeze_ns: int = 250 * NS_PER_MS  # time without change, in contact without data
     ramp_ns: int = 250 * NS_PER_MS  # then the force limit is ramped to zero
     watchdog_ns: int = 10 * NS_PER_MS  # between two samples of the servo
     touch_gap: float = TOUCH_GAP  # m
@@ -127,7 +127,7 @@ def low_pass(cutoff: float, period: float) -> float:
 BRAKING_SHARE = 0.5  # usable share of the drum's braking near the finger; assumed
 SHORTED_SHARE = 0.8  # usable share of the braking of a motor with shorted windings; assumed
 HANG_TIME = 1e-3  # s, until the hardware's watchdog brakes a drum whose chip hangs
-SERVO_LAG = 2e-3  # s, lag of the drum's speed behind a new cap: six samples of its servo; assumed
+SERVO_LAG = 2e-3  # s, lag of the drum's speed behind a new cap, six samples of the servo; assumed
 SPEED_CUTOFF = 50.0  # Hz, of the finger's speed by the potentiometer; assumed
 OF_SERVO = (
     "stiffness", "damping", "acceleration", "speed", "force_gain", "force_damping", "force_slew", "deadband",

@@ -16,8 +16,8 @@ from proximity.errors import ArgumentError
 
 REFERENCE_SHARE = 0.5  # of the force limit, available to the reference's acceleration; assumed
 PLANNED_SPEED_SHARE = 0.7  # of the motor's speed, used by the servo; assumed
-MAX_LATENCY = 0.020  # s, of a motor: beyond, its servo is softer than a fingertip; assumed
-PHASE_SEED = 29  # of walls at random positions within an encoder count
+MAX_LATENCY = 0.020  # s, of a motor; with more, its servo is softer than a fingertip; assumed
+PHASE_SEED = 29  # of the random encoder offsets
 STICTION = 1.5  # ratio of the friction of a rotor at rest to that in motion; assumed
 PAD_STIFFNESS = 200.0  # N/m, of a fingertip; the paper's
 ARM_INERTIA = 1.6e-5  # kg m², of the arm: a roller of 10 g

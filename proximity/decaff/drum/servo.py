@@ -44,7 +44,7 @@ class DrumCommand:
     target: float = 0.0  # m, or N on the finger
     speed_cap: float = math.inf  # m/s, of the reference
     force_cap: float = math.inf  # N, of the motor
-    start_force: float = math.nan  # N, the force reference at a change to force; nan: from 0, not bumpless
+    start_force: float = math.nan  # N, force reference at a change to force; nan: 0, which is not bumpless
 
     force_slew: float = 0.0  # N/s, of the force reference; 0: the servo's default, inf: a step
 
@@ -54,7 +54,7 @@ DEADBAND_COUNTS = 0.5  # of the encoder
 MAX_LAG = 5e-3  # m, lag of a drum with a latency behind an accelerating reference; assumed
 INTEGRAL_TURN = 4.0  # rad of the servo's swing, integral time of a drum with a latency; assumed
 FORCE_DAMPING_SHARE = 0.25  # of mass over latency, damping of a drum with a latency in force mode; assumed
-WELL_DAMPED_SHARE = 0.2  # of the largest stiffness, at which a servo is well damped
+WELL_DAMPED_SHARE = 0.2  # share of the largest stiffness at which a servo is well damped
 SIMULATION_STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its drum
 
 

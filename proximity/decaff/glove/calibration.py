@@ -29,7 +29,7 @@ PARTS: dict[str, Any] = {
     "finger": Finger, "linkage": Linkage, "cable": Cable, "potentiometer": Potentiometer,
     "drum": ArmDrum, "motor": Motor, "gear": Gear,
 }  # fmt: skip
-ALWAYS = "name"  # written also with its default: it distinguishes parts
+ALWAYS = "name"  # also written if it is the default, as it distinguishes parts
 
 
 def glove_of(table: Any) -> Glove:

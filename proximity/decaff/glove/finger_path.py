@@ -51,7 +51,7 @@ class FingerPath:
                 "the drum moves backwards at the flat hand, expected a drum that follows the finger"
             )
         bends = BENDS[first : last + 1]
-        # Lists: for a single number NumPy takes ten times as long.
+        # Lists are used, as NumPy takes ten times longer for a single number.
         self._bends, self._angles = bends.tolist(), angles[first : last + 1].tolist()
         self._positions = np.asarray(glove.finger.path_length(0.0, bends), np.float64).tolist()
         self.retracted = self._positions[-1]

@@ -25,7 +25,7 @@ DRIVERS = {"odrive-can": "proximity.decaff.motors.odrive_can"}
 """Modules with a function ``open_driver``. The option ``driver=FILE`` of an address names another."""
 
 
-# --- the driver: at the motor's shaft; it never waits for an answer, and ignores invalid ones ---
+# --- the driver, in units of the motor's shaft; it never waits, and ignores invalid answers ---
 
 
 @dataclass(frozen=True, slots=True)

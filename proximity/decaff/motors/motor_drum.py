@@ -27,13 +27,13 @@ from proximity.errors import MotorError
 NOT_ON_HARDWARE = (
     "No motor driver was ever run on hardware, only against simulated motors that speak the same protocol."
 )
-LONGEST_STEP = 0.02  # s, limit of the time between two readings: longer is this program's delay
+LONGEST_STEP = 0.02  # s, limit of the time between two readings; a longer one is a delay of this program
 MOTION_LEAD = 0.15  # rad, lead of a target over the drum
 OVER_LIMIT = 0.1  # rad beyond the stop or the flat hand; assumed
 JUMP = 0.05  # rad, in addition to motion at the maximum speed
-JUMP_SPEED = 3.0  # times the maximum speed: no drum turns faster
+JUMP_SPEED = 3.0  # as a multiple of the maximum speed, which no drum exceeds
 STALL_LEAD, STALL_MOTION, STALL_TIME = 0.03, 0.003, 0.3  # rad behind, rad turned in that time, s; assumed
-START_TIME = 3.0  # s for a motor's first answer: some boards start when their port is opened
+START_TIME = 3.0  # s, for a motor's first answer, as some boards start when their port is opened
 CONFIRM_TIME = 1.0  # s for a motor to confirm that it is on, and a fifth of that for off
 HOMING_SPEED, HOMING_SHARE = 0.4, 0.2  # rad/s of the drum, and share of the torque
 HOMING_PERIOD = 0.004  # s
@@ -348,7 +348,7 @@ def opened_motors(
         raise
     finally:
         for motor in motors:
-            motor.switch_off(is_emergency=False)  # first all of them: closing takes time
+            motor.switch_off(is_emergency=False)  # all are off before the first is closed, which takes time
         for motor in motors:
             sentence = motor.close()
             if sentence:

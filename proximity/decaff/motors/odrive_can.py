@@ -23,9 +23,9 @@ HEARTBEAT, ESTOP, SET_STATE, ESTIMATES = 0x01, 0x02, 0x07, 0x09
 SET_MODE, INPUT_POSITION, INPUT_TORQUE, SET_LIMITS, GET_CURRENT = 0x0B, 0x0C, 0x0E, 0x0F, 0x14
 STATE_IDLE, STATE_CLOSED_LOOP = 1, 8
 CONTROL_TORQUE, CONTROL_POSITION, INPUT_PASSTHROUGH = 1, 3, 1
-MAX_WAITING = 200  # messages of one reading: a flooded bus must not block the controller
+MAX_WAITING = 200  # messages per reading, so that a flooded bus does not block the controller
 HEARTBEAT_AGE = 0.5  # s; an ODrive sends one each 0.1 s
-SPEED_LIMIT = 160.0  # turns/s: beyond, the ODrive switches itself off
+SPEED_LIMIT = 160.0  # turns/s, beyond which the ODrive switches itself off
 
 
 class ODriveCan:
@@ -91,7 +91,7 @@ class ODriveCan:
         self._bus.shutdown()
 
     def _take(self, message: int, data: bytes) -> None:
-        with suppress(struct.error):  # too short: no answer
+        with suppress(struct.error):  # a message that is too short is not an answer
             if message == HEARTBEAT:
                 self._error, self._state = struct.unpack_from("<IB", data)
                 self._beat = time.monotonic()

@@ -123,7 +123,7 @@ class MotionTiming:
     thread_ns: np.ndarray  # (T,) int64, of the processor for this thread
     wall_ns: np.ndarray  # (T,) int64, from call to answer
     best_ns: np.ndarray  # (T,) int64, as `thread_ns`: the shortest of several runs for each tick
-    max_work: int  # nodes and leaves of the costliest tick, all fingers
+    max_work: int  # nodes and leaves of all fingers in the costliest tick
     shares: dict[str, float]  # of all ticks of all fingers that are exact, bounded or skipped
     counts: bool = True  # False if only for comparison, as a service never does so
 

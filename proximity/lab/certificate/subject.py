@@ -101,7 +101,7 @@ def read_subject(
     """
     if fingers is not None and fingers < 1:
         raise ServiceError(f"{fingers} fingers cannot be tracked, expected 1 or more")
-    # Before the parts: mistakes here should be found before the slow reading.
+    # Read before the parts, so that mistakes are found before the slow reading of parts.
     hand = None if recording is None else read_recording(recording)
     if Path(path).suffix.lower() == SCENE_SUFFIX:
         subject = _of_scene_file(read_scene_file(path), hand, period)
@@ -175,7 +175,7 @@ def _part_digest(part: Part) -> bytes:
     rows = mesh.vertices, mesh.faces, part.pose.rotation, part.pose.translation, surface
     digest = hashlib.sha256()
     for array, kind in zip(rows, ("<f8", "<i4", "<f8", "<f8", "<f8"), strict=True):
-        # A zero has one sign here; the lengths separate the arrays.
+        # Adding 0 removes the sign of a negative zero. The lengths separate the arrays.
         plain = np.ascontiguousarray(np.asarray(array) + 0, dtype=kind)
         digest.update(np.int64(plain.size).tobytes() + plain.tobytes())
     return digest.digest()

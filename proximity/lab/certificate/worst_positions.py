@@ -17,8 +17,8 @@ from proximity.lab.certificate.work import GOALS, NOWHERE, Probe, SearchGoal, in
 START_COUNTS = (4000, 4000, 1000)
 """Number of random positions, of positions near surfaces, and of samples for two medial positions each."""
 CLIMBS = 24  # for each goal
-FIRST_RADIUS = 0.02  # share of the scene's diagonal: first radius of the search for neighbours
-APART = 0.03  # share of the diagonal: minimum distance of starts, as the costliest are often neighbours
+FIRST_RADIUS = 0.02  # share of the scene's diagonal, initial radius of the search for neighbours
+APART = 0.03  # share of the diagonal, minimum distance of starts, as the costliest are often close
 MAX_STEPS = 25_000_000
 """Maximum number of nodes and leaves visited for a goal, which takes a few seconds.
 
@@ -28,7 +28,7 @@ POSITIONS_PER_CHECK = 100  # between two checks of the remaining steps
 NEIGHBOURS = 20  # in one round of a climb
 SHRINK = 0.5  # factor of the ball of neighbours after a round without a costlier one
 ROUNDS = 60
-SMALLEST = 1e-7  # m: below any motion of a hand
+SMALLEST = 1e-7  # m, less than any motion of a hand
 
 Progress = Callable[[str, float], None]
 """Function that is called with the current activity and the finished share."""

@@ -112,10 +112,8 @@ class EnginePress:
     states: Counter[str]  # samples of the servo in each state of the controller
     switched_at: float  # s, of the controller's first served force; nan: none
     counts: Counts  # frames, as the subscriber counts them
-    reported_contact: (
-        float  # m past the true surface, the position of contact in the last frame before the touch
-    )
-    reported_error: float  # m, bound in this frame, on the tracker's polyline
+    reported_contact: float  # m past the true surface, position of contact in the last frame before the touch
+    reported_error: float  # m, error bound of this frame, relative to the tracker's polyline
     advances: int  # samples at which the drum moved nearer without fresh data
 
     @property
@@ -133,7 +131,7 @@ class ForceError:
     largest: float  # N, of the difference
     onset: float  # s, later start of the force
     penetration: float  # m, of the pad's far side past the real surface, before the release
-    work: float  # J, of the finger until the release, less the real one
+    work: float  # J, of the finger until the release, minus that on the real wall
 
     @classmethod
     def of(cls, press: EnginePress) -> "ForceError":

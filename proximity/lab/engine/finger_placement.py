@@ -24,7 +24,7 @@ FARTHEST_OFF = 0.020  # m, from the intended to the actual touch, beyond which a
 AS_ASKED = 1e-5  # m, of the same distance, within which no other attitude is tried
 ROLLS = 24  # attitudes of the hand about the direction at the touch, evenly spaced
 CONTACT_TOLERANCE = 1e-9  # m, at which the search for the touch ends
-MAX_APPROACH_STEPS = 20_000  # of that search: a finger that slides along a surface never reaches it
+MAX_APPROACH_STEPS = 20_000  # of that search, as a finger that slides along a surface never reaches it
 
 
 @dataclass(frozen=True, slots=True, eq=False)

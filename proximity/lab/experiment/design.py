@@ -130,8 +130,10 @@ class Schedule:
 class Exclusions:
     """Rules for excluding data, which are written before the data are recorded."""
 
-    same_answer: float = number(SHARE, 1.0)  # largest share of one answer to equal pairs, else all is out
-    largest_correct: float = number(SHARE, 0.0)  # smallest share right at the largest level, else all is out
+    # A participant with a larger share of one answer to equal pairs is excluded.
+    same_answer: float = number(SHARE, 1.0)
+    # A participant with a smaller share of right answers at the largest level is excluded.
+    largest_correct: float = number(SHARE, 0.0)
     longest_response: float = number(Range("s", 0.0, 1e9, is_above=True), 1e9)  # else the trial is out
     stopped_trials: float = number(SHARE, 1.0)  # that limits may end, else all is out
 
@@ -142,7 +144,7 @@ class Observers:
 
     spread: float = number(DEVIATION, 0.1)  # standard deviation of a participant's log10 threshold
     interaction: float = number(DEVIATION, 0.0)  # the same, of each condition of a participant
-    # Deviation of the logarithm of the felt force, which answers follow; 0: they follow the thresholds.
+    # Deviation of the logarithm of the felt force, which determines answers; 0: thresholds determine them.
     felt_noise: float = number(DEVIATION, 0.0)
     width: float = number(Range("", 0.01, 5.0), 0.6)  # log10 units, 5 to 95 % of the psychometric function
     lapse: float = number(Range("", 0.0, 0.2), 0.02)

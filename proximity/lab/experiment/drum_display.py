@@ -38,8 +38,8 @@ from proximity.transport import Reading
 
 RELEASED_S = 0.4  # after which a touch is over
 TOUCHED_N = 0.1
-SIMULATED_WATCHDOG_NS = 200 * NS_PER_MS  # a simulated drum that a busy machine steps late is harmless
-SILENCE_S = 2.0  # beyond the longest interval, time for the drums to end it
+SIMULATED_WATCHDOG_NS = 200 * NS_PER_MS  # long, as a late step of a simulated drum is harmless
+SILENCE_S = 2.0  # time for the drums to end the longest interval
 
 
 class CoupledController(FingerController):

@@ -86,7 +86,7 @@ def fit(levels: Sequence[float], right: np.ndarray, wrong: np.ndarray, shape: Sh
     with needed("experiments need", "experiment"):
         fit = import_module("psignifit").psignifit
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a posterior as wide as the prior: its interval shows that
+        warnings.simplefilter("ignore")  # of a posterior as wide as the prior, which its interval shows
         found = fit(
             np.stack([np.log10(levels), right, right + wrong], axis=1),
             experiment_type="2AFC",

@@ -29,7 +29,7 @@ PAGE_SIZE = (style.PAGE_WIDTH, 8.8)
 NARROW_HEIGHT = 7.2  # inches, of all eight in one column
 POSITIONS_SHOWN = (-2.0, 10.5)  # mm; before and after, the finger is on its path
 POSITION_TICKS = (0, 4, 8)  # mm
-FORCES_SHOWN = (-0.06, 1.75)  # N; the same except for 5f, so that figures compare
+FORCES_SHOWN = (-0.06, 1.75)  # N; the same except for 5f, so that figures are comparable
 CAPTIONS = {
     "5a": "real wall",
     "5b": "penetration of 4 mm",

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 COLUMN_WIDTH = 3.4  # inches, the width of a journal's column
 SAMPLING = 1e-4  # s, of the curves
 PAGE_WIDTH = 7.0  # inches, of both columns
-PANEL_WIDTH, PANEL_HEIGHT = 2.25, 1.8  # inches: narrower panels are stacked, with this height
+PANEL_WIDTH, PANEL_HEIGHT = 2.25, 1.8  # inches; narrower panels are stacked with this height
 FORMATS = ("png", "svg", "pdf")
 DOTS_PER_INCH = 300
 M_PER_INCH = 0.0254
@@ -71,7 +71,7 @@ GUIDE: Stroke = {"color": "0.6", "linestyle": ":", "linewidth": 0.6, "zorder": 0
 
 LOOK = {
     "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],  # comes with matplotlib: the same on every machine
+    "font.sans-serif": ["DejaVu Sans"],  # included in matplotlib, and thus the same on every machine
     "font.size": 7.5,
     "axes.labelsize": 7.5,
     "axes.titlesize": 7.5,

@@ -116,7 +116,7 @@ def compare(times: np.ndarray, force: np.ndarray, real: np.ndarray, press: Press
 
 
 # --- FIG 5f: an operator who draws back from the force. The paper shows the growth and gives no gain.
-# Position follows the plan less a gain times the last force; the force follows from positions by differences.
+# The position is the planned one minus a gain times the last force, which is computed by differences.
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -66,7 +66,7 @@ class Press:
         positive("depth", self.depth, "metres")
         not_negative("touch_time", self.touch_time, "seconds")
         not_negative("release_time", self.release_time, "seconds")
-        # Summed as the times are, in binary.
+        # The tolerance is for the rounding of summed times.
         if self.release_time < self.stop_time * (1.0 - 1e-12):
             raise ArgumentError(
                 f"release_time is {self.release_time:g} s, but the finger stops at {self.stop_time:g} s: "

@@ -14,7 +14,7 @@ from proximity.checks import not_negative
 from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Motion, Press
 
-TOUCHING = 1e-15  # m: smaller distances are contact, within rounding of the instant
+TOUCHING = 1e-15  # m, distance that counts as contact, within rounding of the instant
 
 
 @dataclass(frozen=True, slots=True)

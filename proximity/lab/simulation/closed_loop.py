@@ -50,7 +50,7 @@ class Response:
     link: np.ndarray  # (N,) m, of the link, which meets the drum
     link_speed: np.ndarray  # (N,) m/s; 0 for a wall that is not a device
     thimble: np.ndarray  # (N,) m, of the pad's far side, which is the cable's near end or the link
-    drum: np.ndarray  # (N,) m; for a wall that is not a drum: its surface
+    drum: np.ndarray  # (N,) m, or the surface of a wall that is not a drum
     contact: np.ndarray  # (N,) N, of wall or drum on the link
 
     @property
@@ -180,7 +180,7 @@ class DecaffLoop:
     def _message(self, row: int) -> Message | None:
         """Return the newest message delivered at a row, or None if there is none or no part is in reach."""
         response, sensing = self.response, self._sensing
-        # A millionth of a period decides only ties.
+        # A millionth of a period affects only ties.
         asked = math.floor((row * response.step - sensing.latency) * sensing.rate - sensing.phase + 1e-6)
         if asked < 0:
             return None

@@ -12,7 +12,7 @@ import numpy as np
 
 from proximity.lab.simulation.closed_loop import Response, real_wall
 
-FELT_SWING = 0.005  # N, p-p: about the threshold at 250 Hz, 1 µm of a fingertip; assumed
+FELT_SWING = 0.005  # N, p-p, about the threshold of a fingertip at 250 Hz, 1 µm; assumed
 ONSET_FORCE = 0.1  # N, minimum force of a felt wall; assumed
 REST_TIME = 0.090  # s, duration of the part of the hold that counts as rest
 REST_END = 0.010  # s from the end of rest to the release
@@ -54,7 +54,7 @@ def deviation(response: Response, reference: Response | None = None) -> Deviatio
 def force_error(response: Response, reference: Response) -> float:
     """Return the rms of the difference of two forces over the rms of the second, from the contact on."""
     force, real = response.force[response.zero :], reference.force[reference.zero :]
-    # Not by the norm of linalg, whose threads wait for each other.
+    # np.linalg.norm is not used, as its threads wait for each other.
     return math.sqrt(float(np.square(force - real).sum() / np.square(real).sum()))
 
 

@@ -66,7 +66,7 @@ class PressArrays(NamedTuple):
     finger_speed: np.ndarray  # m/s
     link: np.ndarray  # m
     link_speed: np.ndarray  # m/s
-    thimble: np.ndarray  # m, of the pad's far side: the cable's near end, or the link without one
+    thimble: np.ndarray  # m, of the pad's far side, which is the cable's near end or the link
     where: np.ndarray  # m, of the drum or of a wall's surface
     contact: np.ndarray  # N, on the link
 
@@ -118,7 +118,7 @@ def cable_forces(
         force = stiffness * (finger - thimble) + damping * (speed - link_speed)
         return force, force, link_speed
     slack, own = thimble - link, body.cable_damping
-    if slack < 0.0 and body.play > 0.0:  # the finger moves back: first through the backlash
+    if slack < 0.0 and body.play > 0.0:  # a returning finger first moves through the backlash
         slack = min(0.0, slack + body.play)
         own = own if slack < 0.0 or not damping > 0.0 else 0.0
     stretch = body.cable_stiffness * slack
@@ -175,7 +175,7 @@ def meet_surface(press: PressArrays, i: int) -> None:
     body, wall, surface = press.body[0], press.wall[0], press.where[i]
     finger, speed, is_soft = press.finger[i], press.finger_speed[i], wall.stiffness < inf
     force = sink = 0.0
-    # At the surface the damper already pushes: the force begins with a step.
+    # The damper already pushes at the surface, so that the force begins with a step.
     if finger >= surface - TOUCHING:
         pad = body.pad_stiffness * (finger - surface) + body.pad_damping * speed
         if is_soft:

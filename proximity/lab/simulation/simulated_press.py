@@ -57,7 +57,7 @@ class Setup:
     glove: Glove = field(default_factory=Glove)  # its servo runs at 3 kHz
     gear: str | None = None  # of `GEARS`, instead of the glove's
     policy: str = "time-stamped"  # of `POLICIES`
-    stiffness: float | None = None  # N/m, of a coupled wall; None: the best of a grid, as is the damping
+    stiffness: float | None = None  # N/m, of a coupled wall; None: the best gains of a grid
     damping: float | None = None  # N s/m
     cable: float | None = None  # N/m at the fingertip, of the cable to the drum; None: no cable
     stretch: str = "left"  # of `Stretch`: compensation of the cable's stretch

@@ -35,7 +35,7 @@ TUNING_STEP = 2e-5  # s, of the simulation
 HOPELESS = 3.0  # an error beyond which stiffer walls are not tried
 SENSOR_SMOOTHING = 10.0  # Hz, of the measured force, not the one from the motor's torque
 CABLE_STIFFNESSES = (100.0, 1e6)  # N/m at the fingertip, bounds of the search
-HALVINGS = 14  # of that range, in its logarithm: to a thousandth
+HALVINGS = 14  # of the logarithm of that range, to reach a thousandth
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -70,7 +70,7 @@ def run_condition(job: Job, values: Mapping[str, Any]) -> dict[str, Any]:
     results: dict[str, Any] = {"failure": None}
     try:
         results |= {name: table_text(value) for name, value in job(**values).items()}
-    except Exception as error:  # of any kind: the other conditions continue
+    except Exception as error:  # of any kind, so that the other conditions continue
         kind = "" if isinstance(error, ProximityError) else f"{type(error).__name__}: "
         results["failure"] = table_text(f"{kind}{error}"[:LONGEST_FAILURE])
     results["seconds"] = time.perf_counter() - started
@@ -174,7 +174,7 @@ def _own_ray_folder() -> str:
     for name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN"):  # without a mode, Ray requires a token at its start
         os.environ.pop(name, None)
     os.environ["RAY_AUTH_TOKEN_PATH"] = str(token)
-    os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # on Linux, too: only 127.0.0.1 is bound
+    os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # also on Linux, so that only 127.0.0.1 is bound
     return folder
 
 
@@ -197,7 +197,7 @@ def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
         started |= {"include_dashboard": False, "_temp_dir": os.path.join(folder, "ray")}
     try:
         ray.init(**started, log_to_driver=False, logging_level=logging.ERROR, configure_logging=False)
-    except Exception as failed:  # of any kind: Ray starts other programs
+    except Exception as failed:  # of any kind, as Ray starts other programs
         where = f"{NO_CLUSTER} {address}" if address else "Ray cannot be started here"
         raise ServiceError(f"{where} ({str(failed).strip().partition(chr(10))[0]})") from failed
     try:
