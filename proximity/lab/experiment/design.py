@@ -134,8 +134,10 @@ class Exclusions:
     same_answer: float = number(SHARE, 1.0)
     # A participant with a smaller share of right answers at the largest level is excluded.
     largest_correct: float = number(SHARE, 0.0)
-    longest_response: float = number(Range("s", 0.0, 1e9, is_above=True), 1e9)  # else the trial is out
-    stopped_trials: float = number(SHARE, 1.0)  # that limits may end, else all is out
+    # A trial with a longer response is excluded.
+    longest_response: float = number(Range("s", 0.0, 1e9, is_above=True), 1e9)
+    # A participant with a larger share of trials that limits ended is excluded.
+    stopped_trials: float = number(SHARE, 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -71,7 +71,7 @@ GUIDE: Stroke = {"color": "0.6", "linestyle": ":", "linewidth": 0.6, "zorder": 0
 
 LOOK = {
     "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],  # included in matplotlib, and thus the same on every machine
+    "font.sans-serif": ["DejaVu Sans"],  # included in matplotlib, so that it is the same on every machine
     "font.size": 7.5,
     "axes.labelsize": 7.5,
     "axes.titlesize": 7.5,

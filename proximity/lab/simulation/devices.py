@@ -176,7 +176,7 @@ class Holding:
     touch_gap: float = TOUCH_GAP  # m, of link and drum, below which they touch
     release_gap: float = RELEASE_GAP  # m, beyond which they are released
     compliance: float = 0.0  # m/N, of the cable, to compensate its stretch while a target is held; 0: off
-    smoothing: float = 2.0  # Hz, of that force; from 10 Hz on, the motor's force makes the drum swing
+    smoothing: float = 2.0  # Hz, of the force on the cable; from 10 Hz on, the motor's makes the drum swing
     has_force_sensor: bool = False  # between link and drum; else the motor's force is used
 
     def __post_init__(self) -> None:

@@ -27,7 +27,7 @@ from proximity.message import CONTACT, Mode, State, Surface
 from proximity.message.contact import ContactFlag
 from proximity.system.time_units import S_PER_NS
 
-START_NS = 1_000_000_000_000  # time 0 of the loop on the clock of frames; earlier times are negative
+START_NS = 1_000_000_000_000  # time 0 of the loop on the clock of frames; loop times may be negative
 ADVANCE = 1e-9  # m, below which the advance of a target is ignored
 
 
