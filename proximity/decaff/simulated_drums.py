@@ -1,8 +1,8 @@
-"""Drums for all fingers of a service: controllers, simulated plants or motors, and potentiometers.
+"""Drums for all fingers of a service, with controllers, simulated plants or motors, and potentiometers.
 
-The finger's position is the service's, or, without a bend, that of `with_bend`. The potentiometer reads that
-bend, or the one where the simulated drum stops the link. A finger with a motor needs a bend, and a fault of
-its controller ends the program: a person must check it.
+The position of a finger is the service's or, if it reports no bend, that of `with_bend`. The potentiometer
+reads that bend, or the bend at which the simulated drum stops the link. A finger with a motor needs a
+reported bend. A fault of its controller ends the program, as a person must check it.
 """
 
 import math
@@ -40,11 +40,14 @@ LONGEST_STEP = 0.1  # s, maximum duration of one action
 
 
 class DrumPlant:
-    """Drum of a path, or another, and the pad of a finger on it; *cable* in N/m there."""
+    """Simulated drum and the finger's pad on it.
+
+    *drum*: by default that of the path. *cable*: stiffness of the cable at the fingertip, N/m.
+    """
 
     drum: Drum
     force: float  # N, on the finger
-    link: float  # m, of the replica's link: pulled by the cable, or stopped by the drum
+    link: float  # m, of the replica's link, which the cable pulls or the drum stops
 
     def __init__(self, path: FingerPath, drum: Drum | None = None, cable: float = math.inf) -> None:
         drum = drum or path.drum
@@ -68,11 +71,14 @@ class DrumPlant:
 
     @property
     def torque(self) -> float:
-        """Torque of the motor at its shaft, N m; pressing on the finger is positive."""
+        """Torque of the motor at its shaft, N m, positive if it presses on the finger."""
         return self.drum.motor_torque(-self._served.applied)
 
     def advance(self, action: DrumAction, finger: float, seconds: float) -> None:
-        """Serve an action in whole samples, at most for a tenth of a second; the remainder is served next."""
+        """Execute an action for a number of whole samples, at most for a tenth of a second.
+
+        The remaining time is added to the next call.
+        """
         served = self._served
         command = commanded(action, action.force if action.mode == DriveMode.FORCE else action.position)
         time = self._left + min(max(seconds, 0.0), LONGEST_STEP)
@@ -85,7 +91,10 @@ class DrumPlant:
         self.follow(finger)
 
     def follow(self, finger: float) -> float:
-        """Return the link's position for a finger's position, m: behind by the cable's play as it opens."""
+        """Update the link for a position of the finger, and return its position, m.
+
+        While the finger opens, the link is behind by the play of the cable.
+        """
         self.link = min(max(self.link, finger), finger + self._path.play, self.position)
         return self.link
 
@@ -99,9 +108,10 @@ NEAR = (Mode.POSITION, Mode.FORCE)
 
 
 def with_bend(contact: Any, path: FingerPath) -> Any:
-    """Return a record as if the finger bent straight to its nearest point; unchanged without one.
+    """Return a record as if the finger bent straight to its nearest point.
 
-    For simulated drums only: a real drum without a bend stays retracted.
+    A record without a nearest point is unchanged. This is for simulated drums only; a real drum without a
+    bend stays retracted.
     """
     distance, closing = float(contact["signed_distance"]), float(contact["approach_speed"])
     if not math.isfinite(distance):
@@ -113,21 +123,21 @@ def with_bend(contact: Any, path: FingerPath) -> Any:
     if int(contact["mode"]) in NEAR:
         reported["contact_bend"], reported["contact_bend_error"] = CONTACT_BEND, 0.0
     else:
-        reported["bend_rate"] = math.nan  # no contact is expected: no extrapolation
+        reported["bend_rate"] = math.nan  # no extrapolation, as no contact is expected
     return reported
 
 
 @dataclass(slots=True)
 class FingerBench:
-    """One finger: controller, plant, and results."""
+    """One finger with its controller, its plant and statistics."""
 
     path: FingerPath
     controller: FingerController
     plant: DrumPlant | MotorDrum
     action: DrumAction | None = None
     bend: float = 0.0  # as last reported by the service
-    has_bend: bool = False  # the service reports the finger's position on its path
-    is_seen: bool = False  # the service has reported it
+    has_bend: bool = False  # whether the service reports the finger's position on its path
+    is_seen: bool = False  # whether the service has reported the finger
     touches: int = 0
     faults: int = 0
     peak_force: float = 0.0  # N
@@ -138,7 +148,7 @@ class FingerBench:
     def step(
         self, reading: Reading, sample_ns: int, elapsed: float, contact: Any, frame: FrameMark | None
     ) -> None:
-        """Run one sample."""
+        """Run one sample of plant and controller."""
         now_ns = reading.now_ns
         contact = self._follow(contact, now_ns)
         before = self.controller.state
@@ -167,11 +177,11 @@ class FingerBench:
 
     @property
     def has_motor(self) -> bool:
-        """True if a real motor moves the drum."""
+        """Whether a real motor moves the drum."""
         return isinstance(self.plant, MotorDrum)
 
     def switch_off(self, why: str) -> None:
-        """Switch the motor's power off, despite the controller's last command; no step is computed."""
+        """Switch the power of the motor off without another step of the controller."""
         self.controller.fault = why
         self.faults += 1
         if isinstance(self.plant, MotorDrum):
@@ -180,7 +190,7 @@ class FingerBench:
             self.action = replace(self.action, state=DrumState.FAULT, mode=DriveMode.BRAKED, **NO_POWER)
 
     def _follow(self, contact: Any, now_ns: int) -> Any:
-        """Update the finger's position; return the record for the controller."""
+        """Update the position of the finger, and return the record for the controller."""
         if contact is None or not int(contact["flags"]) & ContactFlag.TRACKED:
             return contact
         self.is_seen, self.has_bend = True, math.isfinite(contact["bend"])
@@ -196,8 +206,8 @@ class FingerBench:
 class DrumBench:
     """Drums of all fingers.
 
-    *gloves*: one for all fingers, or one each; by default one with default dimensions. *motors*: of the first
-    fingers, homed; the others are simulated.
+    *gloves*: one for all fingers, or one for each; by default one with default dimensions. *motors*: homed
+    motors of the first fingers; the drums of the other fingers are simulated.
     """
 
     fingers: list[FingerBench]
@@ -220,10 +230,10 @@ class DrumBench:
         self.fingers = []
 
     def step(self, reading: Reading, sample_ns: int) -> None:
-        """Run a sample of every finger.
+        """Run one sample of every finger.
 
-        *sample_ns*: now, on this machine's monotonic clock: the reading may use another clock, which may
-        jump.
+        *sample_ns*: present time on this machine's monotonic clock. The reading may use another clock, which
+        may jump.
         """
         count, frame = len(reading.contacts), FrameMark.of(reading.header)
         if count and len(self.fingers) != count:
@@ -240,7 +250,7 @@ class DrumBench:
         self._is_stale = bool(self.fingers) and reading.state == State.STALE
 
     def switch_off(self, why: str) -> None:
-        """Switch all motors' power off, when their controllers are no longer stepped."""
+        """Switch off the power of all motors when their controllers are no longer stepped."""
         for motor in self._motors:
             motor.switch_off()
         for finger in self.fingers:
@@ -254,9 +264,9 @@ class DrumBench:
         finger.step(nothing, 1_000_000, 1e-3, None, None)
 
     def warnings(self) -> list[str]:
-        """Return sentences on limitations of these drums with this service; each is reported once.
+        """Return messages about limitations of the drums with this service. Each message is returned once.
 
-        Any thread may call it.
+        This method may be called from any thread.
         """
         silent, reported = self._silent, []
         bendless = [i for i in silent if i < len(self._motors)]

@@ -1,6 +1,6 @@
 """Claims of the paper, checked with the models under stated conditions (docs/science/paper.md).
 
-``python -m proximity.lab.claims`` prints the table of the documentation.
+``python -m proximity.lab.claims`` prints the table for the documentation.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ from proximity.lab.simulation.target_policies import Target
 from proximity.lab.stability import largest_damping
 
 YES, PARTLY, NO = "yes", "yes, if", "no"
-TIMES = (0.0, 0.520, 1e-5)  # s: from, to, step of the curves
+TIMES = (0.0, 0.520, 1e-5)  # s, start, end and step of the curves
 HAND = Hand()
 PHASES = 16  # of the encoder, at random
 SHAKING = 0.1  # N rms
@@ -49,7 +49,7 @@ SYMBOLS = (
     "Numbers in brackets after a claim are the paper's equations; 5a to 5h are its figures.",
 )
 HOW = "All of this comes from models of this project; nothing was measured on hardware or with people."
-SMOOTH_STOP = 26.0 / 35.0  # of the damper's loss: mean share of the speed over the path of a press
+SMOOTH_STOP = 26.0 / 35.0  # factor of the damper's loss, the mean share of the speed over a press's path
 PAIR = sampled_mass.Gains(3900.0, 60.0)  # the paper's
 
 
@@ -63,12 +63,12 @@ class Claim:
 
 
 def claims() -> list[Claim]:
-    """Return every claim with newly computed figures; takes a few seconds."""
+    """Return all claims with newly computed figures, which takes a few seconds."""
     return [claim() for claim in _CLAIMS]
 
 
 def markdown(found: list[Claim]) -> str:
-    """Return claims as a table."""
+    """Return claims as a Markdown table."""
     rows = [f"| {one.paper} | {one.holds} | {one.here} |" for one in found]
     return "\n".join(["| the paper says | holds | here |", "|---|---|---|", *rows])
 
@@ -328,20 +328,20 @@ def _figure(name: str) -> figure_5.Comparison:
 
 
 def _half_times(name: str) -> tuple[float, float]:
-    """Return the times at which half of the steady force of 5c and 5h is reached and lost, s."""
+    """Return the times at which half of the steady force of a figure is reached and lost, s."""
     times, force = _curve(name)
     rows = np.flatnonzero(force >= 0.5 * _figure(name).steady)
     return float(times[rows[0]]), float(times[rows[-1]])
 
 
 def _reported(latency: float) -> list[Decaff]:
-    """Return gloves with this latency, with the wall at random within a count of the encoder."""
+    """Return gloves with a latency, whose walls are at random positions within a count of the encoder."""
     sensing = Sensing(latency=latency)
     return [Decaff(drum, sensing=sensing) for drum in with_random_phases(DRUM, PHASES)]
 
 
 def _geared(ratio: float) -> Drum:
-    """Return the drum's motor behind another gear without losses or mass."""
+    """Return the drum with its motor behind another gear, which has no losses and no mass."""
     return replace(with_random_phases(DRUM, 1)[0], gear=Gear(f"{ratio:g}:1", ratio))
 
 
@@ -350,19 +350,22 @@ def _percents(errors: np.ndarray) -> str:
 
 
 def _rest_with_play() -> float:
-    """Return the force at rest less the real wall's, N, if the gear's backlash is unknown and untaken."""
+    """Return the force at rest minus that of a real wall, N, with an unknown, uncompensated gear play."""
     sensing = Sensing(latency=0.001, bias=DRUM.play)
     press = HAND.press(0.1, hold=RESTED)
     return deviation(decaff(HAND, press, replace(_reported(0.001)[0], sensing=sensing))).steady_error
 
 
 def _built(latency: float, stretch: Stretch) -> list[Decaff]:
-    """Return the same with cable, sheath, potentiometer, winding and current loop."""
+    """Return gloves with a latency, and with cable, sheath, potentiometer, winding and current loop."""
     return [with_transmission(glove, CABLE, stretch) for glove in _reported(latency)]
 
 
 def _rest(stretch: Stretch) -> float:
-    """Return the force at rest less the real wall's, N: the largest difference over all encoder phases."""
+    """Return the largest difference between the force at rest and that of a real wall, N.
+
+    The maximum is over all phases of the encoder.
+    """
     press = HAND.press(0.1, hold=RESTED)
     found = [deviation(decaff(HAND, press, glove)).steady_error for glove in _built(0.001, stretch)]
     return max(found, key=abs)
@@ -379,7 +382,7 @@ def _largest_error(speed: float, latency: float, target: Target) -> float:
 
 
 def _shaking() -> tuple[float, float]:
-    """Return the minimum latency, within 0.1 ms, at which a naive drum shakes, s, and the amplitude, N."""
+    """Return the latency at which a naive drum begins to shake, s, within 0.1 ms, and the amplitude, N."""
     for tenths in range(11):
         press, gloves = HAND.press(0.5), _reported(1e-4 * tenths)
         ripple = max(deviation(decaff(HAND, press, glove, Target.NAIVE)).ripple for glove in gloves)

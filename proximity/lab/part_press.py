@@ -1,4 +1,4 @@
-"""Press on a CAD part: with the engine in the loop, with the ideal distance, and on the real surface."""
+"""Press on a CAD part with the engine in the loop, compared with ideal distances and the real surface."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from proximity.scene.scene import Scene
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartSimulation:
-    """A press on a part, with the engine and with the ideal distance in the same loop."""
+    """Simulation of a press on a part, with the engine and with ideal distances in the same loop."""
 
     engine: EnginePress
     ideal: EnginePress
@@ -29,7 +29,7 @@ class PartSimulation:
 
     @property
     def felt(self) -> tuple[Felt, Felt, Felt]:
-        """Responses: with the engine, with the ideal distance, on the real wall."""
+        """Responses with the engine, with ideal distances, and on the real wall."""
         return felt(self.engine.response), felt(self.ideal.response), felt(self.engine.real)
 
 
@@ -40,7 +40,7 @@ def simulate_on_part(
     at: Sequence[float] | None = None,
     speed: float = 0.1,
 ) -> PartSimulation:
-    """Return a press on a part."""
+    """Simulate a press on a part, with the given setup and with ideal distances."""
     hand = Hand()
     finger, press = place_finger(scene, at), hand.press(speed)
     runs = [press_on_part(finger, press, each, hand) for each in (setup, setup.ideal)]
@@ -48,7 +48,7 @@ def simulate_on_part(
 
 
 def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
-    """Return a description of the press: part, hand, and source of the drum's data."""
+    """Return lines that describe a press, with its part, hand, and the source of the drum's data."""
     press = simulation.engine
     finger, setup, part = press.finger, press.setup, press.finger.scene.parts[press.finger.part]
     surface = "rigid" if part.stiffness is None else f"{part.stiffness:g} N/m, {part.damping:g} N·s/m"
@@ -85,7 +85,7 @@ def describe(simulation: PartSimulation) -> list[tuple[str, str]]:
 
 
 def _displayed(part: Part, setup: EngineSetup) -> str | None:
-    """Return a text about the displayed surface of a part too stiff for the controller; None of others."""
+    """Return a text about the displayed surface of a part that is too stiff for the controller, or None."""
     if setup.reading is not None or part.stiffness is None:
         return None
     stiffness, _ = SurfaceLaw(ControllerSettings(SERVO_RATE)).displayed(part.stiffness, part.damping or 0.0)
@@ -95,7 +95,7 @@ def _displayed(part: Part, setup: EngineSetup) -> str | None:
 
 
 def document(simulation: PartSimulation) -> dict[str, Any]:
-    """Return the reported values of a press, as plain values in SI units."""
+    """Return the reported values of a press as a dictionary of plain values in SI units."""
     press = simulation.engine
     finger, setup = press.finger, press.setup
     names = ("engine", "ideal", "real")
@@ -125,18 +125,21 @@ def document(simulation: PartSimulation) -> dict[str, Any]:
 
 
 def numbers(simulation: PartSimulation) -> Table:
-    """Return the press every 0.1 ms or so, with the ideal distance and on the real wall."""
+    """Return the curves of a press about every 0.1 ms, with those for ideal distances and a real wall."""
     engine, ideal = simulation.engine, simulation.ideal.response
     return curves(engine.response, engine.real, has_drum=True, ideal=ideal)
 
 
 def numbers_on_wall(simulation: Simulation) -> Table:
-    """Return a press on a simulated wall about every 0.1 ms, with the same press on a real wall."""
+    """Return the curves of a press on a simulated wall about every 0.1 ms, with those on a real wall."""
     return curves(simulation.response, simulation.real, has_drum=simulation.setup.wall == Wall.DECAFF)
 
 
 def curves(response: Response, real: Response, *, has_drum: bool, ideal: Response | None = None) -> Table:
-    """Return a press about every 0.1 ms, in whole steps, with the compared presses at the same instants."""
+    """Return the curves of a press about every 0.1 ms, with the compared presses at the same instants.
+
+    The interval is a whole number of steps.
+    """
     stride = max(round(SAMPLING / response.step), 1)
     every = slice(response.zero % stride, None, stride)  # the contact among them
     times = response.times[every]

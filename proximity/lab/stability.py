@@ -1,13 +1,13 @@
-"""Stability of sampled and delayed walls: on a free mass, and under a device carried by a finger.
+"""Stability of sampled and delayed walls, on a free mass and under a device carried by a finger.
 
-A mass feels a force that is held for a period and was computed from positions some samples old; the damping
-is from the difference of two of them. Equation (1) itself has one sample of delay. With a = k T²/2m and
+The force on a mass is held for a period and computed from positions that are some samples old. Its damping is
+computed from the difference of two of them. Equation (1) itself has one sample of delay. With a = k T²/2m and
 b = B T/2m the characteristic polynomial is z^(d+1) (z-1)² + (z+1) ((a+b) z - b). It has roots at exp(±2jh)
-for a = 2 tan²h cos((2d+2)h), b = tan h sin((2d+2)h) - a/2; the stable region is what this curve and a = 0
-enclose for h from 0 to pi/(4(d+1)).
+for a = 2 tan²h cos((2d+2)h) and b = tan h sin((2d+2)h) - a/2. The stable region is enclosed by a = 0 and this
+curve for h from 0 to pi/(4(d+1)).
 
-A device carried by a finger is a mass with a damper, connected to pad, finger and hand. The loop of a spring
-becomes unstable at the smallest stiffness whose delayed force cancels their resistance.
+A device carried by a finger is a mass with a damper, connected to pad, finger and hand. A delayed spring
+makes it unstable from the smallest stiffness whose delayed force cancels their resistance.
 """
 
 import math
@@ -30,7 +30,7 @@ from proximity.lab.simulation.devices import COUPLED_DEVICE, CoupledWall, Hand, 
 
 
 class Verdict(StrEnum):
-    """Reason why a sampled wall is stable or not: the causes of instability of Love and Book."""
+    """Stability of a sampled wall, or the cause of its instability as named by Love and Book."""
 
     STABLE = "stable"
     TOO_STIFF = "too stiff for any damping"
@@ -39,9 +39,9 @@ class Verdict(StrEnum):
 
 
 def boundary(device: SampledMass, count: int = 400) -> tuple[np.ndarray, np.ndarray]:
-    """Return the edge of the stable region: stiffness (count,), N/m, and damping (count,), N·s/m.
+    """Return stiffness, N/m, and damping, N·s/m, on the edge of the stable region, (count,) each.
 
-    *count*: number of points, from no stiffness and no damping to no stiffness and the largest damping.
+    *count*: number of points. The first has no stiffness and no damping, the last the largest damping.
     """
     half_angle = np.linspace(0.0, device.last_half_angle, whole("count", count, 2))
     a, b = edge_at(device, half_angle)
@@ -49,12 +49,12 @@ def boundary(device: SampledMass, count: int = 400) -> tuple[np.ndarray, np.ndar
 
 
 def largest_damping(device: SampledMass) -> float:
-    """Return the largest damping of a stable wall, of a stiffness near zero, N·s/m."""
+    """Return the largest damping of a stable wall, N·s/m. Such a wall has almost no stiffness."""
     return math.tan(device.last_half_angle) * device.damping_unit
 
 
 def verdict(device: SampledMass, gains: Gains) -> Verdict:
-    """Return whether a wall is stable, and if not, the cause."""
+    """Return whether a wall is stable, or the cause of its instability."""
     low, high = damping_window(device, gains.stiffness)
     damping = finite("damping", gains.damping, "newton seconds a metre")
     if math.isnan(low):
@@ -65,14 +65,14 @@ def verdict(device: SampledMass, gains: Gains) -> Verdict:
 
 
 def slowest_period(mass: float, gains: Gains, delay_samples: int = 1) -> float:
-    """Return the period up to which a wall is stable, s: with any damping, sampling faster restores it."""
+    """Return the period up to which a wall is stable, s. With any damping, fast sampling makes it stable."""
     stiffness = positive("stiffness", gains.stiffness, "newtons a metre")
     damping = positive("damping", gains.damping, "newton seconds a metre")
     device = SampledMass(mass, 1.0, delay_samples)
     # a/b² does not depend on the period; along the edge it falls from infinity to zero.
     ratio = 2.0 * mass * stiffness / damping**2
 
-    # From near its start, where a = 2h² and b = (2d+1)h².
+    # The search begins near the start of the edge, where a = 2h² and b = (2d+1)h².
     start = min(0.1 * math.sqrt(2.0 / ratio) / (2 * delay_samples + 1), 0.1 * device.last_half_angle)
 
     def left(half_angle: float) -> float:
@@ -83,15 +83,15 @@ def slowest_period(mass: float, gains: Gains, delay_samples: int = 1) -> float:
     return float(b) * 2.0 * mass / damping
 
 
-FASTEST_TURNS = 3.0  # of the delay: beyond, the device's mass alone resists with more
+FASTEST_TURNS = 3.0  # of the delay; the device's mass alone resists more beyond
 POINTS = 20_000  # between which signs are compared
 FREQUENCY_TOLERANCE = 1e-12  # rad/s
 
 
 def device_resistance(hand: Hand, device: Link, s: ArrayLike) -> np.ndarray:
-    """Return the force over the displacement of a device carried by a finger, (...) complex, N/m.
+    """Return the force per displacement of a device carried by a finger, (...) complex, N/m.
 
-    *device*: mass and damping; its contact is ignored. *s*: (...) complex, rad/s.
+    *device*: its mass and damping are used, its contact is ignored. *s*: (...) complex, rad/s.
     """
     s = np.asarray(s)
     finger = hand.finger_mass * s**2 + hand.damping * s + hand.stiffness
@@ -100,14 +100,14 @@ def device_resistance(hand: Hand, device: Link, s: ArrayLike) -> np.ndarray:
 
 
 def critical_stiffness(hand: Hand, device: Link, delay: float) -> float:
-    """Return the stiffness up to which a device rests on an undamped spring with a delay, N/m.
+    """Return the stiffness up to which a device is stable on an undamped spring with a delay, N/m.
 
-    *delay*: total, of the spring's force: latency, and half a period of sampling and holding.
+    *delay*: total delay of the spring's force, including half a period of sampling and holding.
     """
     positive("delay", delay, "seconds")
 
     def needed(omega: np.ndarray | float) -> np.ndarray:
-        """Return minus the stiffness where it is real."""
+        """Return the negative stiffness at an angular frequency, which is meaningful where it is real."""
         return device_resistance(hand, device, 1j * np.asarray(omega)) * np.exp(
             1j * np.asarray(omega) * delay
         )
@@ -122,7 +122,7 @@ def critical_stiffness(hand: Hand, device: Link, delay: float) -> float:
 
 
 def rests_on(hand: Hand, wall: CoupledWall, device: Link = COUPLED_DEVICE) -> bool:
-    """Return whether a finger comes to rest on a sampled wall, by the eigenvalues of the loop.
+    """Return whether a finger comes to rest on a sampled wall, according to the eigenvalues of the loop.
 
     *wall*: its latency is rounded to whole samples, and the steps of its encoder are ignored.
 
@@ -133,7 +133,7 @@ def rests_on(hand: Hand, wall: CoupledWall, device: Link = COUPLED_DEVICE) -> bo
     """
     moved, pushed = _sampled(hand, device, 1.0 / wall.rate)
     delay, size = round(wall.latency * wall.rate), len(pushed)
-    # The state: of device and finger now, and the device's positions at earlier samples.
+    # The state consists of device and finger now, and of the device's positions at earlier samples.
     loop = np.zeros((size + delay + 1, size + delay + 1))
     position = np.eye(len(loop))[[0, *range(size, len(loop))]]  # now, one sample ago, and so on
     damping = wall.damping * wall.rate
@@ -145,9 +145,10 @@ def rests_on(hand: Hand, wall: CoupledWall, device: Link = COUPLED_DEVICE) -> bo
 
 
 def _sampled(hand: Hand, device: Link, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the step of device and finger over a period, (4, 4), and the effect of 1 N on the device, (4,).
+    """Return the transition matrix of device and finger over a period, (4, 4), and the effect of 1 N, (4,).
 
-    The state is position and speed of the device, then those of the finger: m, m/s.
+    The force acts on the device. The state consists of position, m, and speed, m/s, of the device, then of
+    the finger.
     """
     stiffness, damping = hand.pad_stiffness, hand.pad_damping
     pad = np.array([-stiffness, -damping, stiffness, damping])  # N on the device

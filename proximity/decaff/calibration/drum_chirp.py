@@ -1,8 +1,8 @@
-"""Identification of a drum by a chirp: a torque of rising frequency, and the angles in response.
+"""Identification of a drum from its response to a chirp, a torque of rising frequency.
 
-Free, the response contains the drum's inertia, friction and latency; pressed on the replica of a fixed
-finger, the stiffness of the cable. One record gives one estimate of each; repeated chirps show the
-uncertainty.
+The response of a free drum contains its inertia, friction and latency. That of a drum pressed on the replica
+of a fixed finger contains the stiffness of the cable. One record gives one estimate of each. Repeated chirps
+show the uncertainty.
 """
 
 import math
@@ -21,19 +21,19 @@ from proximity.errors import DecaffError
 HELD_BEND = 0.5
 FREE_SWING = 0.3  # rad, either way, of the free drum at its first frequency; assumed
 COASTING = 5.0  # coasting time of the drum, in pushes
-OVER_FRICTION = 5.0  # ratio of the free chirp to the friction: then the drum hardly ever sticks
+OVER_FRICTION = 5.0  # ratio of the free chirp to the friction, at which the drum hardly ever sticks
 HELD_FORCE = 3.0  # N at the fingertip, mean of the held chirp
-HELD_SHARE = 1.0 / 6.0  # of that, amplitude
+HELD_SHARE = 1.0 / 6.0  # amplitude of the held chirp, as a share of that force
 MAX_SHARE = 0.6  # of the motor's torque
-SECONDS, RISE = 1.0, 0.1  # s, of a chirp, and of the force before it
+SECONDS, RISE = 1.0, 0.1  # s, durations of a chirp and of the rise of the mean force before it
 LONGEST_STEP = 2.5e-5  # s, of the simulated swing
-WEAKEST_ANSWER = 4.0  # encoder steps from end to end, minimum of a swing
-MAX_MISFIT = 0.15  # of the swing, maximum that the model may leave unexplained
+WEAKEST_ANSWER = 4.0  # minimum of a swing from end to end, encoder steps
+MAX_MISFIT = 0.15  # maximum share of a swing that the model may leave unexplained
 MAX_TORQUE_OFF = 0.3  # share of the chirp by which the motor's torque may differ from the command
 LATEST_CURRENT = 0.01  # s, maximum delay of the current behind the command
 MIN_CYCLES = 6.0  # samples to a cycle of the fastest swing
-DIFFERENCES = (0.02, 0.005)  # shares; smaller differences are hidden by friction that sticks and slips
-SEARCHED = np.geomspace(0.25, 4.0, 33)  # times the modelled inertia or stiffness, starts of the search
+DIFFERENCES = (0.02, 0.005)  # shares; smaller differences are hidden by stick-slip friction
+SEARCHED = np.geomspace(0.25, 4.0, 33)  # starts of the search, times the modelled inertia or stiffness
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +44,14 @@ class Chirp:
     amplitude: float  # N m
     first: float  # Hz
     last: float  # Hz
-    push: float = 0.0  # s, of each push after the chirp, in both directions, from which the drum then coasts
+    push: float = 0.0  # s, of each push after the chirp; the drum then coasts
 
     def torques(self, rate: float) -> np.ndarray:
-        """Return the samples, N m, (N,)."""
+        """Return the torques of the chirp and of the pushes after it, (N,), N m."""
         last = min(self.last, rate / MIN_CYCLES)
         times = np.arange(round(SECONDS * rate)) / rate
         phase = 2.0 * math.pi * (self.first * times + (last - self.first) / (2.0 * SECONDS) * times**2)
-        # Begins at full torque: so the mean speed is 0, and a free drum stays in place.
+        # It begins at full torque, so that the mean speed is 0 and a free drum stays in place.
         chirp = self.mean + self.amplitude * np.cos(phase)
         rise = self.mean * np.linspace(0.0, 1.0, round(RISE * rate)) if self.mean else np.zeros(0)
         push = np.zeros(round((1.0 + COASTING) * self.push * rate))
@@ -60,17 +60,20 @@ class Chirp:
 
 
 def free_chirp(drum: Drum) -> Chirp:
-    """Return the chirp for a free drum: a multiple of its friction, 0.6 rad from end to end."""
+    """Return a chirp for a free drum. Its amplitude is a multiple of the friction.
+
+    The drum swings by about 0.6 rad from end to end.
+    """
     friction, most = drum.friction * drum.lever, MAX_SHARE * drum.force_limit * drum.lever
     amplitude = min(max(OVER_FRICTION * friction, 0.01 * most), most)
     first = math.sqrt(amplitude / (FREE_SWING * inertia(drum))) / (2.0 * math.pi)
-    # In a swing alone friction and latency look alike, as delays. Coasting shows the friction.
+    # In a swing, friction and latency both appear as delays. Coasting distinguishes them.
     push = math.sqrt(2.0 * FREE_SWING * inertia(drum) * max(friction, 0.1 * amplitude)) / amplitude
     return Chirp(0.0, amplitude, first, 8.0 * first, push)
 
 
 def held_chirp(glove: Glove, drum: Drum) -> Chirp:
-    """Return the chirp for a drum that presses on a fixed finger's replica, about their resonance."""
+    """Return a chirp around the resonance of a drum that presses on the replica of a fixed finger."""
     most = MAX_SHARE * drum.force_limit * drum.lever
     wanted = HELD_FORCE * float(glove.replica_torque(HELD_BEND, 1.0))
     mean = min(wanted, most / (1.0 + HELD_SHARE))
@@ -79,17 +82,17 @@ def held_chirp(glove: Glove, drum: Drum) -> Chirp:
 
 
 def inertia(drum: Drum) -> float:
-    """Return the inertia of a drum about its axis, kg m², with its rotor behind the gear."""
+    """Return the inertia of a drum about its axis, kg m², including that of the rotor behind the gear."""
     return drum.mass * drum.lever**2
 
 
 def drum_stiffness(glove: Glove, cable: float) -> float:
-    """Return the stiffness at the drum of a cable in N/m, the finger fixed, N m/rad."""
+    """Return the stiffness of a cable at the drum, N m/rad, while the finger is fixed. *cable*: in N/m."""
     return cable * glove.cable.replica_pulley**2
 
 
 def answer(plant: np.ndarray, record: DrumRecord, latency: float, step: float = LONGEST_STEP) -> np.ndarray:
-    """Return the angles of a drum under the commands of a record, (N,), rad, from 0."""
+    """Compute the angles of a drum under the commands of a record, (N,), rad. They begin at 0."""
     times, count = record.times, len(record.times)
     period = (times[-1] - times[0]) / (count - 1)
     steps = math.ceil(period / step)
@@ -103,7 +106,7 @@ def answer(plant: np.ndarray, record: DrumRecord, latency: float, step: float = 
 
 
 def identify_free(record: DrumRecord, drum: Drum) -> dict[str, float]:
-    """Return inertia, kg m², friction, N m, viscous friction, N m s, and latency, s, of a free drum."""
+    """Estimate inertia, kg m², friction, N m, viscous friction, N m s, and latency, s, of a free drum."""
     _check_motor(record)
     scale = np.array([inertia(drum), max(drum.friction * drum.lever, 1e-6), 0.0, _period(record)])
     scale[2] = 0.1 * scale[1]
@@ -118,7 +121,10 @@ def identify_free(record: DrumRecord, drum: Drum) -> dict[str, float]:
 
 
 def identify_held(record: DrumRecord, drum: Drum, glove: Glove, viscous: float) -> dict[str, float]:
-    """Return stiffness, N m/rad, and damping, N m s, of the contact of a drum, and the unexplained swing."""
+    """Estimate the stiffness, N m/rad, and damping, N m s, of a held drum's contact.
+
+    Inertia, friction and latency of the drum are estimated as well.
+    """
     _check_motor(record)
     stiff = drum_stiffness(glove, glove.cable.stiffness)
     mass, friction = inertia(drum), max(drum.friction * drum.lever, 1e-6)
@@ -134,7 +140,10 @@ def identify_held(record: DrumRecord, drum: Drum, glove: Glove, viscous: float) 
 
 
 def encoder_step(angles: np.ndarray) -> tuple[float, float]:
-    """Return the step between an encoder's angles, rad, and its half-width; nan if no step is visible."""
+    """Return the step between the angles of an encoder, rad, and its uncertainty.
+
+    Both are nan if no step is visible.
+    """
     levels = np.unique(angles)
     gaps = np.diff(levels)
     gaps = gaps[gaps > 1e-6 * (levels[-1] - levels[0])]
@@ -159,9 +168,10 @@ def _fitted(
     starts: list[np.ndarray],
     span: int = 0,
 ) -> list[float]:
-    """Fit angles about their mean, or turns within *span* samples, from the best of *starts*.
+    """Return the numbers of *plant* that fit a record best, searched from the best of *starts*.
 
-    A free drum drifts with each disturbance of its torque, which hardly affects a turn within a short span.
+    Angles about their mean are fitted or, with a *span*, the turns within *span* samples. A free drum drifts
+    with each disturbance of its torque, which hardly affects a turn within a short span.
     """
 
     def seen(angles: np.ndarray) -> np.ndarray:
@@ -197,10 +207,10 @@ def _fitted(
 
 
 def _check_motor(record: DrumRecord) -> None:
-    """Raise for a record in which the motor's torque, by its current, differs from the command."""
+    """Raise an error if the motor's torque, computed from its current, differs from the command."""
     swung, count = float(np.std(record.commanded)), len(record.times)
     late = min(math.ceil(LATEST_CURRENT / _period(record)), count - 1)
-    # The current is read some samples late.
+    # The current is read with a delay of some samples.
     off = min(
         float(np.median(np.abs(record.torques[lag:] - record.commanded[: count - lag])))
         for lag in range(late + 1)

@@ -1,7 +1,7 @@
 """Fit of a calibration's numbers to measurements (docs/guide/motors.md).
 
-Each function raises for inconsistent measurements. From readings to the file that ``proximity drum --glove``
-and a scene file's [glove] read::
+Each function raises an error for inconsistent measurements. The following example writes the file that
+``proximity drum --glove`` and the [glove] section of a scene file read::
 
     from datetime import UTC, datetime
 
@@ -34,15 +34,15 @@ from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 
 MIN_TOUCHES = 3
-"""Angles at which the drum is driven to touch, slowly and with little force."""
+"""Minimum number of touches. At each, the drum is driven slowly and with little force."""
 STEP_SHARE = 0.1
 """Share of a step at which its response begins."""
 
 
 def touch_offset(glove: Glove, counts: ArrayLike, drum_angles: ArrayLike) -> float:
-    """Return the drum angle at the touch by the encoder, less that by the geometry, rad.
+    """Return the drum angle that the encoder reads at a touch, minus that of the geometry, rad.
 
-    The angle alpha of a drum on a coaxial arm is that of the geometry plus this.
+    The angle alpha of a drum on a coaxial arm is that of the geometry plus this offset.
     """
     replica = glove.potentiometer.angle(_measured("counts", counts))
     reported = _measured("drum_angles", drum_angles)
@@ -64,7 +64,7 @@ def touch_offset(glove: Glove, counts: ArrayLike, drum_angles: ArrayLike) -> flo
 
 
 def cable_compliance(glove: Glove, counts: ArrayLike, tensions: ArrayLike = (0.0, 2.0)) -> float:
-    """Return the stretch of the cable, m/N, with the finger fixed."""
+    """Return the stretch of the cable per newton, m/N, measured with a fixed finger."""
     read, pulled = _measured("counts", counts), _measured("tensions", tensions)
     if not len(read) == len(pulled) == 2:
         raise DecaffError(f"{len(read)} counts and {len(pulled)} tensions, expected two of each")
@@ -80,7 +80,7 @@ def cable_compliance(glove: Glove, counts: ArrayLike, tensions: ArrayLike = (0.0
 
 
 def backlash(glove: Glove, closing_counts: float, opening_counts: float) -> float:
-    """Return the cable's backlash, m, from the same bend reached from both directions."""
+    """Return the backlash of the cable, m, from the counts at one bend reached from both directions."""
     finite("closing_counts", closing_counts, "counts of the potentiometer")
     finite("opening_counts", opening_counts, "counts of the potentiometer")
     travel = (opening_counts - closing_counts) / glove.potentiometer.gain * glove.cable.replica_pulley
@@ -93,7 +93,7 @@ def backlash(glove: Glove, closing_counts: float, opening_counts: float) -> floa
 
 
 def step_latency(times: ArrayLike, values: ArrayLike, step_time: float) -> float:
-    """Return the delay from a step to the start of its response, s: a tenth of its height."""
+    """Return the time from a step until its response reaches a tenth of its height, s."""
     finite("step_time", step_time, "seconds")
     instants, answer = _measured("times", times), _measured("values", values)
     is_usable = len(instants) == len(answer) >= 2

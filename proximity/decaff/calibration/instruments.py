@@ -1,9 +1,9 @@
-"""Instruments of a calibration: potentiometer of the hand, encoder and motor of the drum.
+"""Instruments of a calibration, which are a potentiometer on the hand, and encoder and motor of the drum.
 
-A laboratory's instruments, the simulated glove and a person who types numbers implement the same interface;
-so does a real motor, which is on during a swing only. Messages of its bus do not come at even intervals: a
-record has the samples with a new answer, each at its own time, and between two of them the mean of the
-commands.
+Laboratory instruments, the simulated glove, a person who types numbers, and a real motor all implement the
+same interface. A real motor is on during a swing only. The messages of its bus arrive at uneven intervals, so
+that a record contains only the samples with a new answer. Each of these has its own time and the mean of the
+commands until the next one.
 """
 
 import threading
@@ -22,34 +22,37 @@ from proximity.errors import DecaffError, MotorError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrumRecord:
-    """Samples of a swung drum; N of them, positive away from the finger."""
+    """Record of a swung drum, with N samples. Angles and torques are positive away from the finger."""
 
-    times: np.ndarray  # (N,) s, increasing; of each commanded torque and each angle read
+    times: np.ndarray  # (N,) s, increasing, of the commands and the angles
     commanded: np.ndarray  # (N,) N m at the drum
     angles: np.ndarray  # (N,) rad of the drum
     torques: np.ndarray  # (N,) N m at the drum, by the motor's current
 
 
 class DrumPort(Protocol):
-    """Drum with an encoder, optionally with a motor that accepts torques at a fixed rate."""
+    """Drum with an encoder, and optionally with a motor that accepts torques at a fixed rate."""
 
-    rate: float  # Hz, of torques; 0: it cannot be swung
+    rate: float  # Hz, of torques; 0 if the drum has no motor
 
     def angle(self) -> float:
         """Return the angle read by the encoder, rad."""
 
     def swing(self, torques: np.ndarray) -> DrumRecord:
-        """Command torques, N m at the drum, one a sample, then none; return the readings during that time."""
+        """Command torques at the drum, N m, one per sample and zero afterwards. Return the readings."""
 
 
 class HandPort(Protocol):
     """Potentiometer of the glove on a hand."""
 
     def counts(self) -> np.ndarray:
-        """Return readings of a short interval, (K,) float64; one value if only one is known."""
+        """Return the counts read during a short interval, (K,) float64.
+
+        A single value is returned if only that is known.
+        """
 
     def latency(self) -> tuple[float, float]:
-        """Return the latency found by a step test, s, and its sampling interval, s."""
+        """Return the latency measured by a step test, s, and the sampling interval of the test, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +66,8 @@ class Instruments:
 
 
 RATE = 500.0  # Hz of torques, within the limits of the bus and this program
-LONGEST_GAP = 0.02  # s between two answers, maximum: the drum's motion in a longer gap is unknown
-LOOK_S = 0.01  # between two checks for an answer while a person works
+LONGEST_GAP = 0.02  # s, maximum between two answers, as the motion in a longer gap is unknown
+LOOK_S = 0.01  # s, between two readings of the motor while a person works
 RATIO_OFF = 0.01  # share by which gear ratios may differ
 
 
@@ -95,7 +98,7 @@ class MotorPort:
         self._thread.join()
 
     def home(self) -> None:
-        """Home the motor, which moves it, and switch it off again."""
+        """Move the motor to its home position, and switch it off again."""
         self._check()
         with self._lock, self._off_at_once():
             self._motor.home()
@@ -109,7 +112,10 @@ class MotorPort:
             return self._motor.angle
 
     def swing(self, torques: np.ndarray) -> DrumRecord:
-        """Switch the motor on, command torques, N m at the drum, and switch it off again."""
+        """Switch the motor on, command torques at the drum, N m, and switch it off again.
+
+        Return the readings.
+        """
         self._check()
         with self._lock, self._off_at_once():
             self._motor.resume()
@@ -119,7 +125,7 @@ class MotorPort:
 
     @contextmanager
     def _off_at_once(self) -> Iterator[None]:
-        """Switch the motor off at any early exit from the block, Ctrl-C too."""
+        """Switch the motor off if the block ends with an exception, including an interrupt by Ctrl-C."""
         try:
             yield
         except BaseException:
@@ -131,7 +137,7 @@ class MotorPort:
             raise self._failure
 
     def _watch(self) -> None:
-        """Read the motor during pauses of other readers."""
+        """Read the motor during the pauses of other readers until the port is closed."""
         while self._failure is None and not self._over.wait(LOOK_S):
             with self._lock:
                 try:
@@ -140,7 +146,10 @@ class MotorPort:
                     self._failure = failure
 
     def _swung(self, torques: np.ndarray) -> list[tuple[float, float, float, float, int]]:
-        """Return times, commands, angles, torques by the current, and the number of answers."""
+        """Command torques, and return one row per sample.
+
+        A row contains time, command, angle, torque computed from the current, and the number of answers.
+        """
         rows, started, due = [], time.monotonic(), time.monotonic()
         while (now := time.monotonic() - started) < len(torques) / RATE:
             self._check()
@@ -153,7 +162,10 @@ class MotorPort:
 
 
 def _record(rows: list[tuple[float, float, float, float, int]]) -> DrumRecord:
-    """Return samples with a new answer, and the mean of the commands from each to the next."""
+    """Return a record of the samples with a new answer.
+
+    The command of each is the mean of the commands until the next one.
+    """
     times, commanded, angles, torques, answers = (np.array(column) for column in zip(*rows, strict=True))
     fresh = np.flatnonzero(np.diff(answers, prepend=answers[0] - 1) > 0)
     gap = float(np.diff(np.append(times[fresh], times[-1])).max())

@@ -1,7 +1,7 @@
-"""Readings of a calibration: stored in a file after each one, and checked for agreement.
+"""Readings of a calibration, which are stored in a file after each one and checked for agreement.
 
-The file is next to the calibration made from them. The next task follows from the readings alone, so an
-interrupted calibration continues where it was.
+The file is next to the calibration that is computed from the readings. The readings alone determine the next
+task, so that an interrupted calibration continues at the same task.
 """
 
 import json
@@ -21,7 +21,7 @@ from proximity.system.whole_file import whole_file
 
 FORMAT, FILE_VERSION = "proximity glove readings", 1
 LARGEST_FILE = 50_000_000  # bytes; those of a calibration have some 2 million
-MAX_TRIES = 4  # times the repeats of a task, after which its readings disagree
+MAX_TRIES = 4  # as a multiple of a task's repeats, after which its readings count as inconsistent
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +31,11 @@ class Asked:
     task: Task
     number: int  # number of present readings
     agreeing: int  # readings of this task that agree
-    is_again: bool  # because readings of this task disagree
+    is_again: bool  # repeated because readings of this task disagree
 
     @property
     def bend(self) -> float | None:
-        """Bend of the finger."""
+        """Bend of the finger for this measurement, or None without a finger in the glove."""
         return self.task.bends[self.agreeing % len(self.task.bends)]
 
 
@@ -68,15 +68,16 @@ class Readings:
         return [reading for reading in self.all if reading["task"] == task.key]
 
     def agreeing(self, task: Task, bench: Bench) -> list[dict[str, Any]]:
-        """Return the largest set of readings of a task within its tolerance."""
+        """Return the largest set of readings of a task that agree within its tolerance."""
         readings = self.of(task)
         rows = _largest_cluster([reading[task.judged] for reading in readings], task.tolerance(bench))
         return [readings[row] for row in rows]
 
     def next(self, tasks: Sequence[Task], bench: Bench) -> Asked | None:
-        """Return the next measurement; None: all are done.
+        """Return the next measurement, or None if all are done.
 
-        Poses come in rounds, as a finger closes from the flat hand to the fist; other tasks one by one.
+        Poses are measured in rounds, as a finger closes from the flat hand to the fist. Other tasks are
+        completed one after the other.
         """
         counts = {task.key: len(self.agreeing(task, bench)) for task in tasks}
         left = [task for task in tasks if counts[task.key] < task.repeats]
@@ -94,7 +95,7 @@ class Readings:
         return Asked(task, len(self.all), counts[task.key], is_again)
 
     def drop(self, start: str) -> int:
-        """Remove the readings of tasks whose names begin with *start*; return their number."""
+        """Remove the readings of tasks whose keys begin with *start*, and return how many were removed."""
         kept = [reading for reading in self.all if not reading["task"].startswith(start)]
         dropped = len(self.all) - len(kept)
         self.all = kept
@@ -103,7 +104,7 @@ class Readings:
         return dropped
 
     def drop_newest(self) -> bool:
-        """Remove the newest reading; return whether there was one."""
+        """Remove the newest reading, and return whether there was one."""
         had = bool(self.all)
         if had:
             self.all.pop()
@@ -132,7 +133,10 @@ class Readings:
 
 
 def _largest_cluster(values: Sequence[float], tolerance: float) -> list[int]:
-    """Return the rows of the largest, newest set of values within *tolerance* of each other."""
+    """Return the rows of the largest set of values within *tolerance* of each other.
+
+    Of several sets of that size, it is the one with the newest value.
+    """
     order = np.argsort(values, kind="stable")
     ordered = np.asarray(values, np.float64)[order]
     best: list[int] = []

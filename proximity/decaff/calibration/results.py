@@ -1,8 +1,8 @@
-"""Results of a calibration: each number with its uncertainty and the model's value, and the glove's file.
+"""Estimates of a calibration with their uncertainties, and the calibration computed from them.
 
-An uncertainty is half of the 95 % confidence interval, estimated from repeats (Student's t), widened by
-the resolution of one count or one sample, which is common to all repeats. Systematic errors, such as a spring
-scale that reads too much, do not show in repeats.
+An uncertainty is half of the 95 % confidence interval, which is estimated from repeats (Student's t) and
+widened by the resolution of one count or one sample, as that is common to all repeats. Repeats do not show
+systematic errors, such as those of a spring scale that reads too much.
 """
 
 import math
@@ -48,13 +48,13 @@ class Estimate:
     unit: str  # of the reported value
     shown: float  # factor of the reported value
     value: float
-    half_width: float  # of the 95 % confidence interval; inf: one reading only
-    model: float  # as designed; nan: not given by the design
+    half_width: float  # of the 95 % confidence interval; inf for a single reading
+    model: float  # as designed; nan if the design does not give it
     readings: int
 
     @property
     def is_as_modelled(self) -> bool:
-        """True if the model's number is within the uncertainty, or unknown."""
+        """Whether the model's number is unknown or within the uncertainty."""
         return not abs(self.value - self.model) > self.half_width
 
 
@@ -66,7 +66,7 @@ class Session:
         self.tasks = tuple(task for task in tasks_for(bench) if task.key not in skipped)
 
     def next(self) -> Asked | None:
-        """Return the next measurement; None: all are done."""
+        """Return the next measurement, or None if all are done."""
         return self.readings.next(self.tasks, self.bench)
 
     def skip(self, task: Task) -> None:
@@ -74,7 +74,7 @@ class Session:
         self.tasks = tuple(each for each in self.tasks if each is not task)
 
     def repeat(self) -> bool:
-        """Remove the newest reading; return whether there was one."""
+        """Remove the newest reading, and return whether there was one."""
         return self.readings.drop_newest()
 
     def missing(self) -> list[str]:
@@ -83,7 +83,7 @@ class Session:
         return [task.key for task in needed if len(self.of(task)) < task.repeats]
 
     def take(self, asked: Asked, ready: Ready) -> None:
-        """Measure, and store the reading."""
+        """Perform a measurement, and store its reading."""
         free = self.readings.agreeing(FREE, self.bench)
         viscous = float(np.mean([reading["viscous"] for reading in free])) if free else 0.0
         bench = Bench(self.bench.instruments, self.bench.glove, viscous)
@@ -95,7 +95,7 @@ class Session:
         return self.readings.agreeing(task, self.bench)
 
     def estimates(self) -> list[Estimate]:
-        """Return the estimates from the present readings."""
+        """Return the estimates that the present readings give."""
         found = []
         for key, label, unit, shown, task, number, model, hidden in _quantities(self.bench):
             readings = self.of(task)
@@ -108,7 +108,7 @@ class Session:
         return found
 
     def calibration(self, name: str) -> Calibration:
-        """Return the calibration of a glove whose tasks are all done; *name* is that of hand and finger."""
+        """Return the calibration of a glove whose tasks are all done. *name*: of hand and finger."""
         values = {estimate.key: estimate.value for estimate in self.estimates()}
         touches, glove = self.of(TOUCH), self.bench.glove
         made = Calibration(
@@ -152,7 +152,7 @@ _Quantity = tuple[
 def _quantities(bench: Bench) -> list[_Quantity]:
     glove, drum = bench.glove, bench.drum
     a_count = glove.cable.replica_pulley / glove.potentiometer.gain  # m of cable
-    # From a fixed drum to a cable in N/m, and from the drum's axis to the fingertip.
+    # Conversions from the fixed drum to the cable, and from the drum's axis to the fingertip.
     per_cable, lever = drum_stiffness(glove, 1.0), drum.lever
     designed = glove.potentiometer.counts(glove.replica_angle(POSES))
 
@@ -188,7 +188,7 @@ def _quantities(bench: Bench) -> list[_Quantity]:
 
 
 def as_document(estimates: Sequence[Estimate]) -> dict[str, Any]:
-    """Return estimates as a document, in SI units and counts."""
+    """Return estimates as a dictionary for a JSON document, in SI units and counts."""
     return {
         estimate.key: {
             "value": estimate.value,
@@ -201,7 +201,7 @@ def as_document(estimates: Sequence[Estimate]) -> dict[str, Any]:
 
 
 def contradiction(session: Session) -> str:
-    """Return a sentence if the pulled cable and the chirp contradict each other; else ""."""
+    """Return a message if the pulled cable and the chirp contradict each other, or an empty string."""
     found = {estimate.key: estimate for estimate in session.estimates()}
     if not {"cable_compliance", "cable_stiffness"} <= set(found):
         return ""

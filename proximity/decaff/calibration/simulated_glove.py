@@ -1,7 +1,7 @@
-"""Simulated glove to calibrate: known parameters, an unsteady hand, and noise.
+"""Simulated glove for a calibration, with known parameters, an unsteady hand, and noise.
 
-Each reading draws its random numbers from the seed and the number of earlier readings: an interrupted
-calibration ends with the same numbers as an uninterrupted one.
+The random numbers of a reading depend only on the seed and the number of earlier readings. An interrupted
+calibration therefore ends with the same numbers as an uninterrupted one.
 """
 
 import math
@@ -19,8 +19,8 @@ from proximity.decaff.glove.glove import Glove
 from proximity.errors import DecaffError
 
 RATE = 3000.0  # Hz, of the drum
-SAMPLES, NOISE = 50, 2.0  # of one reading, and its noise in counts
-HAND, BLOCK = 0.004, 2e-5  # error in bend of a person at a pose, and at a block
+SAMPLES, NOISE = 50, 2.0  # of one reading: number of samples, and noise in counts
+HAND, BLOCK = 0.004, 2e-5  # errors in bend of a person, at a pose and at a block
 SLIP_SHARE, SLIP = 0.05, 0.06  # share of the poses in which a hand slips, and the bend of a slip
 SCALE_ERROR = 0.02  # relative error of a spring scale
 TOUCH_ERROR = 3e-4  # rad, error of a person who turns the drum
@@ -32,7 +32,7 @@ FINE_STEP = 2.5e-6  # s, a tenth of that used for identification
 
 
 class SimulatedGlove:
-    """Hand, glove and drum with parameters near those of the design; implements both ports."""
+    """Hand, glove and drum with parameters near those of the design. The class implements both ports."""
 
     rate = RATE
 
@@ -68,7 +68,7 @@ class SimulatedGlove:
 
     @property
     def truth(self) -> dict[str, float]:
-        """Return the true numbers, by the keys of the results."""
+        """Return the true parameters, with the same keys as the estimates."""
         counts = self._glove.potentiometer.counts(self._glove.replica_angle(POSES))
         return {
             **{f"pose {i + 1}": float(value) for i, value in enumerate(counts)},
@@ -84,7 +84,7 @@ class SimulatedGlove:
         }
 
     def prepare(self, asked: Asked, part: int) -> None:
-        """Perform a part of a task, as a person would."""
+        """Simulate the actions of a person for a part of a task."""
         self._asked, self._part = asked.task.key, part
         self._random = np.random.default_rng([self._seed, asked.number + 1, part])
         is_at_block = self._asked in (BACKLASH.key, PULL.key)
@@ -106,7 +106,7 @@ class SimulatedGlove:
         return self._glove.potentiometer.read(replica + noise).astype(np.float64)
 
     def latency(self) -> tuple[float, float]:
-        """Return the latency of a step at a random time between two samples."""
+        """Return the latency of a step at a random time between two samples, and the sampling interval, s."""
         times = np.arange(60) / STEP_RATE
         step_time = 0.02 + self._random.uniform() / STEP_RATE
         answer_ = np.clip((times - step_time - self._latency) / STEP_RISE, 0.0, 1.0)
@@ -114,12 +114,12 @@ class SimulatedGlove:
         return step_latency(times, answer_, step_time), 1.0 / STEP_RATE
 
     def angle(self) -> float:
-        """Return the encoder's reading where the drum touches the replica."""
+        """Return the reading of the encoder at the angle where the drum touches the replica, rad."""
         replica = self._glove.replica_angle(self._bend)
         return self._read(float(self._glove.drum.drum_angle(replica)) + self._mounted + self._turned())
 
     def swing(self, torques: np.ndarray) -> DrumRecord:
-        """Swing the drum, free or at the replica according to the task."""
+        """Simulate a swing of the drum, which is free or at the replica according to the task."""
         mass, friction = inertia(self._drum), self._drum.friction * self._drum.lever
         stiffness = damping = 0.0
         if self._asked == HELD.key:
@@ -137,7 +137,7 @@ class SimulatedGlove:
         return DrumRecord(times, torques, read, disturbed)
 
     def _swung(self, plant: np.ndarray, times: np.ndarray, torques: np.ndarray) -> np.ndarray:
-        """Return the angles of the drum under torques, (N,), rad, from rest at 0."""
+        """Compute the angles of the drum under torques, (N,), rad. The drum starts at rest at 0."""
         return answer(plant, DrumRecord(times, torques, times, torques), self._drum_latency, FINE_STEP)
 
     def _turned(self) -> float:

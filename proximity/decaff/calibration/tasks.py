@@ -1,6 +1,6 @@
-"""Tasks of a calibration, in order: instructions, measurements, and tolerances of repeats.
+"""Tasks of a calibration in their order, each with instructions, a measurement and a tolerance of repeats.
 
-A task is repeated until enough of its readings agree. This module neither waits nor prints: the user
+A task is repeated until enough of its readings agree. This module neither waits nor prints. The user
 interface passes `Ready`, which returns once the person has done a part of the task.
 """
 
@@ -36,7 +36,7 @@ POSE_NAMES = ("flat hand", "one sixth", "one third", "half bent", "two thirds", 
 TOUCHED = (1 / 6, 1 / 2, 5 / 6)
 TENSION = 2.0  # N, of the pulled cable
 STEADY_SHARE = 0.004  # of the design's range of counts, maximum variation while the hand is still
-POSE_SHARE = 0.03  # of the same, maximum difference of repeats of a pose: 4 mm of the fingertip
+POSE_SHARE = 0.03  # of the same range, maximum difference of repeats of a pose; 4 mm of the fingertip
 PULL_TOLERANCE = 15e-6  # m/N
 BACKLASH_TOLERANCE = 60e-6  # m of cable
 LATENCY_TOLERANCE = 3e-3  # s
@@ -44,7 +44,7 @@ INERTIA_TOLERANCE, STIFFNESS_TOLERANCE = 0.15, 0.2  # shares of the model's
 
 Values = dict[str, Any]
 Ready = Callable[[int], None]
-"""Called with the number of a part of the task; returns when the person is ready."""
+"""Function that is called with the number of a part of the task, and returns when the person is ready."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +63,10 @@ class Bench:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Instructions for a person, and a measurement."""
+    """One task of a calibration, with the instructions for a person and the measurement."""
 
     key: str
-    parts: tuple[str, ...]  # the person's actions before each reading; a sentence each
+    parts: tuple[str, ...]  # sentences that describe the person's actions before a reading
     bends: tuple[
         float | None, ...
     ]  # of the finger, in turn over the repeats; None: without a finger in the glove
@@ -88,7 +88,7 @@ def tasks_for(bench: Bench) -> tuple[Task, ...]:
 
 
 def _steady_counts(bench: Bench) -> float:
-    """Return the mean of a reading; raise if the hand moved."""
+    """Return the mean counts of a reading. Raise an error if the hand moved."""
     read = bench.instruments.hand.counts()
     wandered = float(read.max() - read.min())
     if not wandered <= STEADY_SHARE * _count_range(bench):

@@ -1,6 +1,6 @@
-"""Sources of a drum's controller in C99: those of the package, and a file of settings and finger paths.
+"""C99 sources of a drum's controller, with settings and finger paths in a generated file.
 
-A new calibration of a glove, or another drum, changes ``decaff_glove.c`` alone.
+Only ``decaff_glove.c`` changes with a new calibration of a glove or with another drum.
 """
 
 import os
@@ -21,7 +21,10 @@ NUMBERS_A_LINE = 4
 def controller_sources(
     gloves: Sequence[Glove | CalibratedGlove], settings: ControllerSettings | None = None
 ) -> dict[str, str]:
-    """Return the files of a controller, by name; *gloves* is one for all fingers, or one each."""
+    """Return the texts of a controller's files by file name.
+
+    *gloves*: one for all fingers, or one for each.
+    """
     paths = [FingerPath(glove) for glove in gloves]
     settings = settings or ControllerSettings(drum=paths[0].drum)
     return {
@@ -37,12 +40,15 @@ def write_controller(
     folder: str | os.PathLike[str],
     settings: ControllerSettings | None = None,
 ) -> list[str]:
-    """Write the files of `controller_sources` into a folder, created if needed, and return their paths."""
+    """Write the files of `controller_sources` into a folder, and return their paths.
+
+    The folder is created if it does not exist.
+    """
     return list(write_files(controller_sources(gloves, settings), folder))
 
 
 def _number_text(value: float) -> str:
-    """Return a number in C, exact to the last bit."""
+    """Return a number as C source text that is exact to the last bit."""
     if isinstance(value, int):
         return f"INT64_C({value})" if value > 2**31 else str(value)
     return "((double)INFINITY)" if value == float("inf") else repr(value)
@@ -55,7 +61,7 @@ def _settings_text(settings: ControllerSettings) -> str:
 
 
 def _glove_text(paths: Sequence[FingerPath], settings: ControllerSettings) -> str:
-    """Return the settings, and the tables of all paths."""
+    """Return the text of ``decaff_glove.c``, which contains the settings and the tables of all paths."""
     texts = [
         "/* decaff_glove.c: settings, and paths of fingers. Made by `proximity controller`. */\n"
         f'#include "decaff_controller.h"\n\n#include <math.h>\n\n{_settings_text(settings)}'

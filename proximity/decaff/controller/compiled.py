@@ -1,4 +1,4 @@
-"""Compiled C controller of the package: its functions, which take structures as bytes."""
+"""Access to the compiled C controller of the package, whose functions take structures as bytes."""
 
 from functools import cache
 from pathlib import Path
@@ -28,7 +28,7 @@ _SIGNATURES = {
 
 @cache
 def in_c(name: str) -> Any:
-    """Return a function of the controller, which takes structures as bytes."""
+    """Return a compiled function of the controller by its name. It takes structures as bytes."""
     with needed_in_c("the drum's controller, which is written in C, cannot run"):
         sizes = np.zeros(9, np.int64)
         function_in_c("controller_sizes", "int64[9]")(sizes)
@@ -42,6 +42,6 @@ def in_c(name: str) -> Any:
 
 
 def memory(kind: np.dtype) -> tuple[np.ndarray, Any, np.ndarray]:
-    """Return a zeroed structure: an array of one, its record, and a row of its bytes."""
+    """Return a zeroed structure in three forms, as an array of one, its record, and a row of its bytes."""
     array = np.zeros(1, kind)
     return array, array.view(np.recarray)[0], array.view(np.uint8).reshape(1, kind.itemsize)

@@ -25,17 +25,18 @@ class DrumState(Enum):
     """State of a drum."""
 
     RETRACTED = "retracted"
-    """Out of the finger's path, or on its path there."""
+    """The drum is out of the finger's path, or moves out of it."""
     APPROACH = "approach"
-    """At, or moving to, the position where the finger will touch."""
+    """The drum is at the position where the finger will touch, or moves there."""
     CONTACT_POSITION = "position"
-    """The finger touches; the position is held."""
+    """The finger touches, and the drum holds its position."""
     CONTACT_FORCE = "force"
-    """The finger touches; a force is served."""
+    """The finger touches, and the drum exerts the commanded force."""
     HOLD = "hold"
-    """The finger touches, and the data are old: no advance."""
+    """The finger touches while the data are old. The drum does not advance."""
     FREEZE = "freeze"
-    """The finger touches, without data: unchanged for a while, then without force."""
+    """The finger touches without data. The drum is unchanged for a while, then its force is ramped to zero.
+    """
     FAULT = "fault"
     """The motor is braked until the controller is reset."""
 
@@ -51,7 +52,7 @@ class Trust(IntEnum):
     FRESH = 0
     """Valid, tracked, and young enough to act on."""
     OLD = 1
-    """Valid; older than that."""
+    """Valid, but older than that."""
     STALE = 2
     """Too old, or unknown to the service."""
     LOST = 3
@@ -59,7 +60,7 @@ class Trust(IntEnum):
 
 
 class FrameMark(NamedTuple):
-    """Identity of a frame, and its instant."""
+    """Identity and time of a frame."""
 
     session: int
     sequence: int
@@ -67,7 +68,7 @@ class FrameMark(NamedTuple):
 
     @classmethod
     def of(cls, header: Any) -> "FrameMark | None":
-        """Return the mark of a frame's header; None: no frame yet."""
+        """Return the mark of a frame's header, or None if there is no frame yet."""
         if header is None:
             return None
         return cls(int(header["session"]), int(header["sequence"]), int(header["start_ns"]))
@@ -75,15 +76,16 @@ class FrameMark(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """Observations at a sample of the servo.
+    """Input of the controller at a sample of the servo.
 
-    There are two clocks. The clock of the frames may be another machine's, and estimated: it jumps when the
-    estimate improves, and serves for the ages of frames only. The drum's time is the clock of the samples.
+    There are two clocks. The clock of the frames may belong to another machine, and is then estimated. It
+    jumps when the estimate improves, so that it is used for the ages of frames only. The time of the drum is
+    the clock of the samples.
     """
 
     now_ns: int  # of the sample, on the clock of the frames
-    bend: float  # of the finger, by the potentiometer; nan, or an impossible bend: a fault
-    drum_angle: float  # rad, by the encoder; nan, or far off the finger's path: a fault
+    bend: float  # of the finger, by the potentiometer; nan or an impossible bend is a fault
+    drum_angle: float  # rad, by the encoder; nan or an angle far off the finger's path is a fault
     state: State = State.STALE  # of the newest reading
     contact: Any = None  # CONTACT, this finger's record of it; None: no frame yet
     force: float = math.nan  # N, between finger and drum; nan: not measured
@@ -104,20 +106,20 @@ class DrumAction:
     force: float  # N to press with, in force mode
     speed_cap: float  # m/s at the fingertip
     force_cap: float  # N at the fingertip
-    start_force: float = math.nan  # N, start of a change to force
+    start_force: float = math.nan  # N, initial force of a change to force mode
     torque: float = 0.0  # N m at the motor's shaft for that force, in force mode
     torque_cap: float = 0.0  # N m at the motor's shaft: by the force cap and the limits of motor and gear
     motor_speed_cap: float = 0.0  # rad/s of the motor's shaft, at most
     force_slew: float = 0.0  # N/s at the fingertip, of the force; 0: that of a handover, inf: a step
-    heat: float = 0.0  # of the motor, as a share; from 1 on its force is limited to the continuous one
+    heat: float = 0.0  # of the motor, as a share; at 1 or more its force is limited to the continuous one
     is_hot: bool = False  # that limit is active, until the motor is cooler
-    is_anew: bool = False  # samples were missed: the servo of a chip restarts its mode
+    is_anew: bool = False  # samples were missed, so that the servo restarts its mode
 
 
 def commanded(action: DrumAction, target: float) -> DrumCommand:
-    """Return the command of the servo for a controller's action.
+    """Return the command of the servo for an action of a controller.
 
-    *target*: its position, in the servo's coordinate; or its force.
+    *target*: position in the coordinate of the servo, or force.
     """
     return DrumCommand(
         action.mode, target, action.speed_cap, action.force_cap, action.start_force, action.force_slew
@@ -146,11 +148,11 @@ def required_damping(stiffness: float, damping: float, period: float, delay_samp
 def largest_passive_stiffness(
     device_damping: float, damping: float, period: float, delay_samples: int = 0
 ) -> float:
-    """Return the stiffness up to which a wall is passive, N/m; 0 if its damping alone is too large."""
+    """Return the stiffness up to which a wall is passive, N/m, or 0 if its damping alone is too large."""
     own = not_negative("device_damping", device_damping, "newton seconds a metre")
     if own <= required_damping(0.0, damping, period, delay_samples):
         return 0.0
-    # At the slowest hand the bound is K T (2d+1)/2 - B, its minimum.
+    # The bound is smallest at the slowest hand, K T (2d+1)/2 - B.
     most = 2.0 * (own + abs(damping)) / (period * (2 * delay_samples + 1))
 
     def lack(stiffness: float) -> float:
@@ -163,7 +165,7 @@ def _largest(series: np.ndarray) -> float:
     """Return the maximum of a Chebyshev series between -1 and 1."""
     negligible = np.finfo(np.float64).eps * np.abs(series).max()
     turns = chebyshev.chebroots(chebyshev.chebder(chebyshev.chebtrim(series, negligible)))
-    # Candidates that are not extrema do no harm: their value is not above the maximum.
+    # Candidates that are not extrema are harmless, as their values do not exceed the maximum.
     positions = np.clip(turns.real, -1.0, 1.0)
     return float(chebyshev.chebval(np.array([-1.0, 1.0, *positions]), series).max())
 
@@ -174,10 +176,11 @@ DELAY_SAMPLES = 1  # the servo's output acts a sample later, plus the motor's la
 
 
 class SurfaceLaw:
-    """``F = k delta + b delta'``, never pulling, within the bound of passivity of drum and pad together.
+    """Force law of a displayed surface, ``F = k delta + b delta'``, without pulling.
 
-    Only physical damping counts: that of the drum, and of the pad of the finger on it. The servo's is sampled
-    and delayed, like the surface, and does not reliably dissipate energy.
+    Stiffness and damping are within the bound of passivity of drum and pad together. Only the physical
+    damping of the drum and of the finger's pad counts. The damping of the servo is sampled and delayed, like
+    the surface, and does not reliably dissipate energy.
     """
 
     def __init__(self, settings: ControllerSettings, drum_damping: float = 0.0) -> None:
@@ -186,12 +189,12 @@ class SurfaceLaw:
         self._settings = settings.record()[1][0]
 
     def displayed(self, stiffness: float, damping: float) -> tuple[float, float]:
-        """Return the displayed stiffness, N/m, and damping, N s/m, of a surface."""
+        """Return the stiffness, N/m, and damping, N s/m, with which a surface is displayed."""
         displayed = in_c("displayed")(self._settings, stiffness, damping)
         return displayed[0], displayed[1]
 
     def lacking(self, stiffness: float, damping: float) -> float:
-        """Return the damping that the drum alone lacks to display a surface passively, N s/m; 0: none."""
+        """Return the damping that the drum alone lacks to display a surface passively, N s/m, or 0."""
         k, b = self.displayed(stiffness, damping)
         return max(0.0, required_damping(k, b, self._period, self._delay) - self._drum)
 
@@ -199,11 +202,11 @@ class SurfaceLaw:
 class FingerController:
     """Computes the drum's position or force for one finger, sample by sample.
 
-    *drum*: the driven drum; its mass bounds its speed near the finger. *cable*: its stretch is compensated
-    while a position is held; by default it is not.
+    *drum*: the driven drum, whose mass limits its speed near the finger. *cable*: compensation of the cable's
+    stretch while a position is held; none by default.
     """
 
-    fault: str  # why the motor has no power; "": it has
+    fault: str  # reason why the motor has no power, or ""
     law: SurfaceLaw  # of deformable surfaces, as displayed
 
     def __init__(
@@ -244,16 +247,16 @@ class FingerController:
 
     @property
     def frames(self) -> np.record:
-        """Trusted frames, with the header's fields: reading, location, counts."""
+        """Record of the trusted frames, with the fields of ``frame_trust`` in `records`."""
         return self.known.frames
 
     def reset(self) -> None:
-        """Restart after a fault or an emergency stop, retracted, with no trusted frame."""
+        """Restart after a fault or an emergency stop. The drum is retracted, and no frame is trusted."""
         self._reset(self._known[0])
         self.fault = ""
 
     def stop(self) -> None:
-        """Retract and stay there until `reset`: the emergency stop."""
+        """Perform an emergency stop, which retracts the drum until `reset` is called."""
         self.known.is_stopped = True
 
     def step(self, seen: Observation) -> DrumAction:
@@ -275,7 +278,7 @@ class FingerController:
         return DrumAction(STATES[state], MODES[mode], *numbers)
 
     def _sentence(self, seen: Observation) -> str:
-        """Return the reason why the motor is off, from the sample that showed it."""
+        """Return the message for a fault that was found at a sample."""
         late_ns, (least, most) = seen.sample_ns - self._sample_ns, self._path.drum_angles
         bends = f"expected {MIN_BEND:g} to {MAX_BEND:g}"
         return {

@@ -6,7 +6,7 @@
 
 #include "decaff_controller.h"
 
-/* Words of an array of one axis are its address and its length; of two, its address and its lengths. */
+/* An array of one axis takes two words, its address and length; one of two axes takes three, address and lengths. */
 #define ARGUMENTS(words) ((const int64_t *)(intptr_t)(words))
 #define POINTER(word) ((void *)(intptr_t)(word))
 
@@ -71,7 +71,7 @@ int controller_servo_begin(void **unused, void **no_error, int64_t words)
     return 0;
 }
 
-/* servo, action: uint8[:]; position, force: float; returns the motor's force from now on */
+/* servo, action: uint8[:]; position, force: float; returns the motor's force until the next sample */
 int controller_servo_step(void **unused, void **no_error, int64_t words)
 {
     int64_t *word = POINTER(words);
@@ -90,7 +90,7 @@ int controller_is_steady(void **unused, void **no_error, int64_t words)
     return 0;
 }
 
-/* settings: uint8[:]; stiffness, damping: float; returns both as they are displayed */
+/* settings: uint8[:]; stiffness, damping: float; returns the displayed stiffness and damping */
 int controller_displayed(void **unused, void **no_error, int64_t words)
 {
     int64_t *word = POINTER(words);

@@ -1,5 +1,5 @@
 /*
- * decaff_controller.c: see decaff_controller.h. Simulations, drums of a service and chips run these lines.
+ * decaff_controller.c: see decaff_controller.h. The same code runs in simulations, drums of a service and chips.
  */
 #include "decaff_controller.h"
 
@@ -8,19 +8,19 @@
 
 /* --- numbers --- */
 
-/* The smaller of two; the first if one is NaN. */
+/* Return the smaller of two numbers, or the first if one is NaN. */
 static decaff_real lesser(decaff_real a, decaff_real b)
 {
     return (b < a) ? b : a;
 }
 
-/* The larger of two; the first if one is NaN. */
+/* Return the larger of two numbers, or the first if one is NaN. */
 static decaff_real greater(decaff_real a, decaff_real b)
 {
     return (b > a) ? b : a;
 }
 
-/* Limit the magnitude of a number; 0 for NaN. */
+/* Limit the magnitude of a number. NaN becomes 0. */
 static decaff_real within(decaff_real number, decaff_real most)
 {
     return isnan(number) ? 0.0 : greater(-most, lesser(most, number));
@@ -36,7 +36,7 @@ static bool is_finite(decaff_real number)
     return isfinite(number) != 0;
 }
 
-/* A measured force; NaN if it is impossible. */
+/* Return a measured force, or NaN if it is impossible. */
 static decaff_real force_of(decaff_real force)
 {
     return (magnitude(force) <= DECAFF_MOST_FORCE) ? force : (decaff_real)NAN;
@@ -59,7 +59,7 @@ static decaff_real seconds(int64_t time_ns)
     return 1e-9 * (decaff_real)time_ns;
 }
 
-/* 1 - exp(-x) for x > 0: Taylor series of a small part of x, then repeated doubling. */
+/* Return 1 - exp(-x) for x > 0, by a Taylor series of a small part of x and repeated doubling. */
 static decaff_real share_of(decaff_real x)
 {
     decaff_real small = x, share = 1.0;
@@ -70,7 +70,7 @@ static decaff_real share_of(decaff_real x)
         doublings++;
     }
     if (small > 0.0625) {
-        doublings = 0u; /* beyond a thousand: all of it */
+        doublings = 0u; /* x is beyond a thousand: the share is 1 */
     } else {
         share = 0.0;
         for (term = 9u; term > 0u; term--) {
@@ -83,7 +83,7 @@ static decaff_real share_of(decaff_real x)
     return share;
 }
 
-/* The length of a vector, without overflow. */
+/* Return the length of a vector, without overflow. */
 static decaff_real length_of(decaff_real x, decaff_real y, decaff_real z)
 {
     decaff_real largest = greater(greater(magnitude(x), magnitude(y)), magnitude(z));
@@ -99,7 +99,7 @@ static decaff_real length_of(decaff_real x, decaff_real y, decaff_real z)
 
 /* --- the finger's path --- */
 
-/* The last row before x; beyond the ends the first, and the last but one. Constant time for even rows. */
+/* Return the last row before x, or beyond the ends the first and the last but one. Constant time for even rows. */
 static size_t row_of(decaff_real x, const decaff_real *xs, size_t count)
 {
     size_t low = 0u, high = count - 1u;
@@ -127,7 +127,7 @@ static size_t row_of(decaff_real x, const decaff_real *xs, size_t count)
     return low;
 }
 
-/* Linear interpolation; beyond the ends it extrapolates with the last slope. NaN stays NaN. */
+/* Interpolate linearly, and extrapolate beyond the ends with the last slope. NaN stays NaN. */
 static decaff_real along(decaff_real x, const decaff_real *xs, const decaff_real *ys, size_t count)
 {
     size_t low = row_of(x, xs, count);
@@ -135,7 +135,7 @@ static decaff_real along(decaff_real x, const decaff_real *xs, const decaff_real
     return is_finite(x) ? (ys[low] + ((ys[low + 1u] - ys[low]) * ((x - xs[low]) / (xs[low + 1u] - xs[low])))) : x;
 }
 
-/* The same; beyond the ends the last value. */
+/* Interpolate linearly, with constant values beyond the ends. */
 static decaff_real between(decaff_real x, const decaff_real *xs, const decaff_real *ys, size_t count)
 {
     return along(greater(lesser(x, xs[count - 1u]), xs[0]), xs, ys, count);
@@ -161,7 +161,7 @@ decaff_real decaff_drum_position(const decaff_path *path, decaff_real angle)
     return along(angle, path->angles, path->positions, path->count);
 }
 
-/* Metres of fingertip per radian of the motor, by the slope of the path at a drum angle; also N m per newton. */
+/* Return the metres of fingertip per radian of the motor, by the path's slope at a drum angle; also N m per N. */
 static decaff_real motor_lever(const decaff_path *path, decaff_real angle)
 {
     size_t row = row_of(angle, path->angles, path->count);
@@ -238,7 +238,7 @@ void decaff_subscriber_look(const decaff_subscriber *frames, size_t finger, int6
 
 /* --- the position of contact --- */
 
-/* Unknown, or within bounds. */
+/* Return whether a number is unknown or within bounds. */
 static bool may_be(decaff_real number, decaff_real least, decaff_real most)
 {
     return isnan(number) || ((least <= number) && (number <= most));
@@ -277,7 +277,7 @@ static bool is_tracked(const proximity_contact *c)
     return ((c->flags & (uint32_t)PROXIMITY_FLAG_TRACKED) != 0u) && (c->mode != (uint8_t)PROXIMITY_MODE_HOLD);
 }
 
-/* b + d/(-n.p'); NaN: the finger does not close. */
+/* Return the bend at contact, b + d/(-n.p'), or NaN if the finger does not close. */
 static decaff_real extrapolated(const proximity_contact *c, decaff_real bend, decaff_real distance)
 {
     decaff_real closing = -((c->normal[0] * c->velocity[0]) + (c->normal[1] * c->velocity[1])
@@ -294,7 +294,7 @@ static decaff_real extrapolated(const proximity_contact *c, decaff_real bend, de
     return answer;
 }
 
-/* The speed of the contact along the finger's path as the part moves, m/s; 0: at rest, or unknown. */
+/* Return the speed of the contact along the finger's path as the part moves, m/s, or 0 if at rest or unknown. */
 static decaff_real drift_of(const proximity_contact *c, const decaff_settings *set, decaff_real incidence)
 {
     decaff_real coming = (c->normal[0] * c->part_velocity[0]) + (c->normal[1] * c->part_velocity[1])
@@ -305,7 +305,7 @@ static decaff_real drift_of(const proximity_contact *c, const decaff_settings *s
                                                   : greater(-set->max_speed, lesser(set->max_speed, drift));
 }
 
-/* The position of contact from the record; false: none before the fist. */
+/* Compute the position of contact from a record. Return false if there is none before the fist. */
 static bool locate(const proximity_contact *c, const decaff_path *path, decaff_location *found)
 {
     decaff_real bend = c->bend, distance = c->signed_distance, contact_bend = c->contact_bend;
@@ -352,7 +352,7 @@ static bool locate(const proximity_contact *c, const decaff_path *path, decaff_l
 
 /* --- trust in frames --- */
 
-/* Forget the contact until another record is accepted. */
+/* Discard the position of contact until another record is accepted. */
 static void forget_location(decaff_frame_trust *frames)
 {
     frames->has_location = false;
@@ -360,7 +360,7 @@ static void forget_location(decaff_frame_trust *frames)
     frames->was_outside = false;
 }
 
-/* Restart; counts continue. */
+/* Reset the trust in frames, except for its counts. */
 static void forget_frames(decaff_frame_trust *frames)
 {
     uint32_t dropped = frames->dropped, awaited = frames->awaited;
@@ -370,13 +370,13 @@ static void forget_frames(decaff_frame_trust *frames)
     frames->awaited = awaited;
 }
 
-/* The age of the last accepted pose, ns. */
+/* Return the age of the last accepted pose, ns. */
 static int64_t age_of(const decaff_frame_trust *frames, int64_t now_ns)
 {
     return frames->has_pose ? proximity_time_between(frames->pose_ns, now_ns) : now_ns;
 }
 
-/* The expected position of contact, m; inf: none. */
+/* Return the expected position of contact, m, or inf if none is expected. */
 static decaff_real predicted_position(const decaff_frame_trust *frames, const decaff_path *path, int64_t now_ns)
 {
     const decaff_settings *set = path->settings;
@@ -425,7 +425,7 @@ static enum decaff_trust trust_at(decaff_frame_trust *frames, const decaff_setti
     return trust;
 }
 
-/* Return whether an earlier contact may have moved to its present position; `by_pose`: by its pose. */
+/* Return whether an earlier contact may have moved to its present position. `by_pose`: by the times of poses only. */
 static bool may_follow(const decaff_location *before, const decaff_location *found, const decaff_path *path,
                        bool by_pose)
 {
@@ -446,7 +446,7 @@ static bool may_follow(const decaff_location *before, const decaff_location *fou
     return nearer <= ((set->max_speed * 1e-9 * (decaff_real)elapsed_ns) + error);
 }
 
-/* The rate of a bend, 1/s, for a speed of its position, m/s. */
+/* Return the rate of a bend, 1/s, for a speed of its position, m/s. */
 static decaff_real rate_of(const decaff_path *path, decaff_real bend, decaff_real speed)
 {
     decaff_real slope = (position_of_bend(path, bend + DECAFF_SLOPE_BEND) - position_of_bend(path, bend))
@@ -455,8 +455,8 @@ static decaff_real rate_of(const decaff_path *path, decaff_real bend, decaff_rea
     return (slope > 0.0) ? (speed / slope) : 0.0;
 }
 
-/* In contact the surface stays in place. On a moving part it moves with the part's velocity, and, at most half as
- * fast, towards the measured distance: inside, distances are no more certain. */
+/* Move the contact of a touched part. The surface stays in place unless the part moves. It then moves with the part's
+ * velocity and, at most half as fast, towards the measured distance, as distances are uncertain inside. */
 static void follow_part(decaff_location *at, const proximity_contact *c, const decaff_path *path, int64_t start_ns)
 {
     decaff_real drift = drift_of(c, path->settings, at->incidence);
@@ -478,7 +478,7 @@ static void follow_part(decaff_location *at, const proximity_contact *c, const d
     }
 }
 
-/* Accept a farther position, or one no nearer than is possible, directly; others when confirmed. */
+/* Accept a position of contact. The first one, and one nearer than is possible, must be confirmed by a second pose. */
 static void take_location(decaff_frame_trust *frames, const proximity_contact *c, const decaff_path *path,
                           int64_t start_ns)
 {
@@ -579,7 +579,7 @@ static void take_record(decaff_frame_trust *frames, const decaff_observation *se
     take_reading(&frames->reading, c);
 }
 
-/* Read a new record, and report the state. */
+/* Read a new record, and return the trust in the newest frames. */
 static enum decaff_trust take_frames(decaff_frame_trust *frames, const decaff_observation *seen,
                                      const decaff_path *path)
 {
@@ -605,7 +605,7 @@ static enum decaff_trust take_frames(decaff_frame_trust *frames, const decaff_ob
 
 /* --- a steady force, and the force of a surface --- */
 
-/* Add a sample; return whether the force is steady now. */
+/* Add a sample of a force, and return whether the force is steady. */
 bool decaff_is_steady(decaff_steady *watch, const decaff_settings *set, decaff_real force, decaff_real speed)
 {
     bool is_full = watch->count >= set->steady_samples;
@@ -623,7 +623,7 @@ bool decaff_is_steady(decaff_steady *watch, const decaff_settings *set, decaff_r
     } else if (watch->slow_count < set->steady_samples) {
         watch->slow_count++;
     } else {
-        /* for long enough */
+        /* slow for the whole window */
     }
     if (!is_full) {
         return false;
@@ -644,7 +644,7 @@ static decaff_real usable(decaff_real number)
     return (is_finite(number) && (number > 0.0)) ? number : 0.0;
 }
 
-/* The displayed stiffness of a surface, limited by the bound of passivity for its damping. */
+/* Limit the damping of a surface, and its stiffness by the bound of passivity for this damping. */
 void decaff_displayed(const decaff_settings *set, decaff_real stiffness, decaff_real damping, decaff_real *k,
                       decaff_real *b)
 {
@@ -656,7 +656,7 @@ void decaff_displayed(const decaff_settings *set, decaff_real stiffness, decaff_
     *k = lesser(usable(stiffness), most / (set->period + (set->drum_latency / 1.5)));
 }
 
-/* The force of a surface along the finger's path, N. */
+/* Return the force of a surface along the finger's path, N. */
 static decaff_real surface_force(const decaff_settings *set, const decaff_contact_reading *surface,
                                  decaff_real depth, decaff_real speed, decaff_real incidence)
 {
@@ -678,7 +678,7 @@ static void forget_stretch(decaff_controller *finger)
     finger->stretch = 0.0;
 }
 
-/* Update the force that stretches the cable; the drum comes nearer only while a fresh frame is known. */
+/* Update the stretch of the cable. The drum comes nearer only while the frames are fresh. */
 static void take_stretch(decaff_controller *finger, const decaff_observation *seen, decaff_real elapsed)
 {
     const decaff_settings *set = finger->path->settings;
@@ -692,7 +692,7 @@ static void take_stretch(decaff_controller *finger, const decaff_observation *se
     finger->stretch = (finger->trust == DECAFF_TRUST_FRESH) ? stretch : lesser(stretch, finger->stretch);
 }
 
-/* The target, moved nearer by the stretch of the cable. */
+/* Return the target, moved nearer by the stretch of the cable. */
 static decaff_real sent(const decaff_controller *finger)
 {
     return finger->target - finger->stretch;
@@ -773,7 +773,7 @@ static enum decaff_fault fault_of(const decaff_controller *finger, const decaff_
     return fault;
 }
 
-/* The finger's position by the potentiometer, and its speed, low-passed. */
+/* Update the finger's position by the potentiometer, and its low-passed speed. */
 static void follow_finger(decaff_controller *finger, const decaff_observation *seen, decaff_real elapsed)
 {
     const decaff_settings *set = finger->path->settings;
@@ -790,8 +790,8 @@ static void follow_finger(decaff_controller *finger, const decaff_observation *s
     }
 }
 
-/* The heat of the motor by its force: i2t, relative to the continuous force. If only the force on the finger is
- * known, the motor's is larger by the gear's loss; without either, none is added. */
+/* Update the heat of the motor, i2t, by its force relative to the continuous one. If only the force on the finger is
+ * known, the motor's is larger by the gear's loss. Without either, no heat is added. */
 static void keep_heat(decaff_controller *finger, decaff_real motor_force, decaff_real force, decaff_real elapsed)
 {
     const decaff_settings *set = finger->path->settings;
@@ -803,7 +803,8 @@ static void keep_heat(decaff_controller *finger, decaff_real motor_force, decaff
     finger->is_hot = finger->heat >= (finger->is_hot ? DECAFF_COOL_HEAT : 1.0);
 }
 
-/* The force that may be displayed: the peak for a while, then the continuous one, also for a hot motor. */
+/* Return the largest permitted force. It is the peak for a while, then the continuous one. A hot motor is limited to
+ * its own continuous force. */
 static decaff_real budget_cap(decaff_controller *finger, decaff_real force, decaff_real elapsed)
 {
     const decaff_settings *set = finger->path->settings;
@@ -820,7 +821,7 @@ static decaff_real budget_cap(decaff_controller *finger, decaff_real force, deca
     return finger->is_hot ? lesser(cap, set->heat_force) : cap;
 }
 
-/* Return whether finger and object are certainly apart: a drum in contact then is in the way. */
+/* Return whether finger and object are certainly apart. A drum in contact with the finger is then in its way. */
 static bool is_clear(const decaff_controller *finger, const decaff_observation *seen)
 {
     const decaff_settings *set = finger->path->settings;
@@ -837,7 +838,7 @@ static bool touches(const decaff_controller *finger, const decaff_observation *s
            || ((seen->force > set->touch_force) && (gap < set->release_gap));
 }
 
-/* The permitted target: nearer to the finger only while a fresh frame is known. */
+/* Return the permitted target, which comes nearer to the finger only while the frames are fresh. */
 static decaff_real allowed(const decaff_controller *finger, decaff_real position)
 {
     decaff_real target = finger->target;
@@ -848,7 +849,7 @@ static decaff_real allowed(const decaff_controller *finger, decaff_real position
     return target;
 }
 
-/* A drum is late from when the finger passes the drum's target first until the drum reaches it. */
+/* Update whether the drum is late. It is late if the finger passes the target first, until the drum reaches it. */
 static void mark_late(decaff_controller *finger, decaff_real drum, bool may_begin)
 {
     const decaff_settings *set = finger->path->settings;
@@ -863,14 +864,14 @@ static void mark_late(decaff_controller *finger, decaff_real drum, bool may_begi
     }
 }
 
-/* The speed at which rotor and gear have the energy of a bump near the finger, m/s, at the drum's present lever. */
+/* Return the speed at which rotor and gear have the permitted energy of a bump, m/s, at the drum's present lever. */
 static decaff_real near_speed(const decaff_controller *finger)
 {
     return finger->path->settings->near_motor_speed * finger->motor_lever;
 }
 
-/* The maximum speed of the drum towards the finger: near it, with little energy; farther, so that it can brake in
- * time, with power and without. A force follows a receding finger. */
+/* Return the maximum speed of the drum towards the finger. Near the finger it has little energy; farther away it can
+ * brake in time, with and without power. In force mode it follows a receding finger. */
 static decaff_real closing_cap(const decaff_controller *finger, decaff_real gap, bool follows)
 {
     const decaff_settings *set = finger->path->settings;
@@ -887,7 +888,7 @@ static decaff_real closing_cap(const decaff_controller *finger, decaff_real gap,
            - coming;
 }
 
-/* The same for a drum that may be late. */
+/* Return the maximum speed towards the finger of a drum that may be late. */
 static decaff_real approach_cap(const decaff_controller *finger, decaff_real gap, bool follows)
 {
     decaff_real speed = closing_cap(finger, gap, follows);
@@ -928,7 +929,7 @@ static void act_at_position(const decaff_controller *finger, decaff_action *acti
 
     if (sent(finger) < drum) {
         speed = approach_cap(finger, gap, false);
-        /* Farther off no force acts, and a weak motor could not brake. */
+        /* Farther away no force acts, and a motor with that cap could not brake. */
         if (finger->is_late && (gap <= set->near_gap)) {
             cap = lesser(cap, set->late_force);
         }
@@ -947,12 +948,12 @@ static void act_free(decaff_controller *finger, decaff_action *action, decaff_re
     finger->target = allowed(finger, position);
     mark_late(finger, drum, finger->state == DECAFF_DRUM_STATE_APPROACH);
     if ((sent(finger) >= drum) || ((drum - finger->finger) > set->near_gap)) {
-        cap = (decaff_real)INFINITY; /* only the drum's mass is pressed there */
+        cap = (decaff_real)INFINITY; /* the motor accelerates only the drum's mass */
     }
     act_at_position(finger, action, drum, cap);
 }
 
-/* The force measured at the far end, from when the first contact is steady until it is lost; NaN: none. */
+/* Return the force measured at the far end while it is displayed, from a steady contact until its loss, or NaN. */
 static decaff_real slave_force(decaff_controller *finger, const decaff_observation *seen, decaff_real elapsed,
                                bool has_steadied)
 {
@@ -963,7 +964,7 @@ static decaff_real slave_force(decaff_controller *finger, const decaff_observati
     decaff_real force = NAN;
 
     if (finger->serves_force) {
-        /* A force without a measurement is not displayed. */
+        /* Without a measured force the contact is lost after a while. */
         finger->weak_for = (seen->force >= set->lost_force) ? 0.0 : (finger->weak_for + elapsed);
         finger->serves_force = !is_off && !(finger->weak_for >= set->lost_time);
     } else if (has_steadied && is_known && !is_off && (finger->trust == DECAFF_TRUST_FRESH)
@@ -979,7 +980,7 @@ static decaff_real slave_force(decaff_controller *finger, const decaff_observati
     return force;
 }
 
-/* The force to serve, N; NaN: the position is held. */
+/* Return the force to display, N, or NaN if the position is held. */
 static decaff_real force_wanted(decaff_controller *finger, const decaff_observation *seen, decaff_real drum,
                                 decaff_real elapsed)
 {
@@ -993,8 +994,8 @@ static decaff_real force_wanted(decaff_controller *finger, const decaff_observat
     if (!reading->is_known || ((finger->trust != DECAFF_TRUST_FRESH) && !has_served)) {
         /* an uncertain contact starts no force */
     } else if (reading->surface == (uint8_t)PROXIMITY_SURFACE_DEFORMABLE) {
-        /* A drum that came too near: the force of a surface not yet reached would not hold it. The limit for leaving
-         * the force is nearer, so that position and force do not alternate. */
+        /* The force of a surface that is not yet reached would not hold a drum that came too near. The limit for
+         * leaving force mode is nearer, so that position and force do not alternate. */
         if (!(drum < (sent(finger) - (set->late_gap * (has_served ? 1.0 : 0.5))))) {
             finger->serves_force = true;
             force = surface_force(set, reading, finger->finger - finger->target, finger->speed,
@@ -1008,7 +1009,7 @@ static decaff_real force_wanted(decaff_controller *finger, const decaff_observat
     return force;
 }
 
-/* The remaining share of the force: unchanged at first without data, then ramped to zero. */
+/* Return the remaining share of the force. Without data it is 1 at first, then ramped to zero. */
 static decaff_real released_share(decaff_controller *finger, int64_t sample_ns)
 {
     const decaff_settings *set = finger->path->settings;
@@ -1030,8 +1031,8 @@ static decaff_real released_share(decaff_controller *finger, int64_t sample_ns)
     return finger->share;
 }
 
-/* With a moving part the target follows the contact, no faster than drum and finger may approach, until it is there
- * and the part has been at rest for a while. */
+/* Let the target follow the contact of a moving part, no faster than drum and finger may approach, until the target
+ * has reached the contact and the part has been at rest for a while. */
 static void follow_contact(decaff_controller *finger, const decaff_observation *seen, decaff_real elapsed)
 {
     const decaff_settings *set = finger->path->settings;
@@ -1053,7 +1054,8 @@ static void follow_contact(decaff_controller *finger, const decaff_observation *
     }
 }
 
-/* Hold the position, or serve a force; old data change neither, and finally the force is ramped down. */
+/* Hold the position, or display a force. Old data neither move the drum nearer nor increase the force, which is
+ * finally ramped down. */
 static void act_in_contact(decaff_controller *finger, const decaff_observation *seen, decaff_action *action,
                            decaff_real drum, decaff_real cap, decaff_real elapsed)
 {
@@ -1079,7 +1081,7 @@ static void act_in_contact(decaff_controller *finger, const decaff_observation *
                                                             : DECAFF_DRUM_STATE_FREEZE;
     }
     if (isnan(force)) {
-        if (finger->force < (decaff_real)INFINITY) { /* back from force: the finger may have moved on */
+        if (finger->force < (decaff_real)INFINITY) { /* after force mode the finger may have moved farther */
             mark_late(finger, drum, true);
         }
         finger->force = (decaff_real)INFINITY;
@@ -1092,12 +1094,12 @@ static void act_in_contact(decaff_controller *finger, const decaff_observation *
         write_action(finger, action, DECAFF_DRIVE_MODE_FORCE, approach_cap(finger, drum - finger->finger, true),
                      share * cap);
         if (!is_finite(seen->force)) {
-            action->start_force = NAN; /* it would not be corrected later */
+            action->start_force = NAN; /* an unmeasured force would not be corrected later */
         }
     }
 }
 
-/* The target of the drum while the finger does not touch. */
+/* Return the target of the drum while the finger does not touch. */
 static decaff_real position_wanted(const decaff_controller *finger, int64_t now_ns)
 {
     const decaff_settings *set = finger->path->settings;
@@ -1107,7 +1109,7 @@ static decaff_real position_wanted(const decaff_controller *finger, int64_t now_
     if (finger->trust > DECAFF_TRUST_OLD) {
         /* no data */
     } else if (!frames->was_outside) {
-        /* Inside, the side of the surface is unknown: no nearer than it is, and off the finger. */
+        /* Inside, the side of the surface is unknown. The drum comes no nearer, and stays off the finger. */
         position = greater(finger->target, finger->finger + set->standoff);
     } else {
         position = lesser(predicted_position(frames, finger->path, now_ns), farthest);
@@ -1207,7 +1209,7 @@ void decaff_servo_begin(decaff_servo *servo, const decaff_path *path, decaff_rea
     servo->last_position = position;
 }
 
-/* Start a mode in the state of the last one. */
+/* Enter a mode, whose state begins with that of the last one. */
 static void enter_mode(decaff_servo *servo, const decaff_action *action, enum decaff_drive_mode mode,
                        decaff_real position, decaff_real speed)
 {
@@ -1227,7 +1229,7 @@ static void enter_mode(decaff_servo *servo, const decaff_action *action, enum de
     servo->last_mode = mode;
 }
 
-/* Move the reference towards the target: at the maximum speed that still allows a stop there, in whole samples. */
+/* Move the reference towards the target at the maximum speed from which it can stop there, in whole samples. */
 static void shape_reference(decaff_servo *servo, const decaff_action *action)
 {
     const decaff_settings *set = servo->settings;
@@ -1243,8 +1245,9 @@ static void shape_reference(decaff_servo *servo, const decaff_action *action)
     servo->reference += servo->reference_speed * set->period;
 }
 
-/* Stiffness, damping and integral against the shaped reference; N. Towards the finger the lead of the reference is
- * limited by damping at the permitted speed: a drum that was blocked does not come faster. */
+/* Return the force demanded by stiffness, damping and integral against the shaped reference, N. Towards the finger the
+ * lead of the reference is limited by the damping at the permitted speed, so that a blocked drum gains no speed when
+ * it is freed. */
 static decaff_real demand_position(decaff_servo *servo, const decaff_action *action, decaff_real position,
                                    decaff_real speed, decaff_real limit)
 {
@@ -1266,20 +1269,20 @@ static decaff_real demand_position(decaff_servo *servo, const decaff_action *act
     return demand;
 }
 
-/* The speed of one count of the encoder in a sample, m/s. */
+/* Return the speed of one count of the encoder per sample, m/s. */
 static decaff_real one_count(const decaff_settings *set)
 {
     return 2.0 * set->servo_deadband / set->period;
 }
 
-/* The force reference, slewed to the force, with an integral of the error, damping, and a brake; N. */
+/* Return the demanded force, N: the slewed reference, with an integral of the error, damping, and a brake. */
 static decaff_real demand_force(decaff_servo *servo, const decaff_action *action, decaff_real speed,
                                 decaff_real force, decaff_real limit)
 {
     const decaff_settings *set = servo->settings;
     decaff_real slew = (action->force_slew > 0.0) ? action->force_slew : set->servo_force_slew, demand;
-    /* Towards a finger that it has lost, or may have lost: a proportional brake begins before the cap. If the finger
-     * is felt it begins at a count of the encoder in a sample, or single counts would push the drum off. */
+    /* Towards a finger that the drum may have lost, a proportional brake begins before the speed cap. If the finger
+     * is felt, it begins at one count of the encoder per sample, as single counts would else push the drum off. */
     decaff_real count = (force > set->touch_force) ? one_count(set) : 0.0;
     decaff_real too_fast = greater(-speed - greater(DECAFF_BRAKE_FROM * action->speed_cap, count), 0.0);
 
@@ -1291,8 +1294,8 @@ static decaff_real demand_force(decaff_servo *servo, const decaff_action *action
     return demand + (DECAFF_BRAKE_DAMPING * set->servo_damping * too_fast);
 }
 
-/* The remaining share of the push towards the finger at nearly the maximum speed: a chip that hangs then leaves no
- * push, and a light drum that crosses its gear's play gains no speed there. */
+/* Return the share of the push towards the finger that remains near the maximum speed. It falls to 0, so that a chip
+ * that hangs leaves no push, and a light drum gains no speed in the play of its gear. */
 static decaff_real push_share(const decaff_settings *set, enum decaff_drive_mode mode, decaff_real cap,
                               decaff_real coming, decaff_real force)
 {
@@ -1358,7 +1361,7 @@ static void enter_start(decaff_start *start, enum decaff_start_state state)
     start->still = 0.0;
 }
 
-/* The drum at its index or stop: its angle is known now. */
+/* Set the drum's angle, which is known at its index or stop. */
 static void set_home(decaff_start *start, decaff_real encoder)
 {
     start->offset = start->home - encoder;
@@ -1366,7 +1369,7 @@ static void set_home(decaff_start *start, decaff_real encoder)
     enter_start(start, DECAFF_START_DONE);
 }
 
-/* Without power a hand pushes link and drum together: encoder and potentiometer must turn alike. */
+/* Compare encoder and potentiometer, which must turn alike while a hand pushes link and unpowered drum together. */
 static void compare_by_hand(decaff_start *start, decaff_real encoder, decaff_real link)
 {
     decaff_real turned = encoder - start->first, pushed = link - start->first_link;
@@ -1384,7 +1387,7 @@ static void compare_by_hand(decaff_start *start, decaff_real encoder, decaff_rea
     }
 }
 
-/* Away from the finger first; if blocked, as at the stop, the other way. */
+/* Return a torque away from the finger first and, if the drum is blocked, as at the stop, in the other direction. */
 static decaff_real try_sign(decaff_start *start, decaff_real encoder, decaff_real most)
 {
     decaff_real share = start->time / DECAFF_START_RAMP, torque = 0.0;
@@ -1396,7 +1399,7 @@ static decaff_real try_sign(decaff_start *start, decaff_real encoder, decaff_rea
         enter_start(start, DECAFF_START_WRONG_SIGN);
     } else if (share > 2.0) {
         enter_start(start, DECAFF_START_STUCK);
-    } else { /* no faster than on its way to the stop, in either direction */
+    } else { /* no faster than on the way to the stop, in either direction */
         torque = most * ((share < 1.0) ? share : (1.0 - share))
                  * greater(1.0 - (magnitude(start->speed) / DECAFF_START_SPEED), 0.0);
     }

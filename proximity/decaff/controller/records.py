@@ -1,6 +1,7 @@
-"""Structures of the drum's controller that C and Python share, each field declared once.
+"""Structures that the C and Python code of the drum's controller share, each field declared once.
 
-``decaff_controller.h.in`` has a place for each, which `controller_header` fills; `TYPES` are those of NumPy.
+`controller_header` writes them into the template ``decaff_controller.h.in``. `TYPES` contains the
+corresponding NumPy types.
 """
 
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 from proximity.message.c_header import comment_lines
 
 MAX_STEADY = 1024
-"""Samples in the window of a steady force in the package; a chip has the number that its settings need."""
+"""Number of samples in the window of a steady force. A chip uses the number that its settings need."""
 HEADER = Path(__file__).with_name("decaff_controller.h.in")
 
 
@@ -229,7 +230,7 @@ RECORDS = {
         Member("smoothed", "real", "N, what the motor did of late"),
     ),
 }
-"""Records by name, prefixed with ``decaff_`` in C; a record follows those that it contains."""
+"""Records by name, which is prefixed with ``decaff_`` in C. A record follows those that it contains."""
 _NUMBERS = {"bool": "?", "uint8_t": "u1", "uint32_t": "u4", "size_t": "u8", "int64_t": "i8", "uint64_t": "u8"}
 _NUMBERS |= {"real": "f8"}
 
@@ -247,11 +248,11 @@ def _types() -> dict[str, np.dtype]:
 
 
 TYPES = _types()
-"""The same, as NumPy types."""
+"""NumPy types of the records, by the same names."""
 
 
 def controller_header(max_steady: int = MAX_STEADY) -> str:
-    """Return the text of ``decaff_controller.h``; *max_steady*: samples in the window of a steady force."""
+    """Return the text of ``decaff_controller.h``. *max_steady*: samples in the window of a steady force."""
     text = HEADER.read_text(encoding="ascii").replace("@MAX_STEADY@", str(max_steady))
     for name, members in RECORDS.items():
         lines = [f"typedef struct decaff_{name} {{", *(line for each in members for line in _lines(each))]

@@ -1,4 +1,4 @@
-"""A simulated drum driven by the servo of the chip, in C, sample by sample."""
+"""Simulated drum, driven sample by sample by the C servo of the chip."""
 
 import math
 
@@ -14,7 +14,10 @@ from proximity.errors import ArgumentError
 
 
 class ServedDrum:
-    """A drum at rest at a position, m, with a mechanical stop farther from the finger."""
+    """Simulated drum and its servo, initially at rest at *position*, m.
+
+    *stop*: position of a mechanical stop farther from the finger, m.
+    """
 
     plant: np.ndarray
     drive: np.ndarray  # both as in `drum_kernels`, which step them between two samples
@@ -37,7 +40,7 @@ class ServedDrum:
         self._memory = content[0], action[0]
         self._serve = in_c("servo_step")
         in_c("servo_begin")(content[0], place[0], self.reported)
-        if self.plant["play"][0] > 0.0:  # the integral balances the spring: a steady state
+        if self.plant["play"][0] > 0.0:  # steady state, in which the integral balances the spring
             self.servo["integrated"] = -self.plant["spring"]
 
     @property
@@ -47,7 +50,7 @@ class ServedDrum:
 
     @property
     def arm(self) -> float:
-        """Position where its arm meets the link, m, beyond the gear's play and elasticity."""
+        """Position where the drum's arm meets the link, m, including play and elasticity of the gear."""
         return float(self.drive[kernels.DRIVE_POSITION])
 
     @property
@@ -56,7 +59,7 @@ class ServedDrum:
         return float(self.drive[kernels.DRIVE_APPLIED])
 
     def serve(self, command: DrumCommand, measured: float) -> None:
-        """Serve one sample; *measured*: force between link and drum, N, or nan."""
+        """Compute the servo's force for one sample. *measured*: force between link and drum, N, or nan."""
         self.reported = self.drum.reading(self.position)
         target, force_step = command.target, self.drum.force_step
         self._action[0] = (
@@ -68,12 +71,18 @@ class ServedDrum:
         self.drive[kernels.DRIVE_MODE] = command.mode
 
     def push(self, finger: float, stiffness: float, positions: np.ndarray) -> float:
-        """Advance by the number of *positions*, and fill them; return the force of a pad there, N."""
+        """Step the drum against a finger's pad, and return the final force of the pad, N.
+
+        *positions*: filled with the position after each step.
+        """
         return float(kernels.push_against(self.plant, self.drive, finger, stiffness, self.step, positions))
 
 
 def move(drum: Drum, servo: Servo, distance: float, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the motion of a drum from rest to a position, its path free: times, s, and positions, m."""
+    """Compute the motion of a drum from rest to a position, with a free path.
+
+    Return times, s, and positions, m.
+    """
     served, command = ServedDrum(drum, servo, 0.0), DrumCommand(DriveMode.POSITION, float(distance))
     samples = math.ceil(positive("duration", duration, "seconds") * servo.rate)
     positions = np.zeros((samples, served.steps))
@@ -86,7 +95,7 @@ def move(drum: Drum, servo: Servo, distance: float, duration: float) -> tuple[np
 def settling_time(
     drum: Drum, servo: Servo, distance: float, *, within: float = 1e-4, longest: float = 0.5
 ) -> float:
-    """Return the settling time of a drum, s: when it stays near its target; inf if it never does."""
+    """Return the time after which a drum stays near its target, s, or inf if it never does."""
     if not math.isfinite(distance) or abs(distance) <= within:
         raise ArgumentError(
             f"distance is {distance!r}, expected metres, farther than {within:g} from the start"

@@ -15,10 +15,10 @@ from proximity.decaff.glove.glove import DRUMS
 from proximity.errors import ArgumentError
 from proximity.system.time_units import NS_PER_MS
 
-TOUCH_GAP = 30e-6  # m, of finger or link and drum: nearer is touching; assumed
-RELEASE_GAP = 1e-3  # m, farther is released; assumed
+TOUCH_GAP = 30e-6  # m, of drum and finger or link, below which they touch; assumed
+RELEASE_GAP = 1e-3  # m, beyond which they are released; assumed
 MIN_WINDOW = 2  # samples
-NEAR_SHARE = 0.35  # of the energy near the finger: servo and gear's play add more; assumed
+NEAR_SHARE = 0.35  # usable share of the energy near the finger, as servo and play add to it; assumed
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,34 +45,34 @@ class SteadyRule:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Ages, speeds, forces and lengths, all by our own rules: the paper gives none."""
+    """Limits of ages, speeds, forces and lengths. All are our own, as the paper gives none."""
 
-    fresh_ns: int = 20 * NS_PER_MS  # of a pose: younger, all is normal
-    stale_ns: int = 100 * NS_PER_MS  # older, the state is unknown
-    future_ns: int = 5 * NS_PER_MS  # in the future: farther, the frame is wrong
-    freeze_ns: int = 250 * NS_PER_MS  # in contact without data: time without change
+    fresh_ns: int = 20 * NS_PER_MS  # age of a pose up to which operation is normal
+    stale_ns: int = 100 * NS_PER_MS  # age of a pose beyond which the state is unknown
+    future_ns: int = 5 * NS_PER_MS  # time in the future beyond which a frame is invalid
+    freeze_ns: int = 250 * NS_PER_MS  # time without change, in contact without data
     ramp_ns: int = 250 * NS_PER_MS  # then the force limit is ramped to zero
     watchdog_ns: int = 10 * NS_PER_MS  # between two samples of the servo
     touch_gap: float = TOUCH_GAP  # m
     release_gap: float = RELEASE_GAP  # m
     touch_force: float = 0.05  # N
-    gone_force: float = 0.1  # N: with less, a drum that froze retracts
+    gone_force: float = 0.1  # N, below which a drum that froze retracts
     standoff: float = 5e-3  # m, from a finger that started inside; assumed
-    max_speed: float = 3.0  # m/s, of any motion: a contact that comes nearer faster is a jump
+    max_speed: float = 3.0  # m/s, of any motion; a faster approach of the contact is a jump
     object_speed: float = 0.5  # m/s, v_obj_max of old frames; assumed
     speed_error: float = 0.05  # eps of old frames, times the finger's speed; assumed
     late_speed: float = 0.05  # m/s, of a late drum
     late_force: float = 1.0  # N
     late_gap: float = 0.3e-3  # m, distance that counts as reached
-    near_gap: float = 2e-3  # m: nearer, the energy of a bump is limited
+    near_gap: float = 2e-3  # m, within which the energy of a bump is limited
     near_energy: float = 1e-3  # J
     continuous_force: float = 10.0  # N, at the fingertip
     peak_force: float = 20.0  # N
     force_time: float = 1.0  # s, duration of a continuous force; assumed
-    follow_speed: float = 1e-3  # m/s: slower, a touched part is at rest; assumed
-    lost_force: float = 0.05  # N: with less, for a while, the contact is lost
+    follow_speed: float = 1e-3  # m/s, below which a touched part is at rest; assumed
+    lost_force: float = 0.05  # N, below which the contact is lost after a while
     lost_time: float = 0.020  # s
-    lost_distance: float = 0.5e-3  # m, of slave and object: beyond, the contact is lost; inf: never
+    lost_distance: float = 0.5e-3  # m, of slave and object, beyond which the contact is lost; inf: never
     steady: SteadyRule = field(default_factory=SteadyRule)  # for the change from a position to a force
 
     def __post_init__(self) -> None:
@@ -101,7 +101,7 @@ def _unit(name: str) -> str:
 
 
 def steady_numbers(rate: float, rule: SteadyRule) -> dict[str, float]:
-    """Return a rule at a rate in hertz, as settings of the C code."""
+    """Return the settings of the C code for a rule at a rate in hertz."""
     period = 1.0 / positive("rate", rate, "hertz")
     samples = max(MIN_WINDOW, round(rule.window * rate))
     if samples > MAX_STEADY:
@@ -124,10 +124,10 @@ def low_pass(cutoff: float, period: float) -> float:
     return 1.0 - math.exp(-2.0 * math.pi * cutoff * period)
 
 
-BRAKING_SHARE = 0.5  # of the drum's braking, relied on near the finger; assumed
-SHORTED_SHARE = 0.8  # of the braking of a motor with shorted windings, relied on; assumed
+BRAKING_SHARE = 0.5  # usable share of the drum's braking near the finger; assumed
+SHORTED_SHARE = 0.8  # usable share of the braking of a motor with shorted windings; assumed
 HANG_TIME = 1e-3  # s, until the hardware's watchdog brakes a drum whose chip hangs
-SERVO_LAG = 2e-3  # s, lag of the drum's speed behind a new cap: six samples of its servo; assumed
+SERVO_LAG = 2e-3  # s, lag of the drum's speed behind a new cap, six samples of the servo; assumed
 SPEED_CUTOFF = 50.0  # Hz, of the finger's speed by the potentiometer; assumed
 OF_SERVO = (
     "stiffness", "damping", "acceleration", "speed", "force_gain", "force_damping", "force_slew", "deadband",
@@ -137,9 +137,9 @@ OF_SERVO = (
 
 @dataclass(frozen=True, slots=True)
 class CableRule:
-    """Compensation of a cable's stretch; off unless its stiffness is given.
+    """Compensation of a cable's stretch, which is off unless the stiffness of the cable is given.
 
-    A stiffness that is too small moves the drum too far; one that is too large, not far enough.
+    The drum moves too far with a stiffness that is too small, and not far enough with one that is too large.
     """
 
     stiffness: float = math.inf  # N/m at the fingertip; inf: stretch is not compensated
@@ -152,7 +152,7 @@ class CableRule:
 
 @dataclass(frozen=True, slots=True)
 class ControllerSettings:
-    """Settings of a controller, in a simulation, a service or on a chip."""
+    """Settings of a controller in a simulation, in a service or on a chip."""
 
     rate: float = SERVO_RATE  # Hz, of controller and servo
     drum: Drum = DRUMS[USUAL_GEAR]
@@ -161,7 +161,7 @@ class ControllerSettings:
     cable: CableRule = field(default_factory=CableRule)
 
     def record(self) -> tuple[Any, np.ndarray]:
-        """Return them in the layout of the C code: a record, and its bytes."""
+        """Return the settings in the layout of the C code, as a record and as its bytes."""
         _, record, content = memory(SETTINGS)
         servo = self.servo or servo_for(self.drum, self.rate)
         numbers = servo_numbers(self.drum, servo, self.limits.continuous_force)

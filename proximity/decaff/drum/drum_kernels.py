@@ -1,10 +1,10 @@
-"""Kernels that step a motor-driven drum: a rotor behind a gear with play, and the arm that meets the link.
+"""Kernels that step a motor-driven drum.
 
-All quantities are at the fingertip: masses in kg, positions in m. A positive position is away from the
-finger, and a positive motor force pushes there; to press on the finger the motor pulls. Rotor and arm are at
-the same position when the link has pushed the arm through the play. The servo's demand acts until the next
-sample. A drum with a latency applies it later: the memory of a drive ends with the pending forces, one a
-step.
+The drum consists of a rotor behind a gear with play, and of an arm that meets the link. All quantities are at
+the fingertip, masses in kg and positions in m. A positive position is away from the finger, and a positive
+motor force pushes there; to press on the finger the motor pulls. Rotor and arm are at the same position when
+the link has pushed the arm through the play. The servo's demand acts until the next sample. A drum with a
+latency applies it later: the array of a drive ends with the pending forces, one per step.
 """
 
 from math import floor
@@ -50,12 +50,15 @@ DRIVE_FORCE = 6  # N, of the motor: from its current
 DRIVE_NEXT = 7  # index of the pending force that is due
 DRIVE_SIZE = 8
 
-STUCK = 1e-5  # m/s: slower is at rest; assumed
+STUCK = 1e-5  # m/s, below which the rotor is at rest; assumed
 
 
 @inlined
 def slid(speed: float, force: float, friction: float, mass: float, step: float) -> float:
-    """Return the speed after a step under a force and Coulomb friction, which stops, but never reverses."""
+    """Return the speed after a step under a force and Coulomb friction.
+
+    Friction stops a motion, but never reverses it.
+    """
     free = speed + force / mass * step
     held = friction / mass * step
     return free - held if free > held else (free + held if free < -held else 0.0)
@@ -65,10 +68,11 @@ def slid(speed: float, force: float, friction: float, mass: float, step: float) 
 def motor_force(
     drum: np.record, mode: float, applied: float, force: float, speed: float, step: float
 ) -> float:
-    """Return the motor's force after a step, N: its current follows within the limits of its voltage.
+    """Return the motor's force after a step, N.
 
-    The current loop knows resistance and speed; the back-EMF reduces the voltage. With shorted windings a
-    motor has only its back-EMF, and free it has no current.
+    The current follows the demand within the limits of the voltage. The current loop compensates for the
+    resistance and the back-EMF, which reduces the available voltage. A motor with shorted windings has only
+    its back-EMF, and a free motor has no current.
     """
     if mode == MODE_FREE:
         return 0.0
@@ -84,7 +88,7 @@ def motor_force(
 
 @inlined
 def arrived(drive: np.ndarray) -> float:
-    """Return the servo's force that takes effect in this step, N; its present one becomes pending."""
+    """Return the servo's force that takes effect in this step, N. Its present demand becomes pending."""
     count = drive.shape[0] - DRIVE_SIZE
     if count == 0:
         return drive[DRIVE_APPLIED]
@@ -96,7 +100,10 @@ def arrived(drive: np.ndarray) -> float:
 
 @inlined
 def gear_force(drum: np.record, twist: float, turning: float) -> float:
-    """Return the force of the rotor on the arm, N, a *twist* farther from the finger; 0 within the play."""
+    """Return the force of the rotor on the arm, N. It is 0 within the play.
+
+    *twist*: distance of the arm from the rotor, m, positive away from the finger; *turning*: its rate, m/s.
+    """
     if twist > 0.0:
         return min(0.0, -drum.gear_stiffness * twist - drum.gear_damping * turning)
     if twist < -drum.play:
@@ -108,7 +115,7 @@ def gear_force(drum: np.record, twist: float, turning: float) -> float:
 def turned_rotor(drum: np.record, speed: float, motor: float, load: float, step: float) -> float:
     """Return the speed of the rotor after a step under its motor and a *load*.
 
-    Gear friction is a share of its load: it helps to hold, and does not help to press.
+    The friction of the gear is a share of the load. It helps the motor to hold a force, but not to press.
     """
     friction = drum.friction * (drum.stiction if abs(speed) < STUCK else 1.0) + drum.loss * abs(load)
     return slid(speed, motor + load, friction, drum.mass, step)
@@ -146,9 +153,9 @@ def push_against(
     step: float,
     positions: np.ndarray,
 ) -> float:
-    """Step a drum for all positions, which are filled; return the final force on the finger, N.
+    """Step a drum, write its position after each step, and return the final force on the finger, N.
 
-    The finger stays in place; its pad yields to the drum.
+    The finger stays in place, and its pad yields to the drum.
     """
     drum, contact = drums[0], 0.0
     for i in range(positions.shape[0]):
@@ -160,7 +167,7 @@ def push_against(
 
 @inlined
 def rounded(position: float, resolution: float) -> float:
-    """Reading of an encoder; *resolution* 0: the position itself."""
+    """Round a position to the resolution of an encoder. With *resolution* 0 it is unchanged."""
     return floor(position / resolution + 0.5) * resolution if resolution > 0.0 else position
 
 
@@ -177,9 +184,10 @@ SWING = record(
 
 @entry("DrumSwing[:], float64[:], int, float, float64[:]")
 def swing(plants: np.ndarray, torques: np.ndarray, steps: int, step: float, angles: np.ndarray) -> None:
-    """Return the angles of a drum from rest at 0; *torques* are means over each step, *steps* per angle.
+    """Compute the angles of a drum that is swung by torques from rest at angle 0.
 
-    Leapfrog: exact under a constant torque, and without numerical damping against a spring.
+    *torques*: the mean over each step; *steps*: number of steps per angle. The method is leapfrog, which is
+    exact under a constant torque and has no numerical damping against a spring.
     """
     plant, angle, speed = plants[0], 0.0, 0.0
     for i in range(angles.shape[0]):

@@ -1,8 +1,8 @@
 """Motor and gear by their data sheets, and the resulting contact drum at the fingertip.
 
-A radian of the drum is `lever` metres of fingertip, 0.12 on a hand. So a motor behind a gear of n acts there
-with n / lever times its torque and (n / lever)² times its inertia. Only this module converts; the lever over
-the whole bend is the glove's (`Glove.tip_drum`).
+A radian of the drum moves the fingertip by `lever` metres, 0.12 on a hand. A motor behind a gear of ratio n
+therefore acts at the fingertip with n / lever times its torque and (n / lever)² times its inertia. Only this
+module converts between motor and fingertip. `Glove.tip_drum` computes the lever at a bend.
 """
 
 import math
@@ -16,8 +16,8 @@ from proximity.errors import ArgumentError
 
 REFERENCE_SHARE = 0.5  # of the force limit, available to the reference's acceleration; assumed
 PLANNED_SPEED_SHARE = 0.7  # of the motor's speed, used by the servo; assumed
-MAX_LATENCY = 0.020  # s, of a motor: beyond, its servo is softer than a fingertip; assumed
-PHASE_SEED = 29  # of walls at random positions within an encoder count
+MAX_LATENCY = 0.020  # s, of a motor; with more, its servo is softer than a fingertip; assumed
+PHASE_SEED = 29  # of the random encoder offsets
 STICTION = 1.5  # ratio of the friction of a rotor at rest to that in motion; assumed
 PAD_STIFFNESS = 200.0  # N/m, of a fingertip; the paper's
 ARM_INERTIA = 1.6e-5  # kg m², of the arm: a roller of 10 g
@@ -31,7 +31,7 @@ STOP_STIFFNESS, STOP_DAMPING = 300.0, 1.4  # N m/rad and N m s/rad, of rubber; a
 
 @dataclass(frozen=True, slots=True)
 class Motor:
-    """A motor at its shaft; by default a maxon RE 25, 24 V (118752), by its catalogue page of May 2017.
+    """Data of a motor at its shaft. The default is a maxon RE 25, 24 V (118752; catalogue of May 2017).
 
     The encoder of 500 lines is assumed; the inertia of its code wheel is neglected (at most 0.7 g cm²).
     """
@@ -66,7 +66,7 @@ class Motor:
 
 @dataclass(frozen=True, slots=True)
 class Gear:
-    """A gear between motor and drum by its data sheet; by default none."""
+    """Data sheet of a gear between motor and drum. The default is no gear."""
 
     name: str = "none"
     ratio: float = 1.0  # turns of the motor to one of the drum
@@ -94,19 +94,19 @@ GEARS = {
     "gear51": Gear("GP 32 A, 51:1", 51.0, 0.70, math.radians(1.0), 6.5, 4.5, 0.7e-7, _FAST),
     "gear111": Gear("GP 32 A, 111:1", 111.0, 0.70, math.radians(1.0), 6.5, 4.5, 0.7e-7, _FAST),
 }
-"""Planetary gears of maxon that fit that motor, by their total reduction.
+"""Planetary gears of maxon that fit the default motor, by their total reduction.
 
-Those of three stages have the numbers of the data sheet of 86:1 (166167), of the same design. The one of two
-stages has efficiency, backlash and inertia of the ceramic gear of two stages (GP 32 C, 166936); its torques
+The gears of three stages have the data of the 86:1 gear (166167), which has the same design. The gear of two
+stages has efficiency, backlash and inertia of the ceramic gear of two stages (GP 32 C, 166936). Its torques
 are typical values for this size.
 """
 USUAL_GEAR = "gear51"
 FORMER_NAMES = {"direct": "gear14", "gear4": "gear51", "gear10": "gear111"}
-"""Former drums, for which a metre of rim was a metre of fingertip, and their nearest equivalents."""
+"""Names of former drums, whose rim moved as far as the fingertip, and of their nearest equivalents."""
 
 
 def gear_named(name: str) -> Gear:
-    """Return one of `GEARS`; for a former drum's name raise an error that names its nearest equivalent."""
+    """Return a gear of `GEARS` by name. The error for a former drum's name states the nearest equivalent."""
     if name in FORMER_NAMES:
         raise ArgumentError(
             f"drum is {name!r}, the gear of a drum that no hand can wear: expected {FORMER_NAMES[name]!r}, "
@@ -119,7 +119,7 @@ def gear_named(name: str) -> Gear:
 
 @dataclass(frozen=True, slots=True)
 class Drum:
-    """A motor, a gear and the lever of a glove at some bend; derived quantities are at the fingertip."""
+    """Motor, gear, and lever of a glove at one bend. Derived quantities are at the fingertip."""
 
     lever: float  # m of fingertip to a radian of the drum
     motor: Motor = field(default_factory=Motor)
@@ -142,7 +142,7 @@ class Drum:
 
     @property
     def turn(self) -> float:
-        """Turn of the motor per metre of fingertip, rad/m; also newtons per newton metre."""
+        """Turn of the motor per metre of fingertip, rad/m. It is also the force per torque, N/(N m)."""
         return self.gear.ratio / self.lever
 
     @property
@@ -188,7 +188,7 @@ class Drum:
 
     @property
     def play(self) -> float:
-        """Displacement within the gear's backlash, m."""
+        """Play of the drum due to the backlash of the gear, m."""
         return self.gear.backlash * self.lever
 
     @property
@@ -198,7 +198,7 @@ class Drum:
 
     @property
     def force_step(self) -> float:
-        """Step by which the pulse width changes the force, N; 0: continuous."""
+        """Step by which the pulse width changes the force, N, or 0 if the force is continuous."""
         bits = self.motor.duty_bits
         return self.motor.torque * self.turn / 2.0**bits if bits else 0.0
 
@@ -210,27 +210,30 @@ class Drum:
         return REFERENCE_SHARE * self.force_limit / self.mass
 
     def overload_time(self, force: float) -> float:
-        """Return the time for which a cold motor may press with a force, s, before its winding is too hot."""
+        """Return the time for which a cold motor can exert a force before its winding overheats, s."""
         share = self.motor.continuous_torque * self.turn * self.gear.efficiency / force
         return -self.motor.heating_time * math.log1p(-(share**2)) if share < 1.0 else math.inf
 
     def motor_torque(self, force: float) -> float:
-        """Return the torque of the motor, N m at its shaft, for a force, N, without losses; limited."""
+        """Return the motor's torque for a force, N m at its shaft, without losses. The force is limited."""
         most = self.force_limit
         return min(max(force, -most), most) / self.turn
 
     def motor_speed(self, speed: float) -> float:
-        """Return the speed of the motor, rad/s at its shaft, for one of the fingertip, m/s; limited."""
+        """Return the motor's speed for one of the fingertip, rad/s at its shaft, within the speed limit."""
         most = self.speed_limit
         return min(max(speed, -most), most) * self.turn
 
     def reading(self, position: float) -> float:
-        """Return a position of the rotor by its encoder, m: that of the nearest count."""
+        """Return the rotor's position as the encoder reads it, m, which is that of the nearest count."""
         step, offset = self.resolution, self.encoder_phase * self.resolution
         return math.floor((position - offset) / step + 0.5) * step + offset
 
     def as_array(self, stop: float = math.inf) -> np.ndarray:
-        """Return its numbers in the layout of the kernels, with a mechanical stop at a position, m."""
+        """Return the drum's numbers in the layout of the kernels.
+
+        *stop*: position of a mechanical stop, m.
+        """
         motor, lever, squared = self.motor, self.lever, self.lever**2
         stiction, play = (STICTION, self.play) if self.has_teeth else (1.0, 0.0)
         numbers = (
@@ -250,6 +253,6 @@ class Drum:
 
 
 def with_random_phases(drum: Drum, count: int) -> list[Drum]:
-    """Return *count* copies of a drum with different offsets of its encoder; the same on every run."""
+    """Return *count* copies of a drum with different encoder offsets, which are the same on every run."""
     phases = np.random.default_rng(PHASE_SEED).uniform(-0.5, 0.5, count)
     return [replace(drum, encoder_phase=float(phase)) for phase in phases]

@@ -43,7 +43,7 @@ class SampledMass:
 
     @property
     def last_half_angle(self) -> float:
-        """The h at which the stable region ends, rad."""
+        """Half angle h at which the stable region ends, rad."""
         return math.pi / (4.0 * (self.delay_samples + 1))
 
 
@@ -70,7 +70,7 @@ def characteristic(device: SampledMass, stiffness: ArrayLike, damping: ArrayLike
 
 
 def spectral_radius(polynomials: np.ndarray) -> np.ndarray:
-    """Return the largest modulus of a root, (...), of real polynomials: below one, disturbances die out."""
+    """Return the largest modulus of the roots of real polynomials, (...). Below one, disturbances die out."""
     power = polynomials.shape[-1] - 1
     companion = np.zeros((*polynomials.shape[:-1], power, power))
     companion[..., np.arange(1, power), np.arange(power - 1)] = 1.0
@@ -79,12 +79,12 @@ def spectral_radius(polynomials: np.ndarray) -> np.ndarray:
 
 
 def maximum_stiffness(device: SampledMass) -> Gains:
-    """Return the largest stiffness up to which all walls of one damping are stable, and that damping."""
+    """Return the largest stable stiffness, and the damping that makes all smaller ones stable too."""
     return gains_at(device, _stiffest_half_angle(device))
 
 
 def damping_window(device: SampledMass, stiffness: float) -> tuple[float, float]:
-    """Return the range of damping in which a wall is stable, N·s/m; nan if there is none."""
+    """Return the minimum and maximum damping of a stable wall, N·s/m, or nan if no damping is stable."""
     a = positive("stiffness", stiffness, "newtons a metre") / device.stiffness_unit
     stiffest = _stiffest_half_angle(device)
     if a > edge_at(device, stiffest)[0]:
@@ -98,7 +98,7 @@ def damping_window(device: SampledMass, stiffness: float) -> tuple[float, float]
 
 
 def edge_at(device: SampledMass, half_angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Return a and b at which the roots reach the unit circle at twice the angle."""
+    """Return a and b for which the polynomial has roots on the unit circle, at twice *half_angle*."""
     half_angle = np.asarray(half_angle)
     turned = 2.0 * (device.delay_samples + 1) * half_angle
     tangent = np.tan(half_angle)
@@ -113,7 +113,7 @@ def gains_at(device: SampledMass, half_angle: float) -> Gains:
 
 
 def _stiffest_half_angle(device: SampledMass) -> float:
-    """Return the angle of maximum a: 2 cos(nh) = n sin h cos h sin(nh), n = 2d + 2."""
+    """Return the half angle h of maximum a, where 2 cos(nh) = n sin h cos h sin(nh) with n = 2d + 2."""
     n = 2.0 * (device.delay_samples + 1)
 
     def slope(h: float) -> float:

@@ -1,8 +1,8 @@
-"""Settings of a drum's servo, which is the C of the chip, and commands of a controller.
+"""Settings of a drum's servo, and commands of a controller to it.
 
-The servo holds the drum at its target, as a sampled wall would; the bounds of such a wall limit its stiffness
-(science/drum.md). It acts one sample late, plus the motor's latency. Its reference is never faster than the
-drum can follow and still stop.
+The servo itself is C code that also runs on the chip. It holds the drum at its target as a sampled wall
+would, and the stability of such a wall limits its stiffness (science/drum.md). It acts one sample late, plus
+the motor's latency. Its reference is never faster than the drum can follow and still stop.
 """
 
 import math
@@ -29,11 +29,11 @@ class DriveMode(IntEnum):
     """State of the motor's driver."""
 
     FREE = drum_kernels.MODE_FREE
-    """No power, windings open."""
+    """No power, and windings open."""
     POSITION = drum_kernels.MODE_POSITION
     FORCE = drum_kernels.MODE_FORCE
     BRAKED = drum_kernels.MODE_BRAKED
-    """No power, windings shorted: a moving drum brakes itself."""
+    """No power, and windings shorted, so that a moving drum brakes itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class DrumCommand:
     target: float = 0.0  # m, or N on the finger
     speed_cap: float = math.inf  # m/s, of the reference
     force_cap: float = math.inf  # N, of the motor
-    start_force: float = math.nan  # N, the force reference at a change to force; nan: from 0, not bumpless
+    start_force: float = math.nan  # N, force reference at a change to force; nan: 0, which is not bumpless
 
     force_slew: float = 0.0  # N/s, of the force reference; 0: the servo's default, inf: a step
 
@@ -52,9 +52,9 @@ class DrumCommand:
 SERVO_RATE = 3000.0  # Hz, default; assumed
 DEADBAND_COUNTS = 0.5  # of the encoder
 MAX_LAG = 5e-3  # m, lag of a drum with a latency behind an accelerating reference; assumed
-INTEGRAL_TURN = 4.0  # rad of the servo's swing, integral time of such a drum; assumed
-FORCE_DAMPING_SHARE = 0.25  # of mass over latency, damping of such a drum in force mode; assumed
-WELL_DAMPED_SHARE = 0.2  # of the largest stiffness, at which a servo is well damped
+INTEGRAL_TURN = 4.0  # rad of the servo's swing, integral time of a drum with a latency; assumed
+FORCE_DAMPING_SHARE = 0.25  # of mass over latency, damping of a drum with a latency in force mode; assumed
+WELL_DAMPED_SHARE = 0.2  # share of the largest stiffness at which a servo is well damped
 SIMULATION_STEP = 1e-5  # s, of the plant, at most: 0.03 rad of a 5 g link's bounce on its drum
 
 
@@ -72,7 +72,7 @@ class Servo:
     force_damping: float = 2.0  # N s/m, while the force is served; assumed
     force_slew: float = 5.0  # N/s, of the force reference
     smoothing: float = 20.0  # Hz, of the motor's force at the start of a change to force; assumed
-    deadband: float = 0.0  # m, within which a reference at rest is reached: half a count, against hunting
+    deadband: float = 0.0  # m, within which a reference at rest counts as reached, to prevent hunting
 
     def __post_init__(self) -> None:
         positive("rate", self.rate, "hertz")
@@ -94,7 +94,10 @@ class Servo:
 
 
 def best_damped(device: SampledMass, share: float = WELL_DAMPED_SHARE) -> Gains:
-    """Return a stiffness, and the damping with which disturbances die out fastest."""
+    """Return a share of the largest stable stiffness, and the damping that is best for it.
+
+    It is the damping with which disturbances die out fastest.
+    """
     if not positive("share", share, "shares") < 1.0:
         raise ArgumentError(f"share is {share!r}, expected one below 1 of the largest stiffness")
     stiffness = share * maximum_stiffness(device).stiffness
@@ -108,7 +111,7 @@ def best_damped(device: SampledMass, share: float = WELL_DAMPED_SHARE) -> Gains:
 
 
 def servo_for(drum: Drum, rate: float) -> Servo:
-    """Return the servo that suits a drum: best damped at a fifth of the largest stable stiffness."""
+    """Return the servo that suits a drum. It is best damped at a fifth of the largest stable stiffness."""
     period, latency = 1.0 / positive("rate", rate, "hertz"), drum.motor.latency
     gains = best_damped(SampledMass(drum.mass, period, 1 + math.ceil(latency / period - 1e-9)))
     servo = Servo(
@@ -131,5 +134,5 @@ def servo_for(drum: Drum, rate: float) -> Servo:
 
 
 def steps_a_sample(rate: float, step: float = SIMULATION_STEP) -> int:
-    """Return the number of plant steps in a sample, none longer than *step*."""
+    """Return the number of plant steps per sample for a step of at most *step* seconds."""
     return math.ceil(1.0 / (positive("rate", rate, "hertz") * positive("step", step, "seconds")) - 1e-9)

@@ -1,7 +1,7 @@
-"""A calibrated glove: potentiometer counts to bend, and bend to drum angle.
+"""Calibrated glove, which converts potentiometer counts to bend, and bend to drum angle.
 
-The model of cable and linkage (`glove`) is used for forces only. The bend comes from the table; and the drum
-is placed by the potentiometer, which sits on the replica that the drum will touch.
+The model of cable and linkage (`glove`) is used for forces only. The bend comes from the measured table. The
+position of the drum comes from the potentiometer, which is mounted on the replica that the drum touches.
 """
 
 import logging
@@ -31,20 +31,20 @@ from proximity.pose import Pose
 G = TypeVar("G")
 LOGGER = logging.getLogger("proximity.gloves")
 TOUCH_TOLERANCE = 0.3e-3
-"""m at the fingertip, tolerance of a touch."""
+"""Tolerance of a touch, m at the fingertip."""
 RANGE_MARGIN = 0.05
-"""Share of the table's range by which counts may exceed it: a warm hand bends farther. Assumed."""
+"""Share of the table's range by which counts may exceed it, as a warm hand bends farther. Assumed."""
 MAX_OFF = 0.5
-"""Share of the design's range of counts by which the table may differ, as mountings do. Assumed."""
+"""Share of the design's range of counts by which a table may differ from it, as mountings do. Assumed."""
 MAX_UNEVEN = 5.0
-"""Maximum ratio of the slope of counts to the design's, either way, between two points. Assumed."""
+"""Maximum ratio, either way, of the measured to the designed slope between two points. Assumed."""
 INVERSE = np.linspace(0.0, 1.0, 4097)
-"""Bends at which the table is inverted; interpolation is exact to a hundredth of a count."""
+"""Bends at which the table is inverted. Interpolation between them is exact to a hundredth of a count."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedGlove:
-    """A glove with its measurements; raises for a table that cannot belong to it."""
+    """A glove with its measurements. Raises an error if the table cannot belong to the glove."""
 
     glove: Glove  # as designed; its finger is replaced by the measured one
     calibration: Calibration
@@ -74,7 +74,7 @@ class CalibratedGlove:
     def bend_of_counts(
         self, counts: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
-        """Return the bend, (...); nan for counts farther off the table than a hand can reach."""
+        """Return the bend at potentiometer counts, (...), or nan for counts that no hand can reach."""
         read = np.asarray(counts, np.float64)
         behind = np.asarray(tension, np.float64) * self.calibration.cable_compliance
         ahead = np.where(is_closing, 0.0, self.calibration.backlash)
@@ -93,23 +93,29 @@ class CalibratedGlove:
         return np.interp(inside, INVERSE, self._inverse) + (position - inside) * (last - first)
 
     def counts_table(self, row_count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return counts, evenly over the range of a hand, and their bends, (K,) and (K,)."""
+        """Return evenly spaced counts over the range of a hand, (K,), and their bends, (K,)."""
         first, last = self.calibration.counts[[0, -1]]
         margin = RANGE_MARGIN * (last - first)
         counts = np.linspace(first - margin, last + margin, row_count)
         return counts, self._extended_bend(counts)
 
     def path_finger(self) -> np.ndarray:
-        """Return the path of the fingertip from flat hand to fist, evenly in bend, (K, 3), m, its frame."""
+        """Return the fingertip's path from flat hand to fist, (K, 3), m, in the finger's frame.
+
+        The points are evenly spaced in bend.
+        """
         return self.finger.path_world(Pose(), PATH_CORNERS)
 
     def drum_angle(self, bend: ArrayLike) -> np.ndarray:
-        """Return the encoder's angle as the drum meets the finger, (...), rad; nan: it cannot."""
+        """Return the encoder's angle at which the drum meets the finger, (...), rad, or nan if it cannot."""
         replica = self.glove.potentiometer.angle(self.counts(bend))
         return self.glove.drum.drum_angle(replica) + self.calibration.touch_offset
 
     def _extended_bend(self, counts: np.ndarray) -> np.ndarray:
-        """Return the bend by the table, extrapolated with its mean slope: that of its ends may be 0."""
+        """Return the bend by the table, extrapolated beyond its ends with its mean slope.
+
+        The slope at the ends may be 0.
+        """
         first, last = self.calibration.counts[[0, -1]]
         inside = np.clip(counts, first, last)
         return self._table(inside) + (counts - inside) / (last - first)
@@ -137,7 +143,7 @@ def _as_measured(glove: Glove, calibration: Calibration) -> Glove:
 
 
 def _check_table(glove: Glove, calibration: Calibration) -> None:
-    """Raise for counts that differ too much from the glove's potentiometer and linkage."""
+    """Raise an error if counts differ too much from those of the designed potentiometer and linkage."""
     counts, bends = calibration.counts, calibration.bends
     designed = glove.potentiometer.counts(glove.replica_angle(bends))
     most = MAX_OFF * abs(designed[-1] - designed[0])
@@ -162,15 +168,15 @@ def _check_table(glove: Glove, calibration: Calibration) -> None:
 
 
 def read_glove(path: str | os.PathLike[str], max_days: float | None = None) -> CalibratedGlove:
-    """Return a measured glove, unless its calibration is too old.
+    """Read a measured glove from a file. Raise an error if its calibration is too old.
 
-    A warning reports the calibration of a simulated glove, once for each file.
+    The calibration of a simulated glove is reported by a warning, once for each file.
     """
     return _worn(path, read_calibration(path), max_days)
 
 
 def read_any_glove(path: str | os.PathLike[str], max_days: float | None = None) -> Glove | CalibratedGlove:
-    """Return a measured glove, like `read_glove`, or a designed one from a file without measurements."""
+    """Read a measured glove as `read_glove` does, or a designed one from a file without measurements."""
     found = read_glove_file(path)
     return found if isinstance(found, Glove) else _worn(path, found, max_days)
 
@@ -191,7 +197,7 @@ def _warn_of_simulated(path: str) -> None:
 
 
 def as_many(gloves: Sequence[G], count: int) -> list[G]:
-    """Return one item per finger: the single one repeated, or all unchanged."""
+    """Return one glove per finger. A single glove is repeated for all fingers."""
     if len(gloves) not in (1, count):
         raise DecaffError(
             f"{len(gloves)} calibrations for {count} fingers, expected one for all, or one for each"

@@ -1,8 +1,8 @@
-"""Calibration of one finger's glove: read from a file, and refused when too old or inconsistent.
+"""Calibration of one finger's glove, which is read from a file and refused if too old or inconsistent.
 
-A calibration is a table of counts over bends, some numbers (guide/motors.md) and the measured design. Its
-file is JSON with units in the names of its fields, and is written atomically. `decaff.calibration` computes
-the numbers from measurements, `calibrated_glove` uses them.
+A calibration consists of a table of counts over bends, some numbers (guide/motors.md) and the measured
+design. Its file is JSON with units in the names of its fields, and is written atomically.
+`decaff.calibration` computes the numbers from measurements, and `calibrated_glove` uses them.
 """
 
 import json
@@ -29,11 +29,11 @@ PARTS: dict[str, Any] = {
     "finger": Finger, "linkage": Linkage, "cable": Cable, "potentiometer": Potentiometer,
     "drum": ArmDrum, "motor": Motor, "gear": Gear,
 }  # fmt: skip
-ALWAYS = "name"  # written also with its default: it distinguishes parts
+ALWAYS = "name"  # also written if it is the default, as it distinguishes parts
 
 
 def glove_of(table: Any) -> Glove:
-    """Return the glove of a table; a gear may be one of `GEARS` by name."""
+    """Return the glove that a table describes. Its gear may be the name of one of `GEARS`."""
     if not isinstance(table, Mapping):
         raise ArgumentError(f"the design is {table!r}, expected {', '.join(PARTS)}, each with its numbers")
     _check_names("the design", table, PARTS)
@@ -86,33 +86,33 @@ FORMAT = "proximity glove calibration"
 DESIGN_FORMAT = "proximity glove design"
 """Format of a file with a design alone, without measurements."""
 FILE_VERSION = 1
-"""Version of the file. Others are refused: their fields may have other meanings."""
+"""Version of the file. Files of other versions are refused, as their fields may have other meanings."""
 TABLE_SIZE = 7
-"""Points of the table, flat hand and fist among them."""
+"""Number of points of the table, including flat hand and fist."""
 MAX_AGE_DAYS = 30.0
-"""A hand and a strap change. Assumed."""
+"""Maximum age of a calibration, as hands and straps change. Assumed."""
 SLACK_DAYS = 1.0
 """Tolerance for future dates, as clocks of machines differ."""
 MAX_TOUCH_OFFSET = 0.5
-"""rad, either way: a larger offset means an encoder without a zero, or in degrees. Assumed."""
+"""Maximum offset, rad, either way. A larger one indicates an encoder without a zero, or degrees. Assumed."""
 MAX_COMPLIANCE = 1.0 / 500.0
-"""m/N: a softer cable would be felt as a spring under any control. Assumed."""
+"""Maximum compliance, m/N. A softer cable would be felt as a spring under any control. Assumed."""
 MAX_BACKLASH = 10e-3
-"""m of cable, a third of a replica's radian. Assumed."""
+"""Maximum backlash, m of cable, which is a third of a radian of the replica. Assumed."""
 MAX_LATENCY = 1.0
-"""s; after that no frame is valid. Assumed."""
+"""Maximum latency, s. With a longer one no frame would be valid. Assumed."""
 LARGEST_FILE = 100_000
-"""Bytes; a calibration has some 700."""
+"""Maximum size of a file, bytes. A calibration has about 700."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """Measurements of one finger's glove; raises for contradictory ones."""
+    """Measurements of one finger's glove. Raises an error if they contradict each other."""
 
     made: datetime  # when it was measured; with its time zone
     counts: np.ndarray  # (7,) float64, potentiometer with a slack cable while the finger closes; increasing
     bends: np.ndarray  # (7,) float64, from 0 to 1, increasing
-    touch_offset: float  # rad, drum angle at the touch by the encoder, less that by the geometry
+    touch_offset: float  # rad, drum angle that the encoder reads at a touch, minus that of the geometry
     cable_compliance: float  # m/N
     backlash: float  # m of cable
     latency: float  # s, from a motion of the finger until its measurement
@@ -176,7 +176,7 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
 
 
 def read_glove_file(path: str | os.PathLike[str]) -> Calibration | Glove:
-    """Return the contents of a glove's file: a calibration, or a design alone."""
+    """Read the file of a glove, which contains a calibration or only a design."""
     try:
         document = _read_document(Path(path))
         if document["format"] == DESIGN_FORMAT:
@@ -189,7 +189,7 @@ def read_glove_file(path: str | os.PathLike[str]) -> Calibration | Glove:
 
 
 def check_age(calibration: Calibration, *, max_days: float | None = None) -> None:
-    """Raise for a calibration that is too old, or dated in the future."""
+    """Raise an error for a calibration that is too old or dated in the future."""
     most = positive("max_days", MAX_AGE_DAYS if max_days is None else max_days, "days")
     age = (datetime.now(UTC) - calibration.made) / timedelta(days=1)
     date = f"{calibration.made:%Y-%m-%d}"
@@ -269,7 +269,7 @@ def _read_document(path: Path) -> dict[str, Any]:
 
 
 def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the fields of an object; raise for duplicates, whose meaning is ambiguous."""
+    """Return the fields of a JSON object. Raise an error for duplicates, whose meaning is ambiguous."""
     document = dict(pairs)
     if len(document) < len(pairs):
         twice = next(name for i, (name, _) in enumerate(pairs) if name in dict(pairs[:i]))

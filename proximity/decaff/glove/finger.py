@@ -1,8 +1,8 @@
 """Model of a finger that bends in one plane with one degree of freedom.
 
-Frame: the knuckle is the origin, x points along the flat finger, y out of the back of the hand, z completes
-them; the finger stays in z = 0 and bends towards -y. Bend is 0 for the flat hand and 1 for the fist; all
-joints bend in proportion (docs/guide/drums.md). Formulas also hold outside of 0 to 1.
+The origin of its frame is the knuckle. The x axis points along the flat finger, y out of the back of the
+hand, and z completes them. The finger stays in z = 0 and bends towards -y. Bend is 0 for the flat hand and 1
+for the fist; all joints bend in proportion (docs/guide/drums.md). The formulas also hold outside of 0 to 1.
 """
 
 import math
@@ -17,12 +17,12 @@ from proximity.message import PATH_CORNERS
 from proximity.pose import Pose
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(16)
-"""Quadrature of lengths along the path: sixteen nodes give all digits over a whole bend."""
+"""Quadrature of lengths along the path. Sixteen nodes are exact to all digits over a whole bend."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finger:
-    """Three phalanges, their joints, and a round pad; the values are assumed."""
+    """Three phalanges, their joints, and a round pad. The default values are assumed."""
 
     phalanges: tuple[float, float, float] = (0.045, 0.026, 0.020)  # m, from the knuckle
     # rad, of each joint at bend 1; the last joint bends two thirds of the middle one
@@ -39,7 +39,7 @@ class Finger:
         not_negative("pad_radius", self.pad_radius, "metres")
 
     def point(self, bend: ArrayLike, along: float = 1.0, dorsal: float = 0.0) -> np.ndarray:
-        """Return a point that moves with the distal phalanx, (..., 2), m; by default the fingertip."""
+        """Return a point that moves with the distal phalanx, (..., 2), m. The default is the fingertip."""
         angles, lengths = self._link_angles(bend), self._lengths(along)
         c, s = np.cos(angles), np.sin(angles)
         x = (lengths * c).sum(axis=-1) - dorsal * s[..., 2]
@@ -61,14 +61,14 @@ class Finger:
         return np.hypot(rate[..., 0], rate[..., 1])
 
     def path_length(self, start: ArrayLike, end: ArrayLike) -> np.ndarray:
-        """Return the path length of the fingertip from one bend to another, (...), m; negative backwards."""
+        """Return the fingertip's path length between two bends, (...), m, which is negative when opening."""
         first, last = np.asarray(start, np.float64)[..., None], np.asarray(end, np.float64)[..., None]
         half = 0.5 * (last - first)
         speeds = self.speed(0.5 * (first + last) + half * GAUSS_NODES)
         return (half * speeds * GAUSS_WEIGHTS).sum(axis=-1)
 
     def path_world(self, world_from_hand: Pose, corner_count: int = PATH_CORNERS) -> np.ndarray:
-        """Return the path of the fingertip from flat hand to fist as a polyline, evenly in bend, (K, 3), m.
+        """Return the fingertip's path from flat hand to fist at evenly spaced bends as a polyline, (K, 3), m.
 
         This is the path of `Tracker.tick` and of a ``path_poses`` message.
         """
@@ -82,11 +82,11 @@ class Finger:
         return np.concatenate([points, np.zeros((*points.shape[:-1], 1))], axis=-1)
 
     def contact_bend(self, bend: ArrayLike, distance: ArrayLike, normal: ArrayLike) -> np.ndarray:
-        """Return the bend at which the pad touches, from one distance: ``b + d / (-n . p')``, (...).
+        """Return the bend at which the pad touches, ``b + d / (-n . p')``, (...), from a single distance.
 
-        The distance is divided by the cosine of incidence; the raw distance is wrong at first order. The
-        remaining error grows with the square of the distance along the path; nan if bending leads away from
-        the surface, or along it.
+        The distance is divided by the cosine of incidence, as the raw distance is wrong at first order. The
+        remaining error grows with the square of the distance along the path. The result is nan if bending
+        moves the fingertip away from the surface or along it.
         """
         position = np.asarray(bend, np.float64)
         closing = -(np.asarray(normal, np.float64)[..., :2] * self.point_rate(position)).sum(axis=-1)

@@ -1,12 +1,13 @@
-"""Model of the glove: finger, linkage, cable, potentiometer, drum, gear and motor, and derived quantities.
+"""Model of the glove, and quantities derived from its finger, linkage, cable, potentiometer and drum.
 
-One degree of freedom a finger: bend, fingertip, angle of the linkage, travel of the cable, angle of the
-replica, counts, and the drum's position are all functions of one another (docs/guide/drums.md). A
-calibration replaces the models of cable, linkage and motor by measurements (`calibration`).
+A finger has one degree of freedom. Its bend, the fingertip, the angle of the linkage, the travel of the
+cable, the angle of the replica, the counts, and the drum's position are therefore all functions of one
+another (docs/guide/drums.md). A calibration replaces the models of cable, linkage and motor by measurements
+(`calibration`).
 
-The replica is a straight link of some width that turns about the potentiometer, the origin. The roller of the
-drum is on the side to which the link turns as the finger bends. Angles count from the same axis: ``replica``
-of the link, ``drum`` of the arm that carries the roller, at a touch.
+The replica is a straight link of some width that turns about the potentiometer, which is the origin. The
+roller of the drum is on the side to which the link turns as the finger bends. All angles are measured from
+the same axis: ``replica`` is that of the link, and ``drum`` that of the arm with the roller at a touch.
 """
 
 import math
@@ -22,12 +23,15 @@ from proximity.decaff.glove.transmission import Cable, Linkage, Potentiometer
 from proximity.errors import ArgumentError
 
 CONTACT_BEND = 0.5
-"""Default bend at contact: half way to the fist."""
+"""Default bend at contact, half way to the fist."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArmDrum:
-    """A roller on an arm about the potentiometer's axis: linear; values assumed."""
+    """A roller on an arm about the potentiometer's axis, whose angle is linear in the replica's.
+
+    The default values are assumed.
+    """
 
     arm: float = 0.040  # m, from the axis to the roller's centre
     roller_radius: float = 0.006  # m
@@ -44,7 +48,7 @@ class ArmDrum:
 
     @property
     def clearance(self) -> float:
-        """Distance between the link's middle and the roller's centre at a touch, m."""
+        """Distance from the middle of the link to the centre of the roller at a touch, m."""
         return self.roller_radius + 0.5 * self.link_width
 
     @property
@@ -53,20 +57,20 @@ class ArmDrum:
         return math.asin(self.clearance / self.arm)
 
     def drum_angle(self, replica: ArrayLike) -> np.ndarray:
-        """Return the drum's angle as it touches the link, (...), rad."""
+        """Return the angle of the drum at which it touches the link, (...), rad."""
         return np.asarray(replica, np.float64) + self.alpha
 
     def lever(self, replica: ArrayLike) -> np.ndarray:
-        """Return the distance of the touch from the potentiometer, (...), m."""
+        """Return the distance of the point of touch from the potentiometer, (...), m."""
         return np.full(np.shape(replica), self.arm * math.cos(self.alpha))
 
 
 @dataclass(frozen=True, slots=True)
 class Glove:
-    """One finger of the glove. Raises if the linkage cannot follow the finger.
+    """One finger of the glove. Raises an error if the linkage cannot follow the finger.
 
-    Angles of the replica count from that with the flat hand and a slack-free cable; ``bend`` everywhere is an
-    array of any shape (...).
+    Angles of the replica are relative to that of the flat hand with a cable without slack. Each ``bend`` is
+    an array of any shape (...).
     """
 
     finger: Finger = field(default_factory=Finger)
@@ -96,7 +100,7 @@ class Glove:
     def bend(
         self, replica_angle: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
-        """Return the bend of an angle of the replica, (...): the inverse of `replica_angle`."""
+        """Return the bend at an angle of the replica, (...). This is the inverse of `replica_angle`."""
         turn = self.cable.hand_turn(replica_angle, tension, is_closing=is_closing)
         return self.linkage.bend(self.finger, turn)
 
@@ -105,11 +109,11 @@ class Glove:
         return self.potentiometer.read(self.replica_angle(bend))
 
     def bend_of_counts(self, counts: ArrayLike) -> np.ndarray:
-        """Return the bend of counts, (...)."""
+        """Return the bend at which the potentiometer reads counts, (...)."""
         return self.bend(self.potentiometer.angle(counts))
 
     def drum_angle(self, bend: ArrayLike) -> np.ndarray:
-        """Return the drum angle that meets the finger, (...), rad."""
+        """Return the angle of the drum at which it meets the finger, (...), rad."""
         return self.drum.drum_angle(self.replica_angle(bend))
 
     # --- resolution, stiffness, force ---
@@ -126,11 +130,14 @@ class Glove:
         return self.tip_per_radian(bend) / self.potentiometer.gain
 
     def replica_torque(self, bend: ArrayLike, tip_force: ArrayLike) -> np.ndarray:
-        """Return the torque on the replica for a force at the fingertip, (...), N m."""
+        """Return the torque on the replica that a force at the fingertip causes, (...), N m."""
         return np.asarray(tip_force, np.float64) * self.tip_per_radian(bend)
 
     def lever(self, bend: ArrayLike) -> np.ndarray:
-        """Return the displacement of the fingertip per radian of the drum, (...), m; also N m per newton."""
+        """Return the displacement of the fingertip per radian of the drum, (...), m.
+
+        It is also the torque of the drum, N m, per newton at the fingertip.
+        """
         return self.tip_per_radian(bend)
 
     def tip_drum(self, bend: float = CONTACT_BEND) -> Drum:
@@ -138,30 +145,30 @@ class Glove:
         return Drum(float(self.lever(bend)), self.motor, self.gear)
 
     def cable_tension(self, bend: ArrayLike, tip_force: ArrayLike) -> np.ndarray:
-        """Return the tension of the cable for a force at the fingertip, (...), N."""
+        """Return the tension of the cable that a force at the fingertip causes, (...), N."""
         return self.replica_torque(bend, tip_force) / self.cable.replica_pulley
 
     def tip_play(self, bend: ArrayLike) -> np.ndarray:
-        """Return the displacement of a reversing fingertip before the cable moves the replica, (...), m."""
+        """Return the displacement of a reversing fingertip before the replica follows it, (...), m."""
         return self.cable.backlash / self.cable.replica_pulley * self.tip_per_radian(bend)
 
     def tip_stiffness(self, bend: ArrayLike) -> np.ndarray:
         """Return the stiffness of a rigid drum felt through the cable, (...), N/m at the fingertip.
 
-        It scales with the square of cable travel over fingertip travel: a small pulley at the hand makes a
-        stiff wall soft.
+        It is proportional to the square of the cable's travel per fingertip travel, so that a small pulley at
+        the hand makes a stiff wall soft.
         """
         ratio = self.cable.replica_pulley / self.tip_per_radian(bend)
         return self.cable.stiffness * ratio**2
 
 
 def with_gear(glove: Glove, name: str) -> Glove:
-    """Return the same glove with another of `GEARS`."""
+    """Return a copy of a glove with another gear of `GEARS`."""
     return replace(glove, gear=gear_named(name))
 
 
 def tip_drums(glove: Glove) -> dict[str, Drum]:
-    """Return drums on a glove: with each of `GEARS`, and with its own gear if that is another."""
+    """Return the drums of a glove with each of `GEARS`, and with its own gear if that is not among them."""
     drums = {name: with_gear(glove, name).tip_drum() for name in GEARS}
     return drums if glove.gear in GEARS.values() else drums | {glove.gear.name: glove.tip_drum()}
 

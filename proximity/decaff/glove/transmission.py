@@ -1,8 +1,8 @@
-"""Transmission from hand to replica: linkage of two bars, sheathed cable on two pulleys, and potentiometer.
+"""Transmission from hand to replica by a linkage, a sheathed cable on two pulleys, and a potentiometer.
 
-In the finger's frame (see `finger`) the linkage's base is fixed to the back of the hand; the first bar turns
-about it, and the second leads from the first to the thimble on the distal phalanx. The elbow is on the dorsal
-side.
+The base of the linkage is fixed to the back of the hand, in the finger's frame (see `finger`). The first of
+two bars turns about the base. The second bar connects the first to the thimble on the distal phalanx. The
+elbow is on the dorsal side.
 """
 
 import math
@@ -20,7 +20,7 @@ from proximity.errors import ArgumentError
 
 @dataclass(frozen=True, slots=True)
 class Cable:
-    """A cable pulled by the linkage and followed by the replica; the values are assumed."""
+    """Cable that is pulled by the linkage and followed by the replica. The default values are assumed."""
 
     hand_pulley: float = 0.020  # m, radius
     replica_pulley: float = 0.030  # m, radius
@@ -43,14 +43,14 @@ class Cable:
     def hand_turn(
         self, replica_turn: ArrayLike, tension: ArrayLike = 0.0, *, is_closing: ArrayLike = True
     ) -> np.ndarray:
-        """Return the turn of the hand's pulley, (...), rad: the inverse of `replica_turn`."""
+        """Return the turn of the hand's pulley, (...), rad. This is the inverse of `replica_turn`."""
         lost = np.asarray(tension, np.float64) / self.stiffness + np.where(is_closing, self.backlash, 0.0)
         return (self.replica_pulley * np.asarray(replica_turn, np.float64) + lost) / self.hand_pulley
 
 
 @dataclass(frozen=True, slots=True)
 class Potentiometer:
-    """Sensor of the replica's angle: counts, evenly over its span."""
+    """Sensor of the replica's angle. Its counts are evenly spaced over its span."""
 
     bits: int = 16  # 12 are too coarse: 0.14 mm a count
     span: float = math.radians(270.0)  # rad
@@ -65,24 +65,24 @@ class Potentiometer:
 
     @property
     def count(self) -> int:
-        """Number of different readings, from 0."""
+        """Number of different readings, which begin at 0."""
         return 1 << self.bits
 
     @property
     def gain(self) -> float:
-        """Counts a radian."""
+        """Counts per radian."""
         return self.count / self.span
 
     def counts(self, angle: ArrayLike) -> np.ndarray:
-        """Return the counts of an angle, (...), float64, neither rounded nor limited."""
+        """Return the counts at an angle, (...), float64, neither rounded nor limited."""
         return self.count * self.zero_share + self.gain * np.asarray(angle, np.float64)
 
     def read(self, angle: ArrayLike) -> np.ndarray:
-        """Return the reading at an angle, (...), int64: the nearest count, within the span."""
+        """Return the reading at an angle, (...), int64, which is the nearest count within the span."""
         return np.clip(np.rint(self.counts(angle)), 0, self.count - 1).astype(np.int64)
 
     def angle(self, counts: ArrayLike) -> np.ndarray:
-        """Return the angle of counts, (...), rad."""
+        """Return the angle at which counts are read, (...), rad."""
         return (np.asarray(counts, np.float64) - self.count * self.zero_share) / self.gain
 
 
@@ -91,7 +91,7 @@ CHECKED_BENDS = np.linspace(0.0, 1.0, 1001)
 
 @dataclass(frozen=True, slots=True)
 class Linkage:
-    """Anchor and bars of the linkage; the values are assumed."""
+    """Anchor and bars of the linkage. The default values are assumed."""
 
     base: tuple[float, float] = (0.025, 0.015)  # m
     first_bar: float = 0.085  # m
@@ -113,7 +113,7 @@ class Linkage:
         return np.hypot(offset[..., 0], offset[..., 1])
 
     def angle(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
-        """Return the angle of the first bar, (...), rad; nan if the bars are too short."""
+        """Return the angle of the first bar, (...), rad, or nan if the bars are too short."""
         offset = self._offset(finger, bend)
         reach = np.hypot(offset[..., 0], offset[..., 1])
         with np.errstate(invalid="ignore"):
@@ -133,10 +133,10 @@ class Linkage:
             return turn - cosine_rate * reach_rate / np.sqrt(1.0 - cosine**2)
 
     def turn(self, finger: Finger, bend: ArrayLike) -> np.ndarray:
-        """Return the turn of the first bar from the flat hand, (...), rad; bending is positive.
+        """Return the turn of the first bar from the flat hand, (...), rad, positive for a bending finger.
 
-        Before bend 0 and beyond 1 it is extrapolated linearly: linkages may not reach there, and a hand may
-        bend a little farther than when it was measured.
+        Outside of bends from 0 to 1 it is extrapolated linearly, as linkages may not reach there, and a hand
+        may bend a little farther than when it was measured.
         """
         position = np.asarray(bend, np.float64)
         inside = np.clip(position, 0.0, 1.0)
@@ -149,7 +149,7 @@ class Linkage:
         return np.abs(self.angle_rate(finger, np.clip(bend, 0.0, 1.0)))
 
     def bend(self, finger: Finger, turn: ArrayLike) -> np.ndarray:
-        """Return the bend of a turn of the first bar, (...): the inverse of `turn`."""
+        """Return the bend at a turn of the first bar, (...). This is the inverse of `turn`."""
         inverse = _measured(self, finger).bend_of_turn
         wanted = np.asarray(turn, np.float64)
         inside = np.clip(wanted, inverse.x[0], inverse.x[-1])
@@ -158,7 +158,7 @@ class Linkage:
         return position + beyond / self.turn_rate(finger, position) if beyond.any() else position
 
     def check(self, finger: Finger) -> None:
-        """Raise for a linkage that does not follow the finger over its whole bend."""
+        """Raise an error if the linkage does not follow the finger over its whole bend."""
         reach = self.reach(finger, CHECKED_BENDS)
         least, most = abs(self.first_bar - self.second_bar), self.first_bar + self.second_bar
         is_out = ~((least < reach) & (reach < most))

@@ -1,1 +1,1 @@
-"""Real motors: drivers of three protocols, homing, and a drum that stops at any uncertainty."""
+"""Real motors, with drivers for their protocols, homing, and a drum that stops at any uncertainty."""

@@ -1,10 +1,10 @@
-"""Motors: address, interface of the driver, and conversion of turns to the drum.
+"""Motor addresses, the interface of motor drivers, and the conversion of turns to the drum.
 
-An address is ``SCHEME://PLACE?option=value&...``. Options of all motors: ``ratio`` (turns of the motor to one
-of the drum), ``direction`` (1, or -1 if a motor that counts up presses the drum on the finger), ``stop`` (rad
-from the retracted drum to its mechanical stop), ``torque`` (N m at the shaft, at most), ``speed`` (m/s at the
-fingertip, at most), ``kt`` (N m/A), ``watchdog`` (ms of silence), ``driver`` (a Python file with
-``open_driver``).
+An address is ``SCHEME://PLACE?option=value&...``. All motors have these options: ``ratio`` (turns of the
+motor per turn of the drum), ``direction`` (1, or -1 if a motor that counts up presses the drum on the
+finger), ``stop`` (rad from the retracted drum to its mechanical stop), ``torque`` (N m at the shaft, at
+most), ``speed`` (m/s at the fingertip, at most), ``kt`` (N m/A), ``watchdog`` (ms of silence), and ``driver``
+(a Python file with ``open_driver``).
 """
 
 import math
@@ -22,10 +22,10 @@ from proximity.errors import MotorError
 from proximity.system.extras import installation
 
 DRIVERS = {"odrive-can": "proximity.decaff.motors.odrive_can"}
-"""Modules with ``open_driver``; ``driver=FILE`` in an address names another."""
+"""Modules with a function ``open_driver``. The option ``driver=FILE`` of an address names another."""
 
 
-# --- the driver: at the motor's shaft; it never waits for an answer, and ignores invalid ones ---
+# --- the driver, in units of the motor's shaft; it never waits, and ignores invalid answers ---
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +36,8 @@ class MotorReading:
     turns: float = 0.0  # by the encoder, from the motor's origin
     current: float = 0.0  # A
     torque: float = 0.0  # N m, at the shaft
-    is_on: bool = False  # the motor reports that it follows commands
-    fault: str = ""  # a sentence, if the motor reports one
+    is_on: bool = False  # whether the motor reports that it follows commands
+    fault: str = ""  # sentence about a fault that the motor reports, or empty
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,22 +51,25 @@ class MotorCommand:
 
 
 class MotorDriver(Protocol):
-    """Driver of one motor; every call may raise a `MotorError` if the connection has failed."""
+    """Driver of one motor. Every call may raise a `MotorError` if the connection has failed."""
 
     def read(self) -> MotorReading:
         """Read all arrived messages, request the next answers, and return the newest reading."""
 
     def switch_on(self, command: MotorCommand) -> None:
-        """Request that the motor follow commands, from this one on; `MotorReading.is_on` confirms it."""
+        """Request that the motor follow commands, beginning with this one.
+
+        `MotorReading.is_on` confirms that the motor is on.
+        """
 
     def send(self, command: MotorCommand) -> None:
         """Send a command to a motor that is on."""
 
     def switch_off(self) -> None:
-        """Switch the motor off, as at the end of work."""
+        """Switch the motor off at the end of normal operation."""
 
     def stop(self) -> None:
-        """Switch the motor off immediately: the emergency stop, latched if the motor supports it."""
+        """Switch the motor off immediately, as an emergency stop that is latched if the motor supports it."""
 
     def close(self) -> None:
         """Close the connection."""
@@ -77,7 +80,7 @@ class MotorDriver(Protocol):
 
 @dataclass(slots=True)
 class MotorAddress:
-    """A motor's address, parsed; `check_options` raises for unknown options."""
+    """Parsed address of a motor. `check_options` raises an error for options that were never read."""
 
     text: str
     scheme: str
@@ -101,7 +104,7 @@ class MotorAddress:
         return address
 
     def number(self, name: str, default: float, least: float, most: float) -> float:
-        """Return an option's number, within a range."""
+        """Return the number of an option. Raise an error if it is out of range."""
         self.asked.add(name)
         try:
             value = float(self.options.get(name, default))
@@ -112,19 +115,19 @@ class MotorAddress:
         return value
 
     def whole(self, name: str, default: int, least: int, most: int) -> int:
-        """Return an option's whole number, within a range."""
+        """Return the whole number of an option. Raise an error if it is out of range."""
         value = self.number(name, default, least, most)
         if value != int(value):
             raise self.refuse(f"{name}={self.options[name]}, expected a whole number")
         return int(value)
 
     def word(self, name: str, default: str) -> str:
-        """Return an option's text."""
+        """Return the text of an option."""
         self.asked.add(name)
         return self.options.get(name, default)
 
     def check_options(self) -> None:
-        """Raise for unknown options: a misspelt one would be a missing limit."""
+        """Raise an error for unknown options, as a misspelt one would be a missing limit."""
         unknown = sorted(set(self.options) - self.asked)
         if unknown:
             raise self.refuse(f"unknown option {unknown[0]!r} (expected {', '.join(sorted(self.asked))})")
@@ -136,7 +139,7 @@ class MotorAddress:
 
 @dataclass(frozen=True)  # without slots: `of` reads the defaults from the class
 class MotorSettings:
-    """Settings of a motor and its drum in its address; defaults are those of the modelled drum."""
+    """Settings of a motor and its drum, from its address. The defaults are those of the modelled drum."""
 
     name: str  # the address, for sentences
     ratio: float = GEARS[USUAL_GEAR].ratio  # turns of the motor to one of the drum
@@ -149,7 +152,7 @@ class MotorSettings:
 
     @classmethod
     def of(cls, address: MotorAddress, drum: Drum | None = None) -> "MotorSettings":
-        """Return the settings of an address; default gear and torque are those of the drum."""
+        """Return the settings of an address. Gear ratio and torque default to those of the drum."""
         ratio = cls.ratio if drum is None else drum.gear.ratio
         torque = cls.torque if drum is None else drum.motor.torque
         direction = address.whole("direction", 1, -1, 1)
@@ -168,7 +171,7 @@ class MotorSettings:
 
 
 def open_motor(text: str, drum: Drum | None = None) -> tuple[MotorDriver, MotorSettings]:
-    """Open the driver of a drum's motor by its address; the motor stays off."""
+    """Open the driver of a drum's motor by its address. The motor stays off."""
     address = MotorAddress.parse(text)
     settings = MotorSettings.of(address, drum)
     file = address.word("driver", "")
@@ -195,7 +198,7 @@ def _opener_in(address: MotorAddress, file: str) -> Callable[[MotorAddress, Moto
 
 
 class MotorScale:
-    """Conversions of one motor; angles are valid after `set_home`."""
+    """Conversions between a motor and its drum. Angles are valid after `set_home`."""
 
     def __init__(self, path: FingerPath, settings: MotorSettings) -> None:
         self._path = path
@@ -204,15 +207,15 @@ class MotorScale:
         self._zero = 0.0  # turns at the angle 0
 
     def set_home(self, turns: float, angle: float) -> None:
-        """Set the drum's angle, rad, at a count of *turns* of the motor."""
+        """Set the angle of the drum, rad, that corresponds to the *turns* of the motor."""
         self._zero = turns - self._radian * angle
 
     def angle(self, turns: float) -> float:
-        """Return the drum's angle, rad."""
+        """Return the angle of the drum at a number of turns of the motor, rad."""
         return (turns - self._zero) / self._radian
 
     def turns(self, angle: float) -> float:
-        """Return the motor's turns at a drum's angle, rad."""
+        """Return the turns of the motor at an angle of the drum, rad."""
         return self._zero + self._radian * angle
 
     def position(self, angle: float) -> float:
@@ -224,7 +227,7 @@ class MotorScale:
         return -self._direction * force * self._path.lever(angle) / self._ratio
 
     def force(self, torque: float, angle: float) -> float:
-        """Return the force on the finger, N, of the motor's torque, N m; the inverse of `torque`."""
+        """Return the force on the finger, N, at a torque of the motor, N m. It is the inverse of `torque`."""
         return -self._direction * torque * self._ratio / self._path.lever(angle)
 
     def drum_speed(self, speed: float, angle: float) -> float:

@@ -1,9 +1,9 @@
-"""Drum moved by a real motor: homed first, within its limits, and without power at any uncertainty.
+"""Drum moved by a real motor, which is homed first, limited, and switched off at any uncertainty.
 
-It has the interface of `DrumPlant`, the simulated drum. Uncertainties are a late answer, a fault or an end
+The interface is that of `DrumPlant`, the simulated drum. Uncertainties are a late answer, a fault or an end
 reported by the motor, a jump of the encoder, a drum beyond its limits, and a shaft that does not turn
-although it is free. Then the motor is switched off, a `MotorError` gives the reason, and only a person
-restarts it.
+although it is free. In these cases the motor is switched off, a `MotorError` gives the reason, and only a
+person can restart it.
 """
 
 import math
@@ -27,22 +27,22 @@ from proximity.errors import MotorError
 NOT_ON_HARDWARE = (
     "No motor driver was ever run on hardware, only against simulated motors that speak the same protocol."
 )
-LONGEST_STEP = 0.02  # s, limit of the time between two readings: longer is this program's delay
+LONGEST_STEP = 0.02  # s, limit of the time between two readings; a longer one is a delay of this program
 MOTION_LEAD = 0.15  # rad, lead of a target over the drum
 OVER_LIMIT = 0.1  # rad beyond the stop or the flat hand; assumed
 JUMP = 0.05  # rad, in addition to motion at the maximum speed
-JUMP_SPEED = 3.0  # times the maximum speed: no drum turns faster
+JUMP_SPEED = 3.0  # as a multiple of the maximum speed, which no drum exceeds
 STALL_LEAD, STALL_MOTION, STALL_TIME = 0.03, 0.003, 0.3  # rad behind, rad turned in that time, s; assumed
-START_TIME = 3.0  # s for a motor's first answer: some boards start when their port is opened
+START_TIME = 3.0  # s, for a motor's first answer, as some boards start when their port is opened
 CONFIRM_TIME = 1.0  # s for a motor to confirm that it is on, and a fifth of that for off
 HOMING_SPEED, HOMING_SHARE = 0.4, 0.2  # rad/s of the drum, and share of the torque
 HOMING_PERIOD = 0.004  # s
 CLEAR_OF_STOP = 0.02  # rad between the retracted drum and the stop
-BACK_OFF, STOP_TOLERANCE = 0.1, 0.03  # rad off the stop, and maximum difference of two touches of it
+BACK_OFF, STOP_TOLERANCE = 0.1, 0.03  # rad, to back off from the stop, and between two touches at most
 
 
 class MotorDrum:
-    """A drum behind a motor's driver."""
+    """Drum that is moved by the driver of a motor."""
 
     reading: MotorReading
 
@@ -62,7 +62,7 @@ class MotorDrum:
 
     @property
     def angle(self) -> float:
-        """Angle of the drum, rad; from the angle at switch-on, until it is homed."""
+        """Angle of the drum, rad. Until the drum is homed, it is relative to the angle at switch-on."""
         return self._scale.angle(self.reading.turns)
 
     @property
@@ -72,7 +72,7 @@ class MotorDrum:
 
     @property
     def torque(self) -> float:
-        """Torque of the motor by its current, N m at its shaft; pressing on the finger is positive."""
+        """Torque of the motor at its shaft by its current, N m, positive if it presses on the finger."""
         return -self.settings.direction * self.reading.torque
 
     @property
@@ -82,11 +82,11 @@ class MotorDrum:
 
     @property
     def force(self) -> float:
-        """Force on the finger by the motor's current, N, friction included; a pull counts as 0."""
+        """Force on the finger by the motor's current, N, including friction, or 0 for a pull."""
         return max(0.0, self._scale.force(self.reading.torque, self.angle))
 
     def look(self) -> None:
-        """Read and check the motor without a command."""
+        """Read the motor and check the reading, without a command."""
         before, first = self.angle, self.reading.answers == 0
         answers, elapsed = self.reading.answers, self._elapsed()
         try:
@@ -113,9 +113,9 @@ class MotorDrum:
             )
 
     def await_answer(self, pause: Callable[[float], bool] | None = None) -> None:
-        """Wait for the first answer.
+        """Wait for the first answer of the motor.
 
-        *pause*: waits for a time, s, and returns whether to give up.
+        *pause*: function that waits for a time, s, and returns whether to give up.
         """
         while not self.reading.answers:
             self.look()
@@ -124,7 +124,7 @@ class MotorDrum:
     def refresh(self, pause: Callable[[float], bool] | None = None) -> None:
         """Wait for an answer to a new request.
 
-        *pause*: waits for a time, s, and returns whether to give up.
+        *pause*: function that waits for a time, s, and returns whether to give up.
         """
         answers = self.reading.answers + 1  # the next may be under way already
         while self.reading.answers <= answers:
@@ -132,9 +132,9 @@ class MotorDrum:
             self._pause(pause or _slept)
 
     def home(self, pause: Callable[[float], bool] | None = None) -> None:
-        """Switch the motor on, and find the mechanical stop beyond the retracted drum, twice.
+        """Switch the motor on, and find the mechanical stop beyond the retracted drum by two touches.
 
-        *pause*: waits for a time, s, and returns whether to give up.
+        *pause*: function that waits for a time, s, and returns whether to give up.
         """
         pause = pause or _slept
         self.await_answer(pause)
@@ -155,9 +155,9 @@ class MotorDrum:
         self._travel(self._retracted, cap, pause)
 
     def advance(self, action: DrumAction, finger: float, seconds: float) -> None:
-        """Command a controller's action to the motor; the finger's position is that of its sensor.
+        """Command a controller's action to the motor.
 
-        *finger*: not used: a real drum needs no model of it.
+        *finger*: not used, as a real drum needs no model of the finger.
         """
         if not (self.is_homed and self._is_on):
             raise self.failed("a motion was commanded before the motor was homed")
@@ -178,9 +178,9 @@ class MotorDrum:
         self._check_stall(seconds, action.state)
 
     def resume(self, pause: Callable[[float], bool] | None = None) -> None:
-        """Switch a homed motor on again, without a torque; it may have been turned by hand.
+        """Switch a homed motor on again, without torque, after the drum may have been turned by hand.
 
-        *pause*: waits for a time, s, and returns whether to give up.
+        *pause*: function that waits for a time, s, and returns whether to give up.
         """
         if not self.is_homed:
             raise self.failed("a motion was commanded before the motor was homed")
@@ -188,15 +188,18 @@ class MotorDrum:
         self._switch_on(MotorCommand(DriveMode.FORCE, torque_cap=self.settings.torque), pause or _slept)
 
     def rest(self, pause: Callable[[float], bool] | None = None) -> None:
-        """Switch the motor off until `resume`, and wait until it confirms that.
+        """Switch the motor off until `resume`, and wait for its confirmation.
 
-        *pause*: waits for a time, s, and returns whether to give up.
+        *pause*: function that waits for a time, s, and returns whether to give up.
         """
         self.switch_off(is_emergency=False)
         self._confirm("off", pause or _slept)
 
     def push(self, torque: float) -> float:
-        """Command a torque of the drum, N m, positive away from the finger; return it, limited."""
+        """Command a torque of the drum, N m, positive away from the finger.
+
+        Return the torque within the limits.
+        """
         if not (self.is_homed and self._is_on):
             raise self.failed("a motion was commanded before the motor was homed")
         self.look()
@@ -208,14 +211,14 @@ class MotorDrum:
         return given
 
     def hold(self) -> None:
-        """Hold the motor at its last target, before a controller exists."""
+        """Hold the motor at its last target while there is no controller yet."""
         self.look()
         self._send(self._command)
 
     def switch_off(self, *, is_emergency: bool = True) -> None:
-        """Switch the motor off, without waiting for an answer.
+        """Switch the motor off without waiting for an answer.
 
-        *is_emergency*: whether the motor latches it, if supported, so that a person must check it.
+        *is_emergency*: whether a motor that supports it latches the stop, so that a person must check it.
         """
         self._is_on = False
         with suppress(MotorError):
@@ -225,12 +228,15 @@ class MotorDrum:
                 self._driver.switch_off()
 
     def failed(self, reason: str) -> MotorError:
-        """Switch the motor off, and return the error with the reason."""
+        """Switch the motor off, and return an error with the reason."""
         self.switch_off()
         return MotorError(f"{self.settings.name}: {reason}; the motor was switched off")
 
     def close(self) -> str:
-        """Switch the motor off, await its confirmation, and close; return a sentence if it is missing."""
+        """Switch the motor off and close its connection.
+
+        Return a message if the motor does not confirm that it is off, or an empty string.
+        """
         self._is_on, ends = False, time.monotonic() + 0.2 * CONFIRM_TIME
         answers, is_off = self.reading.answers, False
         with suppress(MotorError):
@@ -255,13 +261,13 @@ class MotorDrum:
             raise self.failed(str(failure)) from failure
 
     def _follow(self, target: float, step: float, cap: float) -> None:
-        """Send the next target, not far ahead of the drum."""
+        """Send the next target, which is never far ahead of the drum."""
         nearer = min(max(target, self._reference - step), self._reference + step)
         self._reference = min(max(nearer, self.angle - MOTION_LEAD), self.angle + MOTION_LEAD)
         self._send(MotorCommand(DriveMode.POSITION, self._scale.turns(self._reference), 0.0, cap))
 
     def _is_stalled(self, seconds: float) -> bool:
-        """Return whether the drum has been behind its target for a while, and has not turned."""
+        """Return whether the drum has been behind its target for a while without turning."""
         is_behind = abs(self._reference - self.angle) > STALL_LEAD
         if not is_behind or self._behind == 0.0 or abs(self.angle - self._marked_angle) > STALL_MOTION:
             self._behind, self._marked_angle = 0.0, self.angle
@@ -282,7 +288,7 @@ class MotorDrum:
         self._is_on = True
 
     def _confirm(self, state: str, pause: Callable[[float], bool]) -> None:
-        """Wait until the motor confirms that it is on, or off."""
+        """Wait until the motor confirms that it is on or off, according to *state*."""
         ends = time.monotonic() + CONFIRM_TIME
         while self.reading.is_on != (state == "on"):
             if time.monotonic() > ends:
@@ -295,7 +301,7 @@ class MotorDrum:
             raise self.failed("it was stopped before it was ready")
 
     def _touched_stop(self, cap: float, pause: Callable[[float], bool]) -> float:
-        """Turn away from the finger until the drum is blocked; return its angle, rad."""
+        """Turn the drum away from the finger until it is blocked. Return the angle reached, rad."""
         most = self.angle + (self._stop - self._least) + OVER_LIMIT
         self._behind = 0.0
         while not self._step(math.inf, cap, pause):
@@ -311,7 +317,7 @@ class MotorDrum:
                 raise self.failed("the shaft does not turn back from the stop: it is jammed, or the encoder")
 
     def _step(self, angle: float, cap: float, pause: Callable[[float], bool]) -> bool:
-        """Run one period of homing; return whether the drum is stalled."""
+        """Run one period of homing. Return whether the drum is stalled."""
         self._pause(pause)
         self.look()
         self._follow(angle, HOMING_SPEED * HOMING_PERIOD, cap)
@@ -327,9 +333,9 @@ def _slept(seconds: float) -> bool:
 def opened_motors(
     addresses: Sequence[str], paths: Sequence[FingerPath], report: Callable[[str], None]
 ) -> Iterator[list[MotorDrum]]:
-    """Open motors that stay off; at the end switch off and close all of them.
+    """Open the motors, which stay off, and yield them. At the end, switch all motors off and close them.
 
-    *report*: called with a sentence for each motor that does not confirm that it is off.
+    *report*: called with a message for each motor that does not confirm that it is off.
     """
     motors: list[MotorDrum] = []
     try:
@@ -342,7 +348,7 @@ def opened_motors(
         raise
     finally:
         for motor in motors:
-            motor.switch_off(is_emergency=False)  # first all of them: closing takes time
+            motor.switch_off(is_emergency=False)  # all are off before the first is closed, which takes time
         for motor in motors:
             sentence = motor.close()
             if sentence:
@@ -352,9 +358,9 @@ def opened_motors(
 def home_all(
     motors: Sequence[MotorDrum], pause: Callable[[float], bool], report: Callable[[str], None]
 ) -> None:
-    """Home motors one after the other; homed ones hold their drums retracted.
+    """Home the motors one after the other. Homed motors hold their drums retracted.
 
-    *pause*: waits for a time, s, and returns whether to give up.
+    *pause*: function that waits for a time, s, and returns whether to give up.
     """
     for count, motor in enumerate(motors):
 

@@ -1,12 +1,12 @@
 """Driver of an ODrive by its "CAN simple" protocol, over any bus of python-can.
 
-``odrive-can://CHANNEL?bus=socketcan&node=0&bitrate=1000000&kt=0.05``; an identifier is the node's number
-shifted by 5 bits and the number of the message, numbers are little-endian, turns and newton metres are those
-of the motor. The ODrive's own watchdog (``axis.config.enable_watchdog``) must be set by its tool: commands
-feed it, and it ends the motion if this program fails to.
+An address is ``odrive-can://CHANNEL?bus=socketcan&node=0&bitrate=1000000&kt=0.05``. The identifier of a
+message is the node's number shifted by 5 bits, plus the number of the message. Numbers are little-endian;
+turns and newton metres are those of the motor. The ODrive's own watchdog (``axis.config.enable_watchdog``)
+must be set by its tool. Commands reset it, and it ends the motion if this program fails to send them.
 
-Source: ODrive documentation, "CAN Protocol": table of messages (can-protocol.csv, firmware 0.5; in 0.6 the
-ones used here are the same, with the heartbeat's bytes beyond the state left unread).
+Source: ODrive documentation, "CAN Protocol", table of messages (can-protocol.csv, firmware 0.5). In firmware
+0.6 the messages used here are the same, and the heartbeat's bytes after the state are ignored.
 """
 
 import math
@@ -23,15 +23,15 @@ HEARTBEAT, ESTOP, SET_STATE, ESTIMATES = 0x01, 0x02, 0x07, 0x09
 SET_MODE, INPUT_POSITION, INPUT_TORQUE, SET_LIMITS, GET_CURRENT = 0x0B, 0x0C, 0x0E, 0x0F, 0x14
 STATE_IDLE, STATE_CLOSED_LOOP = 1, 8
 CONTROL_TORQUE, CONTROL_POSITION, INPUT_PASSTHROUGH = 1, 3, 1
-MAX_WAITING = 200  # messages of one reading: a flooded bus must not block the controller
+MAX_WAITING = 200  # messages per reading, so that a flooded bus does not block the controller
 HEARTBEAT_AGE = 0.5  # s; an ODrive sends one each 0.1 s
-SPEED_LIMIT = 160.0  # turns/s: beyond, the ODrive switches itself off
+SPEED_LIMIT = 160.0  # turns/s, beyond which the ODrive switches itself off
 
 
 class ODriveCan:
     """An axis of an ODrive.
 
-    *torque_constant*: of the motor, as set in the ODrive.
+    *torque_constant*: of the motor, N m/A, as set in the ODrive.
     """
 
     def __init__(self, bus: Any, node: int, torque_constant: float) -> None:
@@ -42,7 +42,7 @@ class ODriveCan:
         self._cap = math.nan
 
     def read(self) -> MotorReading:
-        """Read all arrived messages, and request encoder and current."""
+        """Read all arrived messages, and request encoder and current. Return the newest reading."""
         for _ in range(MAX_WAITING):
             message = self._received()
             if message is None:
@@ -59,13 +59,13 @@ class ODriveCan:
         return MotorReading(self._answers, self._turns, self._current, torque, is_on, fault)
 
     def switch_on(self, command: MotorCommand) -> None:
-        """Request closed-loop control; latched errors of the axis are for a person to clear."""
+        """Request closed-loop control. Latched errors of the axis must be cleared by a person."""
         self._mode, self._cap = None, math.nan
         self.send(command)
         self._send(SET_STATE, struct.pack("<I", STATE_CLOSED_LOOP))
 
     def send(self, command: MotorCommand) -> None:
-        """Send limits, target and mode; the target goes before the mode that will use it."""
+        """Send limits, target and mode. The target is sent before the mode that uses it."""
         if command.torque_cap != self._cap:
             self._cap = command.torque_cap
             self._send(SET_LIMITS, struct.pack("<ff", SPEED_LIMIT, self._cap / self._constant))
@@ -83,7 +83,7 @@ class ODriveCan:
         self._send(SET_STATE, struct.pack("<I", STATE_IDLE))
 
     def stop(self) -> None:
-        """Send the emergency stop; the axis then has an error until a person clears it."""
+        """Send the emergency stop. The axis then reports an error until a person clears it."""
         self._send(ESTOP, b"")
 
     def close(self) -> None:
@@ -91,7 +91,7 @@ class ODriveCan:
         self._bus.shutdown()
 
     def _take(self, message: int, data: bytes) -> None:
-        with suppress(struct.error):  # too short: no answer
+        with suppress(struct.error):  # a message that is too short is not an answer
             if message == HEARTBEAT:
                 self._error, self._state = struct.unpack_from("<IB", data)
                 self._beat = time.monotonic()

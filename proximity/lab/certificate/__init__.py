@@ -1,4 +1,4 @@
-"""Latency certificate of a scene: the cost of ticks at its worst positions, compared with a sample period.
+"""Latency certificate of a scene, which compares the cost of ticks at its worst positions with a period.
 
     file → subject → worst positions → measurement (ticks, loop) → verdict → report (text, JSON, picture)
 

@@ -1,9 +1,9 @@
-"""Certify a scene: search its worst positions, measure ticks, run the loop, compare with a period.
+"""Certification of a scene by a search for its worst positions, timed ticks, and a run of the loop.
 
-A scene fits a period if computing 99.9 % of the ticks in every motion takes no longer: processor time of the
-thread, for each tick the shortest of three identical runs. The same must hold for half of the ticks of the
-service's loop at that period, where caches are colder and frames are made. The rest depends on the machine
-and is reported separately: interruptions, and the lateness of the loop's wake-ups. A gate on those would
+A scene fits a period if 99.9 % of the ticks in every motion are computed within it. The time of a tick is the
+thread's processor time, and the shortest of three identical runs. The same must hold for half of the ticks of
+the service's loop at that period, where caches are colder and frames are made. Interruptions and the lateness
+of the loop's wake-ups depend on the machine, and are reported separately. A verdict that included them would
 reject good scenes on a noisy machine.
 """
 
@@ -39,8 +39,8 @@ class Load:
     """Processor time of ticks in one motion, or in the loop."""
 
     name: str
-    measure: str  # "p999", of the loop "p50"; "max" for too few ticks
-    tail_ns: float  # that of the times
+    measure: str  # "p999", "p50" for the loop, or "max" for too few ticks
+    tail_ns: float  # value of this measure
     over_count: int  # ticks that took longer than the period
     tick_count: int
 
@@ -58,12 +58,12 @@ class Certificate:
     loop: Report
 
     def loads(self, period: float) -> list[Load]:
-        """Return tick times in each motion of a service, and in its loop."""
+        """Return the tick times in each motion of a service and in its loop, compared with a period, s."""
         motions = [load(each.name, each.best_ns, period) for each in self.timings if each.counts]
         return [*motions, load("service", self.loop.compute, period, measure="p50")]
 
     def verdict(self, period: float) -> dict[str, Any]:
-        """Return whether the scene fits a period, s, and why: its computing time, without delays."""
+        """Return whether the computing time of ticks in the scene fits a period, s, and the reason."""
         *motions, loop = loads = self.loads(period)
         slowest, worst = (max(some, key=lambda each: each.tail_ns) for some in (motions, loads))
         fits = worst.tail_ns <= 1e9 * period
@@ -82,7 +82,7 @@ class Certificate:
         }
 
     def machine_verdict(self) -> dict[str, Any]:
-        """Return whether the machine kept the deadlines of the loop, for any reason."""
+        """Return whether the machine met the loop's deadlines. A deadline may be missed for any reason."""
         period = 1e-9 * self.loop.period_ns
         missed, due = self.loop.missed, self.loop.ticks + self.loop.missed
         kept = missed <= MISSED * due
@@ -97,7 +97,7 @@ class Certificate:
 
 
 def load(name: str, times: Times, period: float, measure: str = "p999") -> Load:
-    """Return the load of timed or counted ticks, against a period, s."""
+    """Return the load of tick times or their histogram, compared with a period, s."""
     found = percentiles(times)
     value = found[measure]
     measure, value = tail(found) if value is None else (measure, value)
@@ -112,9 +112,9 @@ def certify(
     seed: int = SEED,
     progress: Progress = lambda _, __: None,
 ) -> Certificate:
-    """Return the certificate of a scene; it takes about ten seconds.
+    """Certify a scene, which takes about ten seconds.
 
-    *seed*: of all random numbers; the positions found are the same on every run.
+    *seed*: of all random numbers. The positions found are the same on every run.
     """
     check_request(tick_count, seconds, seed)
     if all(part.is_hidden for part in subject.scene.parts):
@@ -127,7 +127,7 @@ def certify(
 
 
 def check_request(tick_count: int, seconds: float, seed: int) -> None:
-    """Raise for an invalid request, before it takes time."""
+    """Raise an error for an invalid request before any time is spent on it."""
     if tick_count < MIN_TICKS:
         raise ServiceError(f"{tick_count} ticks are too few for p99.9, expected {MIN_TICKS} or more")
     if not 0.0 < seconds <= LONGEST_LOOP:

@@ -1,8 +1,8 @@
-"""Tick times in motions from a recorded hand to the worst positions, and the service's loop.
+"""Tick times in motions from a recorded hand to the worst positions, and in the service's loop.
 
-Each tick is timed separately: by the processor time of the thread, and by wall-clock time, which includes
-other processes. On a virtual machine the former includes some of that as well. The cost of the clocks is not
-subtracted.
+Each tick is timed separately, by the processor time of the thread and by wall-clock time. Wall-clock time
+includes other processes. On a virtual machine processor time includes some of that as well. The cost of the
+clocks is not subtracted.
 """
 
 import gc
@@ -30,15 +30,20 @@ from proximity.transport import open_publisher
 TICKS_PER_UPDATE = 500  # ticks between two progress reports
 REHEARSAL = 20  # ticks that are not counted
 REPEATS = 3
-"""Runs of a motion: every tick is the same in each, and its shortest time is its cost without interruptions.
-The reported times are those of the first run."""
+"""Number of runs of a motion.
+
+Every tick is the same in each run, and its shortest time is its cost without interruptions. The reported
+times are those of the first run.
+"""
 EXACT_STEPS = 30_000_000
-"""Nodes and leaves visited by ticks without a budget, at most: some seconds, and fewer ticks of costly
-scenes."""
+"""Maximum number of nodes and leaves visited by all ticks without a budget, which takes some seconds.
+
+Costly scenes therefore have fewer ticks.
+"""
 MIN_EXACT = 20
 PASSING, COLD_START, EXACT = "worst, passing", "worst, cold start", "worst, exact"
 ADDRESS = "mailbox:proximity-certificate"
-"""Address of the loop's frames: inside this process, with a checksum as for other processes."""
+"""Address of the loop's frames, which stay in this process, with a checksum as for other processes."""
 
 Results = Mapping[SearchGoal, SearchResult]
 LOGGED_FINGERS = 50  # with more, the contents of ticks are logged less often
@@ -54,7 +59,7 @@ class TickLog:
     flags: list[np.ndarray] = field(default_factory=list)  # (N,)
 
     def share(self, flag: ContactFlag) -> float:
-        """Return the share of the tracked fingers that have a flag."""
+        """Return the share of the tracked fingers whose contact has a flag."""
         flags = np.stack(self.flags)
         is_tracked = (flags & ContactFlag.TRACKED) != 0
         return float(((flags & flag) != 0)[is_tracked].mean()) if is_tracked.any() else 0.0
@@ -72,9 +77,9 @@ def tick_all(
     velocities: np.ndarray | None = None,
     before: Callable[[int], object] | None = None,
 ) -> None:
-    """Tick through positions, and velocities, (T, N, 3), as the service does, and time each call.
+    """Tick a tracker through positions, (T, N, 3), as the service does, and time each call.
 
-    *before*: called before each tick with its number.
+    *velocities*: of the fingers, (T, N, 3). *before*: called before each tick with its number.
     """
     contacts, thread, wall = tracker.contacts, time.thread_time_ns, time.perf_counter_ns
     work, flags = contacts["work"], contacts["flags"]
@@ -118,9 +123,9 @@ class MotionTiming:
     thread_ns: np.ndarray  # (T,) int64, of the processor for this thread
     wall_ns: np.ndarray  # (T,) int64, from call to answer
     best_ns: np.ndarray  # (T,) int64, as `thread_ns`: the shortest of several runs for each tick
-    max_work: int  # nodes and leaves of the costliest tick, all fingers
-    shares: dict[str, float]  # of finger-ticks: exact, bounded, skipped
-    counts: bool = True  # False: for comparison only; a service never does so
+    max_work: int  # nodes and leaves of all fingers in the costliest tick
+    shares: dict[str, float]  # of all ticks of all fingers that are exact, bounded or skipped
+    counts: bool = True  # False if only for comparison, as a service never does so
 
 
 def measure(
@@ -144,7 +149,7 @@ def measure(
 
 
 def motion_rows(subject: Subject, found: Results, tick_count: int, seed: int) -> dict[str, np.ndarray]:
-    """Return the fingers of each motion, (T, N, 3) m."""
+    """Return the positions of the fingers in each motion, (T, N, 3), m."""
     fingers, rows = subject.fingers, {}
     if subject.recording is not None:
         if not subject.recording.is_present.any():
@@ -171,7 +176,7 @@ def motion_rows(subject: Subject, found: Results, tick_count: int, seed: int) ->
 
 
 def worst_passing(subject: Subject, found: Results, tick_count: int, seed: int) -> np.ndarray:
-    """Return fingers that pass through the worst positions of moving fingers, (T, N, 3) m."""
+    """Return positions of fingers that pass through the worst positions of moving fingers, (T, N, 3), m."""
     positions = _positions(found, SearchGoal(StartMode.MOVES, True))
     rng = np.random.default_rng([seed, 100])
     return motions.passing(positions, subject.fingers, tick_count, rng, rate=1.0 / subject.period)
@@ -215,7 +220,7 @@ def _timing(
 def _run(
     tick_through: Callable[..., None], positions: np.ndarray, progress: Callable[[int], None]
 ) -> TickLog:
-    """Return the times of all ticks of a motion, after a few that are not counted."""
+    """Time all ticks of a motion, after a few ticks that are not counted."""
     log, rehearsal = TickLog(), positions[: min(REHEARSAL, len(positions) // 10)]
     progress(0)
     with without_collector():
@@ -228,7 +233,7 @@ def _run(
 
 
 def run_loop(subject: Subject, found: Results, seconds: float, seed: int) -> Report:
-    """Return the report of the service's loop, with fingers that pass through the worst positions."""
+    """Return the report of the service's loop for fingers that pass through the worst positions."""
     ticks, period_ns = max(1, round(seconds / subject.period)), round(1e9 * subject.period)
     positions = worst_passing(subject, found, ticks + 1, seed)
     times_ns = np.arange(len(positions), dtype=np.int64) * period_ns

@@ -1,4 +1,4 @@
-"""Motions for timing ticks: metres, one row a tick; seeds are fixed."""
+"""Motions for timing ticks, in metres with one row per tick. Their seeds are fixed."""
 
 import numpy as np
 
@@ -8,13 +8,16 @@ FINGERS_PER_HAND = 5  # fingers
 SPREAD = 0.05  # m, of the fingers of a hand
 PAUSE_TICKS = 10  # between two rounds of a motion
 PASSING_SPEED, PASSING_DISTANCE = 0.2, 0.005
-"""m/s at most, and m to either side, of fingers that pass through a position back and forth."""
+"""Maximum speed, m/s, and distance to either side, m, of fingers that pass through a position."""
 
 
 def wandering_hands(
     scene: Scene, ticks: int, count: int = 2, *, seed: int = 5, rate: float = 1000.0
 ) -> np.ndarray:
-    """Return hands of five fingers that wander through a scene at about 0.3 m/s, (T, 5 count, 3)."""
+    """Return positions of hands of five fingers that wander through a scene, (T, 5 count, 3).
+
+    Their speed is about 0.3 m/s.
+    """
     lower, upper = scene.bounds
     rng = np.random.default_rng(seed)
     t = np.arange(ticks)[:, None] / rate
@@ -29,9 +32,9 @@ def wandering_hands(
 
 
 def resting(positions: np.ndarray, fingers: int, ticks: int) -> np.ndarray:
-    """Return fingers that stay at positions, (T, N, 3).
+    """Return positions of resting fingers, (T, N, 3).
 
-    *positions*: (K, 3) m.
+    *positions*: (K, 3), m, which are assigned to the fingers in turn.
     """
     own = positions[np.arange(fingers) % len(positions)]
     return np.ascontiguousarray(np.broadcast_to(own, (ticks, fingers, 3)))
@@ -40,7 +43,10 @@ def resting(positions: np.ndarray, fingers: int, ticks: int) -> np.ndarray:
 def passing(
     positions: np.ndarray, fingers: int, ticks: int, rng: np.random.Generator, *, rate: float = 1000.0
 ) -> np.ndarray:
-    """Return fingers that move back and forth through positions, each in a separate direction, (T, N, 3)."""
+    """Return positions of fingers that move back and forth through given positions, (T, N, 3).
+
+    Each finger has its own direction.
+    """
     directions = rng.normal(size=(fingers, 3))
     directions *= PASSING_DISTANCE / np.linalg.norm(directions, axis=1, keepdims=True)
     beat, phases = PASSING_SPEED / PASSING_DISTANCE, rng.uniform(0.0, 2.0 * np.pi, fingers)
@@ -49,9 +55,9 @@ def passing(
 
 
 def repeated(positions: np.ndarray, ticks: int) -> np.ndarray:
-    """Repeat a motion, (ticks, N, 3), with a pause without fingers between its end and its start.
+    """Return a repeated motion, with a pause without fingers between two rounds.
 
-    *positions*: (T, N, 3) m.
+    *positions*: (T, N, 3), m. *ticks*: number of ticks without the pauses.
     """
     nobody = np.full((PAUSE_TICKS, *positions.shape[1:]), np.nan)
     one = np.concatenate([positions, nobody])

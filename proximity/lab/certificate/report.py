@@ -1,7 +1,7 @@
-"""A certificate as numbers for JSON, and as a picture.
+"""Report of a certificate as a JSON document or a picture.
 
-``schema`` is 2. It grows when a key is removed or changes its meaning. Times are nanoseconds, lengths metres,
-forces newtons, energies joules; null is a percentile of too few ticks.
+``schema`` is 2. It is increased when a key is removed or changes its meaning. Times are in nanoseconds,
+lengths in metres, forces in newtons and energies in joules. A percentile of too few ticks is null.
 """
 
 import json
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 SCHEMA = 2
 KIND = "proximity latency certificate"
 SPEEDS = (0.1, 0.5, 1.0)
-"""m/s, of fingers that meet a wall."""
+"""Speeds of fingers that meet a wall, m/s."""
 NUMBERS = ".json"
 CLOUD = 1200  # points of the surface in the picture
 SIZE = (style.PAGE_WIDTH, 5.6)
@@ -40,7 +40,7 @@ MARKS = "osv^D*"
 
 
 def document(certificate: Certificate, gate: float | None = None, *, version: str = "") -> dict[str, Any]:
-    """Return all numbers of a certificate; its verdict is for *gate*, s, or the scene's period."""
+    """Return all numbers of a certificate. Its verdict is for *gate*, s, by default the scene's period."""
     subject, loop = certificate.subject, certificate.loop
     period = subject.period if gate is None else gate
     lower, upper = subject.scene.bounds
@@ -86,7 +86,7 @@ def document(certificate: Certificate, gate: float | None = None, *, version: st
 
 
 def _goal(found: SearchResult) -> dict[str, Any]:
-    """Return the costliest positions of a goal, with work (nodes and leaves) and bounds of the distance."""
+    """Return the costliest positions for a goal, with their work (nodes and leaves) and distance bounds."""
     return {
         "manner": str(found.goal.mode),
         "within_budget": found.goal.has_budget,
@@ -108,7 +108,7 @@ def _goal(found: SearchResult) -> dict[str, Any]:
 
 
 def _case(timing: MotionTiming, period: float) -> dict[str, Any]:
-    """Return processor time of ticks, wall-clock time, and the shortest of three runs."""
+    """Return the processor time of ticks, their wall-clock time, and the shortest time of three runs."""
     return {
         "name": timing.name,
         "counts": timing.counts,
@@ -123,12 +123,15 @@ def _case(timing: MotionTiming, period: float) -> dict[str, Any]:
 
 
 def _times(times: Times, period: float) -> dict[str, Any]:
-    """Return percentiles, ticks over the period, and a curve of times and counts."""
+    """Return percentiles of times, the number above the period, and a curve of times and counts."""
     return {**percentiles(times), "over_period": over_count(times, period), "tail": curve(times)}
 
 
 def _at_the_finger(certificate: Certificate) -> dict[str, Any]:
-    """Return the sum of the p99.9 of the slowest computing and of waking, and its effect at some speeds."""
+    """Return the delay of a tick and its effect on a finger at several speeds.
+
+    The delay is the sum of the slowest computing time and the wake-up lateness, both p99.9.
+    """
     loop = certificate.loop
     times: list[Times] = [loop.compute, *(each.thread_ns for each in certificate.timings if each.counts)]
     slowest = max(tail(percentiles(each))[1] for each in times)
@@ -137,11 +140,11 @@ def _at_the_finger(certificate: Certificate) -> dict[str, Any]:
 
 
 def felt(delay: float, speed: float) -> dict[str, float]:
-    """Return penetration, m, force error, N, and energy error, J, of a delay for a finger at a speed.
+    """Return penetration, m, force error, N, and energy error, J, that a delay causes at a finger's speed.
 
-    The finger enters a simulated wall by speed times delay before it reacts. For a prescribed motion, the
-    force at rest is then too high, equation (10), and the operator's work too large, equation (15). The
-    finger is the paper's, the press assumed.
+    The finger enters a simulated wall by speed times delay before the wall reacts. For a prescribed motion,
+    the force at rest is then too high by equation (10), and the operator's work too large by equation (15).
+    The finger is that of the paper, and the press is assumed.
     """
     penetration, press = speed * delay, Press(speed=speed)
     return {
@@ -153,7 +156,7 @@ def felt(delay: float, speed: float) -> dict[str, float]:
 
 
 def as_json(reported: dict[str, Any]) -> str:
-    """Return a document as text; a non-finite number becomes null."""
+    """Return a document as JSON text, with null for non-finite numbers."""
     return json.dumps(_plain(reported), allow_nan=False, indent=1, ensure_ascii=False) + "\n"
 
 
@@ -168,7 +171,7 @@ def _plain(value: Any) -> Any:
 
 
 def check_report(path: Path) -> None:
-    """Raise for a path that cannot be written, before the measurement."""
+    """Raise an error for a path that cannot be written, before anything is measured."""
     form = path.suffix.lower().removeprefix(".")
     if path.suffix.lower() != NUMBERS and form not in style.FORMATS:
         raise ServiceError(
@@ -181,7 +184,7 @@ def check_report(path: Path) -> None:
 
 
 def write_report(path: Path, reported: dict[str, Any], scene: Scene) -> None:
-    """Write a document as JSON, or its picture."""
+    """Write a document as JSON or as a picture, according to the suffix of *path*."""
     if path.suffix.lower() == NUMBERS:
         style.write_bytes(path, as_json(reported).encode())
         return
@@ -192,7 +195,7 @@ def write_report(path: Path, reported: dict[str, Any], scene: Scene) -> None:
 
 
 def _draw(figure: "Figure", reported: dict[str, Any], surface: np.ndarray) -> None:
-    """Draw the tails of all times, and the worst positions seen along two axes."""
+    """Draw the tails of all times, and the worst positions in two views."""
     above, below = figure.subfigures(2, 1, squeeze=False)[:, 0]
     _draw_tails(above.subplots(), reported)
     panels = below.subplots(1, 2)
@@ -226,5 +229,5 @@ def _draw_tails(panel: "Axes", reported: dict[str, Any]) -> None:
 
 
 def goal_words(goal: dict[str, Any]) -> str:
-    """Return the goal of a search."""
+    """Return a text that describes the goal of a search."""
     return f"{goal['manner']}, {'within the budget' if goal['within_budget'] else 'exact'}"

@@ -1,8 +1,8 @@
 """Starting positions of the search for the worst positions.
 
-They are random in the box within reach of a hand, near surfaces, and at positions where queries are known to
-be costly, equally far from several faces: centres of balls that touch the surface at a sample and shrink
-until their inside is empty, middles of parts, and centres of balls fitted to parts.
+Some are random in the box within reach of a hand, and some are near surfaces. Others are equally far from
+several faces, where queries are known to be costly: the centres of balls that touch the surface at a sample
+and shrink until they are empty, the middles of parts, and the centres of balls fitted to parts.
 """
 
 import numpy as np
@@ -13,17 +13,20 @@ from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 
 NEAR_DISTANCE = 0.02
-"""m, of positions near the surface from it: normally distributed."""
+"""Distance of positions near the surface, m, as the deviation of a normal distribution."""
 SHRINKS = 12
-"""Maximum shrinkings of a ball; it converges to the medial axis like Newton's method, in four or five."""
+"""Maximum number of times that a ball shrinks.
+
+It converges to the medial axis like Newton's method, in four or five steps.
+"""
 CLOSE = 1e-9
-"""Share of a ball's radius by which it may finally be too large."""
+"""Share of a ball's radius by which it may be too large at the end."""
 SAME = 1e-9
-"""Share of the scene's diagonal within which two points of the surface are one."""
+"""Share of the scene's diagonal within which two points of the surface count as the same."""
 MAX_MIDDLES = 200
-"""Parts whose middles are used."""
+"""Maximum number of parts whose middles are used."""
 MEDIAL_BUDGET = 500
-"""Budget for the nearest face of a ball's centre: a nearby face shrinks it as well."""
+"""Budget of the search for the face nearest to a ball's centre. A nearby face shrinks the ball as well."""
 
 
 def starting_positions(
@@ -41,7 +44,7 @@ def starting_positions(
 
 
 def surface_samples(scene: Scene, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return points of the surface, evenly by area, and the faces' normals there, (K, 3) each."""
+    """Return random points of the surface, uniform by area, and the face normals there, (K, 3) each."""
     corners = [part.pose.point(part.solid.mesh.vertices[part.solid.mesh.faces]) for part in _shown(scene)]
     areas = np.concatenate([_area_vectors(each) for each in corners])
     sizes = np.linalg.norm(areas, axis=1)
@@ -54,12 +57,12 @@ def surface_samples(scene: Scene, count: int, rng: np.random.Generator) -> tuple
 
 
 def medial_positions(subject: Subject, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Return centres of empty balls that touch the surface at points, on both sides, (2 K, 3).
+    """Return the centres of empty balls that touch the surface at points, on both sides, (2 K, 3).
 
     *points*, *normals*: (K, 3).
 
     Source: Ma, Bae & Choi 2012, "3D medial axis point approximation using nearest neighbors and the normal
-    field"; here the neighbours are the surface itself.
+    field". Here the neighbours are points of the surface itself.
     """
     lower, upper = subject.scene.bounds
     touching, directions = np.concatenate([points, points]), np.concatenate([normals, -normals])
@@ -80,7 +83,7 @@ def medial_positions(subject: Subject, points: np.ndarray, normals: np.ndarray) 
 
 
 def nearest_points(subject: Subject, positions: np.ndarray) -> np.ndarray:
-    """Return surface points nearest, or nearly nearest if that is costly, to points, (K, 3)."""
+    """Return the surface points nearest to positions, (K, 3), or nearly nearest if exact ones are costly."""
     tracker = subject.tracker(fingers=GROUP, budget=MEDIAL_BUDGET)
     found, tips = np.empty_like(positions), np.full((GROUP, 3), np.nan)
     for first in range(0, len(positions), GROUP):
@@ -92,7 +95,7 @@ def nearest_points(subject: Subject, positions: np.ndarray) -> np.ndarray:
 
 
 def centres(scene: Scene) -> np.ndarray:
-    """Return middles of parts, means of their corners, and centres of balls fitted to them, (K, 3) m."""
+    """Return the middles of parts, the means of their corners, and the centres of fitted balls, (K, 3), m."""
     found = [np.mean(scene.bounds, axis=0)]
     for part in _shown(scene)[:MAX_MIDDLES]:
         corners = part.pose.point(part.solid.mesh.vertices)
@@ -106,7 +109,10 @@ def centres(scene: Scene) -> np.ndarray:
 
 
 def _fitted_centre(corners: np.ndarray) -> np.ndarray:
-    """Return the centre of the least-squares ball: |p|^2 = 2 c p + (r^2 - |c|^2), linear in the unknowns."""
+    """Return the centre of the least-squares ball through corners.
+
+    |p|^2 = 2 c p + (r^2 - |c|^2) is linear in the unknowns c and r^2 - |c|^2.
+    """
     middle = corners.mean(axis=0)
     arms = corners - middle
     terms = np.concatenate([2.0 * arms, np.ones((len(arms), 1))], axis=1)

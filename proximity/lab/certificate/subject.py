@@ -1,6 +1,7 @@
-"""The subject of a certificate: a scene, the settings of its ticks, and the recorded hand.
+"""Subject of a certificate, which is a scene, the settings of its ticks, and the recorded hand.
 
-It comes from a scene file of the service, with its settings, or from a file of parts, with the tracker's.
+It is read from a scene file of the service, which contains the settings, or from a file of parts, for which
+the tracker's defaults apply.
 """
 
 import hashlib
@@ -31,7 +32,7 @@ from proximity.tracker.tracker import Tracker
 from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
 
 RADIUS, WORKING_RANGE = 0.007, 0.12
-"""m; the tracker's defaults."""
+"""Defaults of the tracker, m."""
 FINGER_COUNT = 5
 OF_TRACKER = (
     "radius", "budget", "working_range", "tolerance", "horizon", "max_speed", "max_acceleration",
@@ -49,14 +50,14 @@ class Subject:
     latency: float = 0.001  # s, from a tick until the controller acts
     settings: dict[str, Any] = field(default_factory=dict)  # of a `Tracker`, if not its defaults
     recording: Recording | None = None  # placed, at the rate of the ticks
-    files: tuple[str, ...] = ()  # that it came from
+    files: tuple[str, ...] = ()  # from which the scene was read
     real_time: bool = False  # whether the loop requests priority from the system
     core: int | None = None
     not_measured: tuple[str, ...] = ()  # inputs of the scene file that make a tick costlier
 
     @property
     def budget(self) -> int:
-        """Nodes and leaves per finger and tick."""
+        """Maximum number of nodes and leaves per finger and tick."""
         budget = self.settings.get("budget")
         return DEFAULT_BUDGET if budget is None else int(budget)
 
@@ -71,9 +72,9 @@ class Subject:
         return sum(part.solid.mesh.face_count for part in self.scene.parts)
 
     def tracker(self, fingers: int | None = None, **settings: Any) -> Tracker:
-        """Return the service's tracker, for another number of fingers if given.
+        """Return the service's tracker, by default for the subject's number of fingers.
 
-        Individual radii do not fit another number: the largest is then used for all.
+        Individual radii do not fit another number of fingers. The largest is then used for all.
         """
         count = self.fingers if fingers is None else fingers
         reported = {**self.settings, **settings}
@@ -93,13 +94,14 @@ def read_subject(
     real_time: bool | None = None,
     sample: Callable[[], Path] | None = None,
 ) -> Subject:
-    """Return the subject of a scene file of the service (``.toml``), or of a file of parts.
+    """Read the subject from a scene file of the service (``.toml``) or from a file of parts.
 
-    Arguments override the scene file. *sample*: returns a recording if the file has none.
+    Arguments override the scene file. *sample*: function that returns a recording, called if the file has
+    none.
     """
     if fingers is not None and fingers < 1:
         raise ServiceError(f"{fingers} fingers cannot be tracked, expected 1 or more")
-    # Before the parts: mistakes here should be found before the slow reading.
+    # Read before the parts, so that mistakes are found before the slow reading of parts.
     hand = None if recording is None else read_recording(recording)
     if Path(path).suffix.lower() == SCENE_SUFFIX:
         subject = _of_scene_file(read_scene_file(path), hand, period)
@@ -150,7 +152,7 @@ def _of_scene_file(settings: SceneFile, recording: Recording | None, period: flo
 
 
 def _more_inputs(settings: SceneFile) -> dict[str, bool]:
-    """Return the scene file's inputs other than poses, and whether it has them."""
+    """Return, for each kind of input other than poses, whether a scene file has it."""
     return {
         "paths of fingers": settings.input.poses is not None,
         "parts that move": settings.input.moves is not None,
@@ -161,7 +163,8 @@ def _more_inputs(settings: SceneFile) -> dict[str, bool]:
 def fingerprint(scene: Scene) -> str:
     """Return the SHA-256 of all that affects a tick's answer and cost, 64 hexadecimal digits.
 
-    Corners, faces, poses and surfaces of the parts count; names, files and the order of the parts do not.
+    The digest includes corners, faces, poses and surfaces of the parts. It does not depend on names, files
+    and the order of the parts.
     """
     return hashlib.sha256(b"".join(sorted(map(_part_digest, scene.parts)))).hexdigest()
 
@@ -172,7 +175,7 @@ def _part_digest(part: Part) -> bytes:
     rows = mesh.vertices, mesh.faces, part.pose.rotation, part.pose.translation, surface
     digest = hashlib.sha256()
     for array, kind in zip(rows, ("<f8", "<i4", "<f8", "<f8", "<f8"), strict=True):
-        # A zero has one sign here; the lengths separate the arrays.
+        # Adding 0 removes the sign of a negative zero. The lengths separate the arrays.
         plain = np.ascontiguousarray(np.asarray(array) + 0, dtype=kind)
         digest.update(np.int64(plain.size).tobytes() + plain.tobytes())
     return digest.digest()

@@ -1,6 +1,6 @@
-"""Tick times: percentiles, the share of a period; periods as text.
+"""Percentiles of tick times, their share of a period, and texts of periods.
 
-A percentile is reported if at least one tick lies beyond it.
+A percentile is reported if at least one tick is beyond it.
 """
 
 import math
@@ -21,7 +21,7 @@ RATES = {"hz": 1.0, "khz": 1e3}
 WRITTEN = re.compile(r"\s*([0-9.eE+-]+)\s*([a-zA-Zµμ]+)\s*")
 
 Times = np.ndarray | Histogram
-"""Durations in nanoseconds: each, or counted."""
+"""Durations in nanoseconds, as an array or as a histogram."""
 
 
 def count_of(times: Times) -> int:
@@ -30,9 +30,9 @@ def count_of(times: Times) -> int:
 
 
 def percentiles(times: Times) -> dict[str, float | None]:
-    """Return p50, p99, p999 and max, ns; None for percentiles of too few ticks.
+    """Return p50, p99, p999 and max, ns, or None for percentiles of too few ticks.
 
-    Of a histogram to within a 32nd, never less.
+    The values of a histogram are exact to within a 32nd, and never too low.
     """
     count, found = count_of(times), {}
     for name, share in SHARES.items():
@@ -43,13 +43,16 @@ def percentiles(times: Times) -> dict[str, float | None]:
 
 
 def tail(times: dict[str, float | None]) -> tuple[str, float]:
-    """Return "p999" and its value, or "max" for too few times."""
+    """Return "p999" and its value, or "max" and its value for too few times."""
     value = times["p999"]
     return ("max", times["max"] or 0.0) if value is None else ("p999", value)
 
 
 def over_count(times: Times, period: float) -> int:
-    """Return the number of durations longer than a period, s; of a histogram within the width of a bin."""
+    """Return the number of durations longer than a period, s.
+
+    For a histogram it is exact to within the width of a bin.
+    """
     if isinstance(times, Histogram):
         rows = times.rows()
         return sum(count for _, upper_ns, count in rows if min(upper_ns, times.max_ns) > 1e9 * period)
@@ -57,7 +60,7 @@ def over_count(times: Times, period: float) -> int:
 
 
 def curve(times: Times) -> list[list[int]]:
-    """Return times, ns, and the number of longer ones: about a hundred points, for a plot."""
+    """Return times, ns, and the number of longer ones at about a hundred points, for a plot."""
     if isinstance(times, Histogram):
         rows = list(times.rows())
         left = times.count - np.cumsum([0, *(count for _, _, count in rows)])
@@ -68,7 +71,7 @@ def curve(times: Times) -> list[list[int]]:
 
 
 def parse_period(text: str) -> float:
-    """Return a period, s, from a number with s, ms, us, Hz or kHz: ``1ms``, ``200us``, ``1kHz``."""
+    """Parse a period, s, from a number with s, ms, us, Hz or kHz, such as ``1ms``, ``200us`` or ``1kHz``."""
     found, seconds = WRITTEN.fullmatch(text), math.nan
     try:
         number = math.nan if found is None else float(found[1])
@@ -94,7 +97,7 @@ def shown_period(seconds: float) -> str:
 
 
 def microseconds(nanoseconds: float | None) -> str:
-    """Return a time in µs with three digits; a dash if it is unknown."""
+    """Return the text of a time in µs with three digits, or a dash if it is unknown."""
     if nanoseconds is None:
         return UNKNOWN
     value = nanoseconds / 1e3
@@ -102,7 +105,7 @@ def microseconds(nanoseconds: float | None) -> str:
 
 
 def percent(share: float | None) -> str:
-    """Return a share in percent with two digits; a dash if it is unknown."""
+    """Return the text of a share in percent with two digits, or a dash if it is unknown."""
     if share is None:
         return UNKNOWN
     value = 100.0 * share

@@ -1,7 +1,7 @@
-"""Cost of a position: the nodes and leaves that a tick visits for a finger there.
+"""Cost of a position, which is the number of nodes and leaves that a tick visits for a finger there.
 
-It is work, not time, so that it is the same on every run and a search can maximise it. The work of predicting
-a moving finger's contact is included.
+This is work and not time, so that it is the same on every run and a search can maximise it. It includes the
+work of predicting a moving finger's contact.
 """
 
 from dataclasses import dataclass
@@ -13,16 +13,16 @@ from proximity.lab.certificate.subject import Subject
 from proximity.message import ContactFlag
 
 GROUP = 5
-"""Fingers of a probe: a hand's, so that each has the whole budget of a tick."""
+"""Number of fingers of a probe. It is that of a hand, so that each finger has the whole budget of a tick."""
 UNLIMITED = 2**31 - 1
 """A budget that is never exhausted."""
 APPROACH_SPEED = 0.5
-"""m/s, of a moving finger."""
+"""Speed of a moving finger, m/s."""
 DIRECTION = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)
-"""Direction of a moving finger: the same for all, so that each position has one cost."""
+"""Direction of a moving finger, which is the same for all, so that each position has one cost."""
 PERIOD_NS = 1_000_000
 NOWHERE = -1.0
-"""Worth of a position out of the working range, which costs no search."""
+"""Worth of a position outside of the working range, which costs no search."""
 
 
 class StartMode(StrEnum):
@@ -48,7 +48,7 @@ GOALS = tuple(SearchGoal(mode, has_budget) for has_budget in (True, False) for m
 
 
 class Probe:
-    """Ticks fingers at positions, a group at a time, to measure the work of each position."""
+    """Tracker that measures the work of positions, a group of fingers at a time."""
 
     def __init__(self, subject: Subject, goal: SearchGoal) -> None:
         budget = subject.budget if goal.has_budget else UNLIMITED
@@ -77,12 +77,15 @@ class Probe:
 
 
 def in_range(contacts: np.ndarray) -> np.ndarray:
-    """Return which fingers are within the working range, (K,)."""
+    """Return which fingers are in the working range, (K,) bool."""
     return np.asarray((contacts["flags"] & np.uint32(ContactFlag.IN_RANGE)) != 0)
 
 
 def worth(contacts: np.ndarray) -> np.ndarray:
-    """Return the quantity to maximise, (K,): work; at equal work (an exhausted budget), wider bounds."""
+    """Return the quantity to maximise, (K,).
+
+    It is the work and, at the equal work of an exhausted budget, the width of the distance bounds.
+    """
     lower, upper = contacts["lower"], contacts["upper"]
     size = np.abs(lower) + np.abs(upper)
     share = np.divide(upper - lower, size, out=np.zeros_like(lower), where=size > 0.0)

@@ -1,8 +1,8 @@
-"""Search for the worst positions of a scene, where a tick visits the most nodes and leaves.
+"""Search for the worst positions of a scene, where a tick visits the largest number of nodes and leaves.
 
-A random local search climbs from the costliest of many starting positions: work is a sum of steps and has no
-gradient. The same seed gives the same positions on every run. The result is a lower bound of the worst case,
-not a proof; with a budget, the budget is the upper bound.
+A random local search climbs from the costliest of many starting positions, as work is a sum of steps and has
+no gradient. The same seed gives the same positions on every run. The result is a lower bound of the worst
+case, not a proof. The budget of the ticks, if there is one, is the upper bound.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,20 +15,23 @@ from proximity.lab.certificate.subject import Subject
 from proximity.lab.certificate.work import GOALS, NOWHERE, Probe, SearchGoal, in_range, worth
 
 START_COUNTS = (4000, 4000, 1000)
-"""Positions at random, near surfaces, and samples for two medial positions each."""
+"""Number of random positions, of positions near surfaces, and of samples for two medial positions each."""
 CLIMBS = 24  # for each goal
-FIRST_RADIUS = 0.02  # share of the scene's diagonal: first radius of the search for neighbours
-APART = 0.03  # share of the diagonal: minimum distance of starts, as the costliest are often neighbours
+FIRST_RADIUS = 0.02  # share of the scene's diagonal, initial radius of the search for neighbours
+APART = 0.03  # share of the diagonal, minimum distance of starts, as the costliest are often close
 MAX_STEPS = 25_000_000
-"""Nodes and leaves visited for a goal, a few seconds; beyond, the search returns its best results."""
+"""Maximum number of nodes and leaves visited for a goal, which takes a few seconds.
+
+A search that reaches it returns its best results.
+"""
 POSITIONS_PER_CHECK = 100  # between two checks of the remaining steps
 NEIGHBOURS = 20  # in one round of a climb
-SHRINK = 0.5  # of the ball of neighbours, after a round without a costlier one
+SHRINK = 0.5  # factor of the ball of neighbours after a round without a costlier one
 ROUNDS = 60
-SMALLEST = 1e-7  # m: below any motion of a hand
+SMALLEST = 1e-7  # m, less than any motion of a hand
 
 Progress = Callable[[str, float], None]
-"""Called with the current activity and the finished share."""
+"""Function that is called with the current activity and the finished share."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +43,7 @@ class WorstPosition:
     lower: float  # m, of the signed distance of the fingertip
     upper: float  # m
     origin: str  # start of the climb: "random", "near the surface", "medial", "centre"
-    start_work: int  # there
+    start_work: int  # work at the start of the climb
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +54,7 @@ class SearchResult:
     positions: tuple[WorstPosition, ...]  # the costliest first; at least one
     typical_work: float  # median over the random positions within the working range; nan if there are none
     start_count: int  # positions evaluated before climbing
-    is_complete: bool  # False: the steps were exhausted before all positions were evaluated
+    is_complete: bool  # False if the steps were exhausted before all positions were evaluated
 
 
 def search(
@@ -62,7 +65,10 @@ def search(
     max_steps: float = MAX_STEPS,
     progress: Progress = lambda _, __: None,
 ) -> dict[SearchGoal, SearchResult]:
-    """Return the worst positions for each of `GOALS`, from *counts* starts, or `START_COUNTS`."""
+    """Search for the worst positions for each of `GOALS`.
+
+    *counts*: numbers of starting positions, by default `START_COUNTS`.
+    """
     rng = np.random.default_rng([seed, 0])
     positions, origins = starting_positions(subject, START_COUNTS if counts is None else counts, rng)
     found: dict[SearchGoal, SearchResult] = {}
@@ -110,9 +116,12 @@ def _search_one(
 def ascend(
     probe: Probe, start: np.ndarray, radius: float, rng: np.random.Generator, *, max_steps: float
 ) -> tuple[np.ndarray, list[float]]:
-    """Return the end of a climb from a position (3,), m, and its worth at the start and after each round.
+    """Climb from a position (3,), m, to a costlier one.
 
-    Neighbours are drawn in a ball that shrinks when none costs more, until the probe has made *max_steps*.
+    Return it and the worth at the start and after each round.
+
+    Neighbours are drawn in a ball that shrinks when none of them costs more, until the probe has made
+    *max_steps*.
     """
     position = np.asarray(start, np.float64)
     gained = [float(worth(probe.contacts(position[None]))[0])]
@@ -131,7 +140,7 @@ def ascend(
 
 
 def _in_ball(count: int, rng: np.random.Generator) -> np.ndarray:
-    """Return points in the unit ball, denser toward its centre, to include small steps."""
+    """Return random points in the unit ball. They are denser toward its centre, to include small steps."""
     directions = rng.normal(size=(count, 3))
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)
     return np.asarray(directions / lengths * rng.uniform(0.0, 1.0, (count, 1)))
@@ -140,7 +149,7 @@ def _in_ball(count: int, rng: np.random.Generator) -> np.ndarray:
 def _look(
     probe: Probe, positions: np.ndarray, is_centre: np.ndarray, rng: np.random.Generator, max_steps: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return contacts and their positions: all within the steps, centres first."""
+    """Evaluate positions until the steps are exhausted, centres first. Return contacts and their rows."""
     order = rng.permutation(len(positions))
     order = np.concatenate([order[is_centre[order]], order[~is_centre[order]]])
     found: list[np.ndarray] = []
@@ -153,7 +162,10 @@ def _look(
 
 
 def _apart(positions: np.ndarray, worths: np.ndarray, distance: float) -> Iterator[int]:
-    """Return the costliest positions at a distance from each other, at most `CLIMBS`; at least one."""
+    """Yield the rows of the costliest positions that are a distance apart, at least one of them.
+
+    There are at most `CLIMBS`.
+    """
     chosen: list[int] = []
     for k in np.argsort(-worths, kind="stable").tolist():
         if len(chosen) == CLIMBS or (chosen and worths[k] == NOWHERE):

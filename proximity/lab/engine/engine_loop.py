@@ -1,10 +1,10 @@
-"""Press on a CAD part with the real engine in the loop, from hand to drum: setup and simulation.
+"""Setup and simulation of a press on a CAD part, with the real engine in the loop from hand to drum.
 
 The finger of the closed loop moves on its path toward a part. Its pose enters a tracker at the service's
-rate, the answer becomes a frame, its bytes arrive after the service's latency and are validated, and the
-drum's controller acts on them at its rate. The reference is the real wall: exact geometry, with the same
-hand. Time is simulated, so every run is the same. Forces are along the finger's path, its one degree of
-freedom.
+rate, and the answer becomes a frame. The bytes of the frame arrive after the service's latency and are
+validated, and the drum's controller acts on them at its own rate. The reference is the real wall, with exact
+geometry and the same hand. Time is simulated, so that every run is the same. Forces are along the finger's
+path, its only degree of freedom.
 """
 
 import math
@@ -48,7 +48,7 @@ from proximity.transport import Counts, Subscriber
 FARTHEST = 0.100  # m, maximum distance at which a wall is known; assumed
 DRUM = with_random_phases(DRUMS[USUAL_GEAR], 1)[0]
 Spans = Sequence[tuple[float, float]]
-"""Intervals; s from the touch."""
+"""Intervals, s from the touch."""
 
 
 class Distances(StrEnum):
@@ -57,9 +57,9 @@ class Distances(StrEnum):
     ENGINE = "engine"
     """The tracker, at the service's rate and latency."""
     IDEAL = "ideal"
-    """The true position of contact, at the servo's rate without delay: drum and controller alone."""
+    """The true position of contact at the servo's rate, without delay, to test drum and controller alone."""
     SENSOR = "sensor"
-    """Teleoperation: a sensor at the far end, at the service's rate and latency."""
+    """A sensor at the far end of a teleoperation, at the service's rate and latency."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class EngineSetup:
     distances: Distances = Distances.ENGINE
     rate: float = 1000.0  # Hz, of the service
     latency: Latency = 0.001  # s, from the pose until its frame has arrived
-    reading: Target | None = None  # a plain reading of distances instead of the controller
+    reading: Target | None = None  # simple use of distances instead of the controller
     drum: Drum = DRUM  # its servo runs at 3 kHz
     cable: TipCable | None = None  # between finger and link; None: the finger holds the link itself
     stretch: Stretch = Stretch.LEFT  # of the cable, and its compensation
@@ -92,18 +92,18 @@ class EngineSetup:
 
     @property
     def ideal(self) -> "EngineSetup":
-        """The same drum and hand, informed without delay."""
+        """The same setup with the true distances, at the servo's rate and without delay."""
         return replace(self, distances=Distances.IDEAL, rate=SERVO_RATE, latency=0.0, phase=0.0)
 
     @property
     def expected_latency(self) -> float:
-        """Latency that the tracker predicts for, s."""
+        """Latency that the tracker's prediction covers, s."""
         return float(max(self.latency)) if isinstance(self.latency, Sequence) else float(self.latency)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EnginePress:
-    """Result of a press; positions of `response` count from the true surface, along the finger's path."""
+    """Result of a press. Positions of `response` are relative to the true surface on the finger's path."""
 
     finger: PlacedFinger
     setup: EngineSetup
@@ -112,32 +112,30 @@ class EnginePress:
     states: Counter[str]  # samples of the servo in each state of the controller
     switched_at: float  # s, of the controller's first served force; nan: none
     counts: Counts  # frames, as the subscriber counts them
-    reported_contact: (
-        float  # m past the true surface, the position of contact in the last frame before the touch
-    )
-    reported_error: float  # m, bound in this frame, on the tracker's polyline
+    reported_contact: float  # m past the true surface, position of contact in the last frame before the touch
+    reported_error: float  # m, error bound of this frame, relative to the tracker's polyline
     advances: int  # samples at which the drum moved nearer without fresh data
 
     @property
     def error(self) -> "ForceError":
-        """Error against the real wall."""
+        """Force error relative to the real wall."""
         return ForceError.of(self)
 
 
 @dataclass(frozen=True, slots=True)
 class ForceError:
-    """A press on a part compared with the same on the real wall, from the touch on."""
+    """Difference of a press on a part from the same press on the real wall, from the touch on."""
 
     share: float  # rms of the difference of the forces over the rms of the real one
     rms: float  # N, of the difference
-    largest: float  # N, of it
+    largest: float  # N, of the difference
     onset: float  # s, later start of the force
     penetration: float  # m, of the pad's far side past the real surface, before the release
-    work: float  # J, of the finger until the release, less the real one
+    work: float  # J, of the finger until the release, minus that on the real wall
 
     @classmethod
     def of(cls, press: EnginePress) -> "ForceError":
-        """Compare."""
+        """Compare a press with the one on the real wall."""
         response, real = press.response, press.real
         off = response.force[response.zero :] - real.force[response.zero :]
         before_release = response.times < response.press.release_time
@@ -155,7 +153,7 @@ class ForceError:
 def press_on_part(
     finger: PlacedFinger, press: Intent, setup: EngineSetup | None = None, hand: Hand | None = None
 ) -> EnginePress:
-    """Return a press on a part."""
+    """Simulate a press on a part."""
     setup, hand = setup or EngineSetup(), hand or Hand()
     loop = DecaffLoop(hand, press, _glove(finger, setup))
     part = finger.scene.parts[finger.part]
@@ -207,11 +205,11 @@ class Engine:
 
     @property
     def counts(self) -> Counts:
-        """Frames received, lost and refused."""
+        """Numbers of frames that were received, lost and refused."""
         return self._frames.counts
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
-        """Make the due frames, receive arrived ones, and update the drum."""
+        """Make the frames that are due, receive those that have arrived, and return the drum's command."""
         while self._begin + self._ticks * self._period <= distance_sample.now + 1e-9:
             self._tick(self._begin + self._ticks * self._period)
             self._ticks += 1
@@ -233,7 +231,7 @@ class Engine:
         self._service.tick(self._now_ns, bend=bend, **self._measured(time, bend, speed))
 
     def _measured(self, time: float, bend: float, speed: float) -> dict[str, float]:
-        """Return a sensor's measurements: rate of the finger's bend, 1/s, and the force on it, N."""
+        """Return the measurements of a sensor, the rate of the finger's bend, 1/s, and the force on it, N."""
         if self._setup.distances != Distances.SENSOR or not math.isfinite(bend):
             return {"bend_rate": math.nan, "force": math.nan}
         force = self._setup.far_force
@@ -242,7 +240,7 @@ class Engine:
         return {"bend_rate": speed / float(self._finger.glove.finger.speed(bend)), "force": force}
 
     def _note(self, bend: float, error: float) -> None:
-        """Store the last report of the contact."""
+        """Store the position of contact in the last frame before the touch, and its error bound."""
         if math.isfinite(bend):
             position = self._finger.path.position(bend)
             self.reported_contact = position - self._wall
@@ -269,7 +267,7 @@ def _feed(finger: PlacedFinger, setup: EngineSetup, period: float) -> Feed:
 
 
 def _glove(finger: PlacedFinger, setup: EngineSetup) -> Decaff:
-    """Return drum, servo and cable; the drum starts at the controller's retracted position."""
+    """Return drum, servo and cable. The drum starts at the retracted position of the controller."""
     reach = min(setup.start_distance, finger.contact_position - LEAD)
     glove = Decaff(
         drum=setup.drum,

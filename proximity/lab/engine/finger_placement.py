@@ -1,6 +1,6 @@
-"""A finger in front of a part: the pose of its hand, and its first contact, by exact geometry.
+"""Placement of a finger in front of a part, with the pose of its hand and its exact first contact.
 
-This contact is the truth of a simulation with the engine, the position of the real wall. It is found by
+This contact is the truth of a simulation with the engine, and the position of the real wall. It is found by
 repeated exact distances along the finger's curve, not along the polyline of the tracker.
 """
 
@@ -20,16 +20,16 @@ from proximity.scene.scene import Scene
 
 RETRACTION = 0.030  # m, from the contact to the drum's farthest position; assumed
 MIN_FREE_PATH = 0.030  # m, free path of the finger before it touches; assumed
-FARTHEST_OFF = 0.020  # m, of the touch from the intended one: beyond, another part is touched
-AS_ASKED = 1e-5  # m, likewise: no other attitude needs to be tried
+FARTHEST_OFF = 0.020  # m, from the intended to the actual touch, beyond which another part is touched
+AS_ASKED = 1e-5  # m, of the same distance, within which no other attitude is tried
 ROLLS = 24  # attitudes of the hand about the direction at the touch, evenly spaced
 CONTACT_TOLERANCE = 1e-9  # m, at which the search for the touch ends
-MAX_APPROACH_STEPS = 20_000  # of that search: a finger that slides along a surface never reaches it
+MAX_APPROACH_STEPS = 20_000  # of that search, as a finger that slides along a surface never reaches it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedFinger:
-    """A finger of a hand at rest before a scene, and its first touch."""
+    """A finger of a resting hand in front of a scene, and its first touch."""
 
     scene: Scene
     glove: Glove
@@ -55,7 +55,7 @@ class PlacedFinger:
         return -float(self.normal @ _direction(self.glove.finger, self.world_from_hand, self.contact_bend))
 
     def corners(self, count: int = PATH_CORNERS) -> np.ndarray:
-        """Return the path as a polyline for the tracker, (K, 3), m, scene's frame."""
+        """Return the finger's path as a polyline for the tracker, (K, 3), m, scene's frame."""
         return self.glove.finger.path_world(self.world_from_hand, count)
 
     def point(self, bend: float) -> np.ndarray:
@@ -68,8 +68,8 @@ def place_finger(
 ) -> PlacedFinger:
     """Return a finger that touches a part head-on, 30 mm before its drum's farthest position.
 
-    It has the first attitude of the hand with a free path; if there is none, the one whose touch is nearest
-    to the intended position.
+    The hand has the first attitude with a free path to the intended position. If there is none, it has the
+    attitude whose touch is nearest to that position.
     """
     glove = glove or Glove()
     path, finger = FingerPath(glove), glove.finger
@@ -97,7 +97,7 @@ def place_finger(
 
 
 def placed(scene: Scene, glove: Glove, world_from_hand: Pose, touch: float | None = None) -> PlacedFinger:
-    """Return a finger of a hand at a pose."""
+    """Return the finger of a hand at a pose, by default with its first touch."""
     bend = first_touch(scene, glove.finger, world_from_hand) if touch is None else touch
     if not 0.0 < bend < 1.0:
         raise ArgumentError("the finger touches no part between flat hand and fist, expected one that does")
@@ -107,11 +107,11 @@ def placed(scene: Scene, glove: Glove, world_from_hand: Pose, touch: float | Non
 
 
 def first_touch(scene: Scene, finger: Finger, world_from_hand: Pose) -> float:
-    """Return the bend at the first touch of the pad; nan if it never touches, or always.
+    """Return the bend at the first touch of the pad, or nan if it never touches or always does.
 
     Notes
     -----
-    Cost: an exact distance a step. No step is longer than the distance, so that no surface is skipped.
+    Cost: one exact distance per step. No step is longer than the distance, so that no surface is skipped.
     """
     fastest = float(finger.speed(np.linspace(0.0, 1.0, 101)).max()) * 1.001
     bend = 0.0
@@ -127,7 +127,10 @@ def first_touch(scene: Scene, finger: Finger, world_from_hand: Pose) -> float:
 
 
 def _viewpoint(scene: Scene) -> np.ndarray:
-    """Return a point above the middle of all parts, by their height and a finger's length."""
+    """Return a point above the middle of all parts.
+
+    Its height above the parts is their own height plus the length of a finger.
+    """
     lower, upper = scene.bounds
     middle = 0.5 * (lower + upper)
     return np.array([middle[0], middle[1], upper[2] + (upper[2] - lower[2]) + 0.1])
@@ -143,7 +146,10 @@ def _target(scene: Scene, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _held(finger: Finger, bend: float, center: np.ndarray, direction: np.ndarray, roll: float) -> Pose:
-    """Return a hand whose fingertip is at *center* at a bend and moves along *direction*, rolled about it."""
+    """Return the pose of a hand whose fingertip is at *center* at a bend and moves along *direction*.
+
+    *roll*: angle of the hand about that direction, rad.
+    """
     rate = finger.point_rate(bend)
     tangent = np.array([*(rate / np.hypot(*rate)), 0.0])
     hand = np.stack([tangent, np.cross([0.0, 0.0, 1.0], tangent), [0.0, 0.0, 1.0]], axis=1)
@@ -157,6 +163,6 @@ def _held(finger: Finger, bend: float, center: np.ndarray, direction: np.ndarray
 
 
 def _direction(finger: Finger, world_from_hand: Pose, bend: float) -> np.ndarray:
-    """Return the direction of the fingertip as the finger bends, unit, (3,), scene's frame."""
+    """Return the direction in which the fingertip moves as the finger bends, unit, (3,), scene's frame."""
     rate = finger.point_rate(bend)
     return world_from_hand.direction(np.array([*(rate / np.hypot(*rate)), 0.0]))

@@ -1,8 +1,8 @@
-"""The distance service inside a simulation, by the simulation's clock.
+"""The distance service inside a simulation, by the clock of the simulation.
 
-All of it is the service's code except the loop that waits for deadlines. Its input is a finger of the closed
-loop: poses for a tracker, or measurements of a far end's sensor. Its messages arrive after a latency and in
-order; their bytes are validated like those of any transport.
+All of it is the code of the service except the loop that waits for deadlines. Its input is a finger of the
+closed loop, as poses for a tracker or as measurements of a sensor at a far end. Its messages arrive in order
+after a latency, and their bytes are validated like those of any transport.
 """
 
 import math
@@ -27,7 +27,7 @@ from proximity.transport.link import NOTHING
 
 
 class TrackedFinger:
-    """Poses of a finger and its path, for a tracker."""
+    """Source of a finger's poses and path, for a tracker."""
 
     def __init__(
         self, finger: PlacedFinger, contact_source: TrackedContacts, corners: int = PATH_CORNERS
@@ -38,7 +38,7 @@ class TrackedFinger:
         self._poses.paths, self._poses.bends = finger.corners(corners)[None], np.zeros(1)
 
     def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> FingerPoses:
-        """Return the pose."""
+        """Return the pose of the finger at a bend."""
         poses = self._poses
         poses.positions[0] = self._finger.point(bend)
         poses.pose_ns[0] = now_ns
@@ -48,20 +48,23 @@ class TrackedFinger:
 
 
 class ExactAnswers(TrackedContacts):
-    """A tracker's contacts, with the true position of contact, known from the start."""
+    """Source of a tracker's contacts in which the position of contact is the true one."""
 
     def __init__(self, tracker: Tracker, contact_bend: float) -> None:
         super().__init__(tracker)
         self._contact_bend = contact_bend
 
     def fill(self, contacts: np.ndarray, samples: FingerPoses, now_ns: int) -> None:
-        """Tick, and write the true bend at contact."""
+        """Fill the contacts by a tick of the tracker, and write the true bend at contact."""
         super().fill(contacts, samples, now_ns)
         contacts["contact_bend"], contacts["contact_bend_error"] = self._contact_bend, 0.0
 
 
 class MeasuredFinger:
-    """Measurements of a sensor at a far end whose finger moves like this one: teleoperation."""
+    """Source of the measurements of a sensor at the far end of a teleoperation.
+
+    The finger there moves like this one.
+    """
 
     def __init__(self, finger: PlacedFinger, latency: float) -> None:
         self.contact_source: ContactSource = SensedContacts(1, latency=latency)
@@ -69,7 +72,7 @@ class MeasuredFinger:
         self._measured = Measurements(1)
 
     def samples(self, now_ns: int, bend: float, bend_rate: float, force: float) -> Measurements:
-        """Return the measurement."""
+        """Return the measurement of the sensor at a bend of the finger."""
         measured, finger = self._measured, self._finger
         measured.pose_ns[0] = now_ns
         measured.distances[0, 0] = np.nan
@@ -87,11 +90,11 @@ class MeasuredFinger:
 
 
 Feed = TrackedFinger | MeasuredFinger
-"""Source of a service's samples of a finger, and of the answers to them."""
+"""Source of a service's samples of a finger, and of its contacts."""
 
 
 class SimulatedService:
-    """Ticks when called, and publishes; it is the clock and the input of its loop."""
+    """Service that ticks and publishes when called. It is also the clock and the input of its own loop."""
 
     is_over, skipped_ns = False, 0
     address = "simulation"
@@ -105,7 +108,7 @@ class SimulatedService:
         self._loop = Service(source, self, [Publisher(outlet, self.address)], period=period, clock=self)
 
     def tick(self, now_ns: int, **known: Any) -> None:
-        """Make a frame from the given state."""
+        """Make a frame from the given state of the finger."""
         self._now_ns, self._known = now_ns, known
         self._loop.step(now_ns)
 
@@ -114,25 +117,25 @@ class SimulatedService:
         return self._now_ns
 
     def sleep_until(self, due_ns: int) -> None:
-        """Return immediately: ticks are triggered by calls."""
+        """Return immediately, as ticks are triggered by calls."""
 
     def poll(self, now_ns: int) -> tuple[FingerPoses | Measurements]:
-        """Return the known state."""
+        """Return the samples of the finger at the tick."""
         return (self._feed.samples(now_ns, **self._known),)
 
     def close(self) -> None:
-        """No-op."""
+        """Do nothing."""
 
 
 DRAWS = 1024  # latencies drawn together
 SEED = 7
 
 Latency = float | Sequence[float]
-"""s: a constant, or a sample of measured ones, from which each message draws one."""
+"""Latency, s, as a constant or as measured values, one of which is drawn for each message."""
 
 
 class DelayedLink:
-    """Both ends of the transport; as an outlet and as an inlet of `proximity.transport`."""
+    """Both ends of a transport, which are an outlet and an inlet of `proximity.transport`."""
 
     shares_clock = True
     refused = 0
@@ -149,14 +152,14 @@ class DelayedLink:
         self._last_ns = -(2**62)
 
     def send(self, data: np.ndarray) -> None:
-        """Send one message."""
+        """Send a message, which arrives after the latency."""
         now_ns = self._clock()
         self._last_ns = max(self._last_ns, now_ns + self._next_ns())
         if not any(first <= now_ns <= last for first, last in self._silences):
             self._in_flight.append((self._last_ns, data.copy()))
 
     def receive(self, buffer: np.ndarray) -> int:
-        """Copy the oldest arrived message into the buffer; return its size."""
+        """Copy the oldest arrived message into the buffer, and return its size."""
         if not self._in_flight or self._in_flight[0][0] > self._clock():
             return NOTHING
         data = self._in_flight.popleft()[1]
@@ -165,11 +168,11 @@ class DelayedLink:
         return len(data)
 
     def wait(self, timeout: float) -> bool:
-        """Return whether a message is under way: a simulation does not wait."""
+        """Return whether a message is under way, without waiting."""
         return bool(self._in_flight)
 
     def close(self) -> None:
-        """No-op."""
+        """Do nothing."""
 
     def _next_ns(self) -> int:
         if len(self._latencies_ns) == 1:

@@ -1,5 +1,5 @@
-"""Experiments with people: a design in a file, its plan, visits in CSV files, and their analysis.
+"""Experiments with people, from a design in a file to a plan, visits in CSV files, and their analysis.
 
-A participant is a pseudonym. The stimuli follow from the design and its seed alone, so an interrupted visit
+A participant is a pseudonym. The stimuli depend only on the design and its seed, so that an interrupted visit
 can continue, and a simulated one is the same on every run.
 """

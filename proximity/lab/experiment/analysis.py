@@ -1,6 +1,6 @@
-"""Analysis of an experiment: exclusions, a score a participant and condition, and the planned comparisons.
+"""Analysis of an experiment, with exclusions, a score per participant and condition, and planned comparisons.
 
-A score is the log10 of a threshold, or the log-odds of a share of right answers; `shown` returns it in the
+A score is the log10 of a threshold, or the log-odds of the share of right answers. `shown` converts it to the
 reported unit.
 """
 
@@ -27,12 +27,12 @@ from proximity.lab.experiment.visit import SIMULATED, Row
 MEANING = {Kind.STIFFER: "threshold", Kind.REAL: "share of right answers"}
 MIN_PARTICIPANTS = 3  # of a comparison
 Key = tuple[str, str, str]
-"""Task, condition and participant."""
+"""Names of task, condition and participant."""
 
 
 @dataclass(frozen=True, slots=True)
 class Interval95:
-    """A mean over participants and its 95 % confidence interval; nan: too few participants."""
+    """A mean over participants and its 95 % confidence interval, or nan for too few participants."""
 
     value: float
     lower: float
@@ -42,7 +42,7 @@ class Interval95:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A planned comparison of two conditions: the mean of the participants' differences."""
+    """Result of a planned comparison of two conditions, the mean of the participants' differences."""
 
     task: str
     pair: tuple[str, str]  # the first against the second
@@ -65,7 +65,7 @@ class Findings:
 
     @property
     def simulated_note(self) -> str:
-        """Sentence with the number of simulated participants, or ""."""
+        """Sentence with the number of simulated participants, or an empty string."""
         count, total = self.simulated, len(self.participants)
         who = f"All {count}" if count == total else f"{count} of {total}"
         return f"{who} participants are simulated observers." if count else ""
@@ -76,7 +76,7 @@ class Findings:
 
 
 def analyse(design: Design, rows: Sequence[Row]) -> Findings:
-    """Return the results of visits."""
+    """Analyse the rows of visits."""
     kept, excluded = exclude(design, rows)
     scores: dict[Key, float] = {}
     functions: dict[Key, Psychometric] = {}
@@ -99,7 +99,7 @@ def analyse(design: Design, rows: Sequence[Row]) -> Findings:
 
 
 def exclude(design: Design, rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
-    """Return the trials that count, and a sentence for each excluded participant or trial."""
+    """Return the trials to analyse, and a sentence for each excluded participant or trial."""
     kept, sentences = [], []
     by_participant: dict[str, list[Row]] = defaultdict(list)
     for row in rows:
@@ -120,7 +120,7 @@ def exclude(design: Design, rows: Sequence[Row]) -> tuple[list[Row], list[str]]:
 
 
 def _broken_rule(design: Design, own: Sequence[Row]) -> str:
-    """Return the rule that excludes a participant, or ""."""
+    """Return the rule that excludes a participant, or an empty string."""
     rules, largest = design.exclusions, {task.name: max(task.levels) for task in design.tasks}
     first = _share(row["answer"] == 1 for row in own if row["stage"] == Stage.CATCH and row["answer"])
     same = max(first, 1.0 - first)
@@ -143,7 +143,7 @@ def _share(values: Iterable[bool]) -> float:
 
 
 def log_odds(right: np.ndarray, wrong: np.ndarray) -> np.ndarray:
-    """Return the log-odds of shares of right answers, finite also if all are right."""
+    """Return the log-odds of shares of right answers, which are finite even if all answers are right."""
     return np.asarray(np.log((right + 0.5) / (wrong + 0.5)))
 
 
@@ -166,7 +166,10 @@ def compare(design: Design, task: Task, scores: dict[Key, float]) -> list[Compar
 
 
 def paired_p(differences: np.ndarray) -> np.ndarray:
-    """Return p of t tests of (..., participants) differences; of equal ones 0, or 1 at 0."""
+    """Return the p values of paired t tests on differences, (..., participants).
+
+    If all differences are equal, p is 1 for zeros and 0 otherwise.
+    """
     count = differences.shape[-1]
     mean, error = differences.mean(axis=-1), differences.std(axis=-1, ddof=1) / math.sqrt(count)
     t = np.divide(mean, error, out=np.where(mean == 0.0, 0.0, math.inf), where=error > 0.0)
@@ -174,7 +177,7 @@ def paired_p(differences: np.ndarray) -> np.ndarray:
 
 
 def holm(p: np.ndarray) -> np.ndarray:
-    """Return (..., tests) p values adjusted by Holm's method."""
+    """Return p values, (..., tests), adjusted by Holm's method."""
     order = np.argsort(p, axis=-1)
     factors = np.arange(p.shape[-1], 0, -1)
     rising = np.maximum.accumulate(np.take_along_axis(p, order, -1) * factors, axis=-1)
@@ -197,7 +200,7 @@ def shown(kind: Kind, value: float) -> float:
 
 
 def _cells(task: Task, rows: Sequence[Row]) -> dict[Key, list[Row]]:
-    """Return trials of a task by condition and participant."""
+    """Return the trials of a task by task, condition and participant."""
     cells: dict[Key, list[Row]] = defaultdict(list)
     for row in rows:
         if row["task"] == task.name:
@@ -206,7 +209,7 @@ def _cells(task: Task, rows: Sequence[Row]) -> dict[Key, list[Row]]:
 
 
 def _counts(task: Task, cells: Sequence[Sequence[Row]]) -> tuple[np.ndarray, np.ndarray]:
-    """Return right and wrong answers, each (levels, cells)."""
+    """Return the numbers of right and wrong answers, each (levels, cells)."""
     counts = np.zeros((2, len(task.levels), len(cells)))
     for index, own in enumerate(cells):
         for row in own:
@@ -222,7 +225,7 @@ def _fitted(
 
 
 def pooled(task: Task, rows: Sequence[Row], condition: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return right and wrong answers of all participants on a condition, each (levels,)."""
+    """Return the numbers of right and wrong answers of all participants on a condition, each (levels,)."""
     own = [row for (_, name, _), cell in _cells(task, rows).items() if name == condition for row in cell]
     right, wrong = _counts(task, [own])
     return right[:, 0], wrong[:, 0]

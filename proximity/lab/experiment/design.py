@@ -1,6 +1,6 @@
-"""Design of an experiment: walls, tasks of two intervals with their levels, limits and exclusions.
+"""Design of an experiment with its walls, two-interval tasks and their levels, limits and exclusions.
 
-A field is a key of the design's file and declares its reader; `design_file` reads the whole file.
+A field is a key of the design's file and declares its reader. `design_file` reads the whole file.
 ``decaff_against_coupled.toml`` explains every key.
 """
 
@@ -37,12 +37,12 @@ AGAINST = " against "
 
 
 class Kind(StrEnum):
-    """Kinds of tasks, each of two intervals."""
+    """Kinds of tasks, each with two intervals."""
 
     STIFFER = "stiffer"
-    """Which surface was stiffer?"""
+    """The question is which surface was stiffer."""
     REAL = "real"
-    """One surface is a real wall: which?"""
+    """The question is which of the surfaces is a real wall."""
 
 
 class Varied(StrEnum):
@@ -82,7 +82,7 @@ class Condition:
 
     name: str = key(_read_name, REQUIRED)
     wall: Wall = _word(Wall)
-    latency: float = number(LATENCY, 0.001)  # s, of forces or of distances
+    latency: float = number(LATENCY, 0.001)  # s, of forces or distances
     stiffness: float = number(STIFFNESS, 1500.0)  # N/m, gain of a coupled wall for a rigid surface
     damping: float = number(DAMPING, 2.0)  # gain of a coupled wall; of a surface whose task gives none
     threshold: float = number(LEVEL, 0.2)  # expected: level half-way between chance and always right
@@ -91,7 +91,7 @@ class Condition:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """A task of two intervals, done on every condition, by constant stimuli."""
+    """Task of two intervals, performed on every condition by the method of constant stimuli."""
 
     name: str = key(_read_name, REQUIRED)
     kind: Kind = _word(Kind)
@@ -111,7 +111,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Bounds of every interval, which override the rest of the design."""
+    """Limits of every interval, which override the rest of the design."""
 
     force: float = number(FORCE, 5.0)  # N at the fingertip; beyond, the trial ends
     seconds: float = number(DURATION, 10.0)  # longest interval
@@ -128,21 +128,25 @@ class Schedule:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exclusions:
-    """Rules for excluding data, written before the data."""
+    """Rules for excluding data, which are written before the data are recorded."""
 
-    same_answer: float = number(SHARE, 1.0)  # largest share of one answer to equal pairs, else all is out
-    largest_correct: float = number(SHARE, 0.0)  # smallest share right at the largest level, else all is out
-    longest_response: float = number(Range("s", 0.0, 1e9, is_above=True), 1e9)  # else the trial is out
-    stopped_trials: float = number(SHARE, 1.0)  # that limits may end, else all is out
+    # A participant with a larger share of one answer to equal pairs is excluded.
+    same_answer: float = number(SHARE, 1.0)
+    # A participant with a smaller share of right answers at the largest level is excluded.
+    largest_correct: float = number(SHARE, 0.0)
+    # A trial with a longer response is excluded.
+    longest_response: float = number(Range("s", 0.0, 1e9, is_above=True), 1e9)
+    # A participant with a larger share of trials that limits ended is excluded.
+    stopped_trials: float = number(SHARE, 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observers:
-    """Simulated participants: spread among them, their psychometric function, and their hand."""
+    """Simulated participants, with their variation, psychometric function and hand."""
 
     spread: float = number(DEVIATION, 0.1)  # standard deviation of a participant's log10 threshold
     interaction: float = number(DEVIATION, 0.0)  # the same, of each condition of a participant
-    # Deviation of the logarithm of the felt force, which answers follow; 0: they follow the thresholds.
+    # Deviation of the logarithm of the felt force, which determines answers; 0: thresholds determine them.
     felt_noise: float = number(DEVIATION, 0.0)
     width: float = number(Range("", 0.01, 5.0), 0.6)  # log10 units, 5 to 95 % of the psychometric function
     lapse: float = number(Range("", 0.0, 0.2), 0.02)
@@ -169,12 +173,15 @@ class Design:
     digest: str  # first digits of the SHA-256 of the file
 
     def pairs(self, task: Task) -> list[tuple[str, str]]:
-        """Return the planned comparisons of a task; all with the first condition if the file names none."""
+        """Return the planned comparisons of a task.
+
+        If the file names none, all conditions are compared with the first.
+        """
         if task.comparisons:
             return [(one.partition(AGAINST)[0], one.partition(AGAINST)[2]) for one in task.comparisons]
         first, *others = self.compared(task)
         return [(one.name, first.name) for one in others]
 
     def compared(self, task: Task) -> list[Condition]:
-        """Return the conditions of a task: the real wall is not compared with itself."""
+        """Return the conditions of a task, without the real wall if it would be compared with itself."""
         return [one for one in self.conditions if task.kind is not Kind.REAL or one.wall is not Wall.REAL]

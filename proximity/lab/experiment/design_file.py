@@ -1,4 +1,4 @@
-"""Reader of designs: from TOML to a `Design`; every mistake is named by its line."""
+"""Reader of designs, from TOML to a `Design`. Every mistake is reported with its line."""
 
 import hashlib
 import os
@@ -55,7 +55,7 @@ LISTS: dict[str, tuple[Any, Any]] = {
 
 
 def read_design(path: str | os.PathLike[str]) -> Design:
-    """Return the design in a file."""
+    """Read the design in a file."""
     document = read_document(path, "a design")
     # Every table and list of tables is a key as well.
     known = (*keys_of(Design), *TABLES, *LISTS)
@@ -75,7 +75,7 @@ def read_design(path: str | os.PathLike[str]) -> Design:
 
 
 def _check_together(document: Document, design: Design) -> None:
-    """Report values that do not fit together."""
+    """Report the values of a design that contradict each other."""
     for name in LISTS:
         labels = [one.name for one in getattr(design, name)]
         for index, label in enumerate(labels):

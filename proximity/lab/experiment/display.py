@@ -1,4 +1,4 @@
-"""Surfaces of a trial, the frames of their display, and the apparatus that displays them."""
+"""Surfaces of a trial, the recorded frames, and the interface of the apparatus that displays them."""
 
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -11,11 +11,11 @@ from proximity.lab.simulation.metrics import ONSET_FORCE
 from proximity.lab.simulation.simulated_press import Wall
 
 FRAME = np.dtype([("time", "<f4"), ("finger", "<f4"), ("wall", "<f4"), ("force", "<f4")])
-"""s; m past the displayed surface, of the finger and of the wall; N on the finger."""
+"""Fields of a frame: s, m past the displayed surface of the finger and of the wall, and N on the finger."""
 
 
 class Interval(NamedTuple):
-    """One surface, displayed once."""
+    """One interval of a trial, in which a surface is displayed once."""
 
     wall: Wall
     stiffness: float | None  # N/m; None: rigid
@@ -32,10 +32,10 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Presentation:
-    """Frames of one interval."""
+    """Recorded frames of one interval."""
 
     frames: np.ndarray  # (N,) FRAME
-    stopped: str = ""  # reason of an early end; "": none
+    stopped: str = ""  # reason of an early end, or ""
 
     @property
     def peak(self) -> float:
@@ -44,7 +44,7 @@ class Presentation:
 
     @property
     def onset(self) -> float:
-        """Time from the surface until the force is felt, s; nan: never."""
+        """Time from the finger's arrival at the surface until a force is felt, s, or nan if none is."""
         felt, there = self.frames["force"] >= ONSET_FORCE, self.frames["finger"] >= 0.0
         if not (felt.any() and there.any()):
             return float("nan")
@@ -53,18 +53,18 @@ class Presentation:
 
     @property
     def depth(self) -> float:
-        """Largest distance of the wall past the surface, m."""
+        """Largest distance of the wall past the surface during contact, m."""
         touched = (self.frames["force"] > 0.0) & np.isfinite(self.frames["wall"])
         return float(self.frames["wall"][touched].max(initial=0.0))
 
 
 class Apparatus(Protocol):
-    """Display of surfaces: a drum, real or simulated, or a simulated hand."""
+    """Display of surfaces, such as a real or simulated drum, or a simulated hand."""
 
     name: str
 
     def present(self, interval: Interval, limit_force: float, limit_seconds: float) -> Presentation:
-        """Display an interval; it ends immediately beyond either limit."""
+        """Display an interval, which ends immediately if either limit is exceeded."""
 
 
 def intervals_of(trial: Trial) -> tuple[Interval, Interval]:
@@ -77,7 +77,10 @@ def intervals_of(trial: Trial) -> tuple[Interval, Interval]:
 
 
 def interval_of(task: Task, condition: Condition, level: float) -> Interval:
-    """Return a condition's surface at a level of the task's stimulus; 0: without it."""
+    """Return the interval for a condition and a level of the task's stimulus.
+
+    At level 0 the stimulus is absent.
+    """
     stiffness, latency = task.stiffness, condition.latency
     damping = condition.damping if task.damping is None else task.damping
     if task.varied is Varied.LATENCY:
@@ -90,5 +93,5 @@ def interval_of(task: Task, condition: Condition, level: float) -> Interval:
 
 
 def stopped_by_force(force: float, limit: float) -> str:
-    """Return the sentence for an interval ended by a force, N."""
+    """Return the message for an interval that was ended by a force, N."""
     return f"{force:.1f} N are beyond the limit of {limit:g} N"

@@ -1,7 +1,8 @@
 """Display of surfaces by the drum of a service's finger, simulated or moved by a motor.
 
-A thread steps the drums at a rate, as `proximity drum` does; `DrumDisplay.present` sets what the drum of one
-finger displays and waits. Between intervals, after an emergency stop, and beyond a limit the drum retracts.
+A thread steps the drums at a fixed rate, as `proximity drum` does. `DrumDisplay.present` selects the surface
+that the drum of one finger displays, and waits for its end. The drum retracts between intervals, after an
+emergency stop, and beyond a limit.
 """
 
 import math
@@ -37,17 +38,17 @@ from proximity.transport import Reading
 
 RELEASED_S = 0.4  # after which a touch is over
 TOUCHED_N = 0.1
-SIMULATED_WATCHDOG_NS = 200 * NS_PER_MS  # a simulated drum that a busy machine steps late is harmless
-SILENCE_S = 2.0  # beyond the longest interval, time for the drums to end it
+SIMULATED_WATCHDOG_NS = 200 * NS_PER_MS  # long, as a late step of a simulated drum is harmless
+SILENCE_S = 2.0  # time for the drums to end the longest interval
 
 
 class CoupledController(FingerController):
-    """Coupled wall on a contact drum, the reference for DECAFF: delayed forces with separate gains.
+    """Coupled wall on a contact drum, the reference for DECAFF, with delayed forces and separate gains.
 
-    The drum waits at the surface, as for any deformable part; after the touch it presses with a spring and a
-    damper on delayed positions, passive or not. A traditional device also has a motor that the finger carries
-    in free motion, which is missing here. Frames, faults, limits and the emergency stop are those of the drum
-    controller.
+    The drum waits at the surface, as for any deformable part. After the touch it presses with a spring and a
+    damper on delayed positions, whether passive or not. A traditional device also has a motor that the finger
+    carries in free motion, which is missing here. Frames, faults, limits and the emergency stop are those of
+    the drum controller.
     """
 
     def __init__(self, path: FingerPath, rate: float, limits: Limits, interval: Interval) -> None:
@@ -57,7 +58,7 @@ class CoupledController(FingerController):
         self._served = 0.0  # N, of the last sample
 
     def step(self, seen: Observation) -> DrumAction:
-        """Return the drum's action, with the wall's force in force mode."""
+        """Return the drum's action, whose force in force mode is that of the wall."""
         action = super().step(seen)
         if action.mode is DriveMode.FORCE:
             force = min(self._wall_force(seen.sample_ns), self._limits.continuous_force, action.force_cap)
@@ -103,11 +104,11 @@ class DrumDisplay(DrumBench):
         self._is_over, self._why, self._is_new = threading.Event(), "", False
         self._frames: list[tuple[float, float, float, float]] = []
         self._began_ns = self._touched_ns = self._faults = 0
-        self._failure = self._stopped = ""  # why the drums no longer move
+        self._failure = self._stopped = ""  # reasons why the drums no longer move
         self._readings: deque[tuple[int, Reading]] = deque()  # by the instant of their sample
 
     def check(self, design: Design) -> None:
-        """Raise for a design whose soft surfaces this drum would display softer."""
+        """Raise an error for a design with surfaces that this drum would display softer than requested."""
         law = SurfaceLaw(ControllerSettings(self._rate))
         for task in design.tasks:
             for condition in design.conditions:
@@ -124,7 +125,7 @@ class DrumDisplay(DrumBench):
                     )
 
     def present(self, interval: Interval, limit_force: float, limit_seconds: float) -> Presentation:
-        """Display an interval, until the finger has touched and left, or a limit is exceeded."""
+        """Display an interval until the finger has touched and left the surface, or a limit is exceeded."""
         self._frames, self._why = [], ""
         self._limits_of_interval = (limit_force, limit_seconds)
         self._is_over.clear()
@@ -139,12 +140,15 @@ class DrumDisplay(DrumBench):
         return Presentation(np.array(self._frames, FRAME), self._why)
 
     def stop(self, why: str) -> None:
-        """Retract, and display no further surface: the emergency stop. Any thread may call it."""
+        """Perform an emergency stop, after which no surface is displayed.
+
+        The drum retracts. This method may be called from any thread.
+        """
         self._stopped = why
         self._end(why)
 
     def _end(self, why: str) -> None:
-        """End the interval and retract."""
+        """End the interval and retract the drum."""
         self._why, self._interval = why, None
         for finger in self.fingers:
             finger.controller.stop()
@@ -157,7 +161,7 @@ class DrumDisplay(DrumBench):
         self._is_over.set()
 
     def step(self, reading: Reading, sample_ns: int) -> None:
-        """Run a sample of every finger; only the displaying one is taken as present."""
+        """Run one sample of every finger. Only the displaying finger counts as tracked."""
         interval = None if self._stopped else self._interval
         if interval is not None and self.fingers and self._is_new:
             self._begin(interval, sample_ns)
@@ -166,7 +170,7 @@ class DrumDisplay(DrumBench):
             self._record(self.fingers[self._shown_by], reading, sample_ns)
 
     def _begin(self, interval: Interval, sample_ns: int) -> None:
-        """Start an interval's controller for the drum."""
+        """Start the controller of an interval for the drum."""
         finger = self.fingers[self._shown_by]
         self._is_new, self._began_ns, self._touched_ns, self._faults = False, sample_ns, 0, finger.faults
         force = self._limits_of_interval[0]
@@ -178,7 +182,7 @@ class DrumDisplay(DrumBench):
             finger.controller = FingerController(finger.path, self._rate, limits=limits, cable=self._cable)
 
     def _displayed(self, reading: Reading, sample_ns: int, interval: Interval | None) -> Reading:
-        """Return the drums' reading: delayed, with the surface of the interval, or without one."""
+        """Return the reading for the drums, delayed and with the surface of the interval, if there is one."""
         contacts = reading.contacts.copy()
         header = None if reading.header is None else reading.header.copy()
         self._readings.append((sample_ns, replace(reading, contacts=contacts, header=header)))
@@ -201,7 +205,7 @@ class DrumDisplay(DrumBench):
         return replace(late, now_ns=reading.now_ns, contacts=contacts)
 
     def _record(self, finger: FingerBench, reading: Reading, sample_ns: int) -> None:
-        """Write a frame, and end the interval when due."""
+        """Record a frame, and end the interval when it is over or exceeds a limit."""
         seconds, force = S_PER_NS * (sample_ns - self._began_ns), finger.plant.force
         position, wall = math.nan, math.nan
         if self._shown_by < len(reading.contacts):

@@ -1,4 +1,4 @@
-"""Figure of an experiment: psychometric functions a condition, and shares of right answers."""
+"""Figure of an experiment, with psychometric functions per condition and shares of right answers."""
 
 import math
 from pathlib import Path
@@ -21,7 +21,7 @@ TICKS = tuple(digit * 10.0**power for power in range(-4, 5) for digit in (1, 2, 
 
 
 def write_figure(findings: Findings, path: Path) -> None:
-    """Write the figure: a row a task."""
+    """Write the figure, which has a row per task."""
     size = (style.PAGE_WIDTH, HEIGHT * len(findings.design.tasks))
     style.write_bytes(path, style.render(_draw, findings, size, path.suffix.removeprefix(".")))
 
@@ -43,7 +43,7 @@ def _draw(figure: "Figure", findings: Findings) -> None:
 
 
 def _draw_functions(panel: "Axes", findings: Findings, task: Task, name: str, colour: str) -> None:
-    """Draw each participant's function, their mean, and all answers together."""
+    """Draw the functions of all participants, their mean, and the pooled answers."""
     levels = np.geomspace(min(task.levels), max(task.levels), CURVE_POINTS)
     own = [one.at(levels) for key, one in sorted(findings.functions.items()) if key[:2] == (task.name, name)]
     for curve in own:
@@ -66,7 +66,7 @@ def _draw_functions(panel: "Axes", findings: Findings, task: Task, name: str, co
 
 
 def _draw_shares(panel: "Axes", findings: Findings, task: Task, names: list[str]) -> None:
-    """Draw each participant's share of right answers, and means with confidence intervals."""
+    """Draw the share of right answers of each participant, and the means with confidence intervals."""
     for index, name in enumerate(names):
         own = [shown(task.kind, v) for key, v in findings.scores.items() if key[:2] == (task.name, name)]
         at = index + np.linspace(-JITTER, JITTER, len(own))

@@ -1,8 +1,8 @@
-"""Simulated participants: a hand that presses, and answers by the felt force.
+"""Simulated participants, each with a hand that presses and an answer by the felt force.
 
 Without `felt_noise` in the design they answer by a psychometric function with lapses. An answer depends only
-on the design's seed, the slot and the number of the trial: an interrupted visit continues as an uninterrupted
-one.
+on the design's seed, the slot and the number of the trial, so that an interrupted visit continues as an
+uninterrupted one.
 """
 
 import math
@@ -29,14 +29,14 @@ from proximity.lab.stability import rests_on
 
 DISTANCE_RATE = 1000.0  # Hz, of forces and of distances
 FRAME_PERIOD = 1e-3  # s
-DEEP = 0.9  # of the deepest position, at which a finger rests
-FASTER = (-1, 0, 1)  # speeds of a hand, in the observers' deviation of them: few, so that presses are shared
+DEEP = 0.9  # share of the deepest position beyond which a finger counts as resting
+FASTER = (-1, 0, 1)  # speeds of a hand, in deviations; few, so that presses are shared
 
 
 class Observer:
-    """One simulated participant: it answers, and its hand presses.
+    """One simulated participant, which presses and answers.
 
-    *seed*: of the answers, with the design's; another seed is another participant in the same slot.
+    *seed*: of the answers, in addition to the design's. Another seed is another participant in the same slot.
     """
 
     name = SIMULATED
@@ -51,28 +51,28 @@ class Observer:
             one.name: math.log10(one.threshold) + float(by)
             for one, by in zip(design.conditions, shifts, strict=True)
         }
-        """log10 of the true threshold on each condition."""
+        """True threshold on each condition, log10."""
         self._speed = np.random.default_rng([*self._seeds, 1])
 
     def consents(self, text: str) -> bool:
-        """Agree."""
+        """Return True, as a simulated participant always agrees."""
         return True
 
     def read(self, text: Text) -> None:
-        """Continue."""
+        """Do nothing."""
 
     def wait_ready(self, trial: Trial, interval: int) -> None:
-        """Choose a speed for the hand."""
+        """Select the random numbers for the speed of the hand."""
         self._speed = np.random.default_rng([*self._seeds, 3 + 2 * trial.number, interval])
 
     def present(self, interval: Interval, limit_force: float, limit_seconds: float) -> Presentation:
-        """Press on a surface."""
+        """Simulate a press on a surface, cut at the limits."""
         noise = 1.0 + self._design.observers.speed_noise * float(self._speed.choice(FASTER))
         frames = _pressed(interval._replace(speed=interval.speed * noise))
         return cut_at_limits(frames, limit_force, limit_seconds)
 
     def answer(self, trial: Trial, felt: Sequence[Presentation]) -> int:
-        """Answer by the frames, or by the design's thresholds without frames or noise."""
+        """Return an answer by the felt force, or by the design's thresholds without frames or noise."""
         rng = np.random.default_rng([*self._seeds, 2 + 2 * trial.number])
         noise = self._design.observers.felt_noise
         if noise > 0.0 and felt:
@@ -83,7 +83,7 @@ class Observer:
         return trial.odd if rng.random() < self._probability(trial) else 3 - trial.odd
 
     def explain(self, why: str) -> None:
-        """Continue."""
+        """Do nothing."""
 
     def _probability(self, trial: Trial) -> float:
         """Return the probability of the right answer to a trial."""
@@ -95,7 +95,7 @@ class Observer:
 
 
 def cut_at_limits(frames: np.ndarray, limit_force: float, limit_seconds: float) -> Presentation:
-    """Return (N,) FRAME until a limit is exceeded."""
+    """Return the part of the frames, (N,) FRAME, before a limit is exceeded."""
     above = np.flatnonzero(~(frames["force"] <= limit_force))
     if len(above):
         force = float(frames["force"][above[0]])
@@ -104,7 +104,7 @@ def cut_at_limits(frames: np.ndarray, limit_force: float, limit_seconds: float) 
 
 
 def unstable_walls(design: Design) -> list[str]:
-    """Return a sentence for each task on a coupled wall that is unstable under a simulated hand."""
+    """Return a sentence for each task with a coupled wall that is unstable under a simulated hand."""
     found = []
     for task in design.tasks:
         for condition in (one for one in design.compared(task) if one.wall is Wall.COUPLED):
@@ -122,8 +122,8 @@ def unstable_walls(design: Design) -> list[str]:
 def _impression(kind: Kind, shown: Presentation) -> float:
     """Return the logarithm of the felt stiffness, or of the hardness if the real wall is sought.
 
-    Stiffness is force over displacement of the finger at its deepest; hardness the steepest rise of the force
-    over the speed of the approaching finger (the rate-hardness of Lawrence and others, 2000).
+    Stiffness is the force over the displacement of the finger at its deepest. Hardness is the steepest rise
+    of the force over the speed of the approaching finger (the rate-hardness of Lawrence and others, 2000).
     """
     time, finger, force = (shown.frames[name].astype(np.float64) for name in ("time", "finger", "force"))
     if not (force > 0.0).any() or not finger.max() > 0.0:
@@ -137,7 +137,7 @@ def _impression(kind: Kind, shown: Presentation) -> float:
 
 @lru_cache(maxsize=2000)
 def _pressed(interval: Interval) -> np.ndarray:
-    """Return the frames of a press; equal presses are simulated once."""
+    """Return the frames of a press. Equal presses are simulated only once."""
     response = _response(interval)
     every = max(1, round(FRAME_PERIOD / response.step))
     frames = np.zeros(len(response.times[::every]), FRAME)

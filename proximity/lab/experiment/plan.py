@@ -1,7 +1,7 @@
-"""Plan of a session: all texts and trials in order, known in advance.
+"""Plan of a session, which is the sequence of all its texts and trials.
 
-Conditions follow the rows of a Latin square in which each follows each other equally often (Williams 1949),
-tasks those of a second one; passes through the conditions alternate in direction.
+The conditions follow the rows of a Latin square in which each condition follows each other equally often
+(Williams 1949). The tasks follow those of a second one. Passes through the conditions alternate in direction.
 """
 
 import itertools
@@ -20,12 +20,12 @@ class Stage(StrEnum):
     PRACTICE = "practice"
     MAIN = "main"
     CATCH = "catch"
-    """Two equal surfaces: no answer is right, and a constant one shows a bias."""
+    """The surfaces are equal and no answer is right, so that a constant answer shows a bias."""
 
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A text to read before the next step."""
+    """Text to be read before the next step."""
 
     name: str  # "welcome", "instructions", "break" or "goodbye"
     text: str
@@ -41,7 +41,7 @@ class Trial:
     task: Task
     condition: Condition
     stage: Stage
-    odd: int  # interval, 1 or 2, that differs from the other; 0: neither
+    odd: int  # interval that differs from the other, 1 or 2, or 0 for equal ones
     level: float  # of the task's stimulus
 
     @property
@@ -54,16 +54,19 @@ Step = Text | Trial
 
 
 def latin_square(count: int) -> list[list[int]]:
-    """Return rows of range(count) in which each follows each equally often; twice *count* rows if odd."""
+    """Return a Latin square of range(count) in which each number follows each other equally often.
+
+    It has *count* rows, or twice as many if *count* is odd.
+    """
     first = [(i + 1) // 2 if i % 2 else (count - i // 2) % count for i in range(count)]
     rows = [[(number + row) % count for number in first] for row in range(count)]
     return rows if count % 2 == 0 or count == 1 else rows + [row[::-1] for row in rows]
 
 
 def plan(design: Design, slot: int) -> list[Step]:
-    """Return the steps of a participant, in order.
+    """Return the steps of a participant's session in order.
 
-    *slot*: rank among the participants, from 0: it chooses the orders and the random numbers.
+    *slot*: rank among the participants, from 0, which determines the orders and the random numbers.
     """
     rng = np.random.default_rng([design.seed, slot])
     conditions, tasks = latin_square(len(design.conditions)), latin_square(len(design.tasks))
@@ -83,7 +86,7 @@ def trials_of(steps: list[Step]) -> list[Trial]:
 
 
 def minutes(design: Design, steps: list[Step]) -> float:
-    """Return the duration of steps, by the design's schedule."""
+    """Return the duration of steps by the design's schedule, min."""
     trial = design.schedule.trial_seconds
     return sum(step.seconds if isinstance(step, Text) else trial for step in steps) / 60.0
 
@@ -95,7 +98,7 @@ def _task_steps(
     rng: np.random.Generator,
     counters: tuple[Iterator[int], Iterator[int]],
 ) -> Iterator[Step]:
-    """Return instructions, practice, trials and breaks of a task."""
+    """Yield instructions, practice, trials and breaks of a task."""
     numbers, blocks = counters
     if task.instructions:
         yield Text("instructions", task.instructions)
@@ -115,7 +118,7 @@ def _task_steps(
 
 
 def _odd_intervals(task: Task, turn: int, rng: np.random.Generator) -> list[int]:
-    """Return the odd interval of each trial of a pass on one condition, shuffled; 0 of equal surfaces."""
+    """Return the odd interval of each trial in a pass on one condition, shuffled, or 0 for equal surfaces."""
     catch = task.catch // task.blocks + (turn < task.catch % task.blocks)
     count = task.trials // task.blocks
     odds: list[int] = rng.permutation([0] * catch + [1 + i % 2 for i in range(count)]).tolist()

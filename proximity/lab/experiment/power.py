@@ -1,4 +1,4 @@
-"""Power of a design: the probability that its analysis finds the expected differences.
+"""Power of a design, which is the probability that its analysis finds the expected differences.
 
 A pool of participants is simulated without presses, and experiments are drawn from it.
 """
@@ -29,11 +29,11 @@ class Power:
     participants: int
     expected: tuple[float, float]  # expected thresholds or shares of right answers
     share: float  # of experiments that find it
-    smallest: float  # value of the first that is found in 80 % of them, with that of the second as expected
+    smallest: float  # value of the first found in 80 % of them, the second as expected
 
 
 def power(design: Design, participants: int, repetitions: int = 1000) -> list[Power]:
-    """Return the power of each planned comparison with a number of participants."""
+    """Return the power of each planned comparison for a number of participants."""
     rng, found = np.random.default_rng(design.seed), []
     for task in design.tasks:
         names = [one.name for one in design.compared(task)]
@@ -53,7 +53,7 @@ def power(design: Design, participants: int, repetitions: int = 1000) -> list[Po
 
 
 def _scores(design: Design, task: Task, participants: int, rng: np.random.Generator) -> np.ndarray:
-    """Return (POOL, conditions) scores of simulated participants."""
+    """Return the scores of simulated participants, (POOL, conditions)."""
     expected, conditions = design.observers, design.compared(task)
     size = (POOL, len(conditions))
     if task.kind is Kind.REAL:
@@ -72,7 +72,7 @@ def _scores(design: Design, task: Task, participants: int, rng: np.random.Genera
 
 
 def _smallest_effect(participants: int, significant: float) -> float:
-    """Return the mean difference, in deviations, that a paired t test finds in `WANTED` of experiments."""
+    """Return the mean difference that a paired t test finds in `WANTED` of all experiments, in deviations."""
     freedom = participants - 1
     critical = stats.t.isf(significant / 2.0, freedom)
 
@@ -90,7 +90,10 @@ def _expected(design: Design, task: Task, pair: tuple[str, str]) -> tuple[float,
 
 
 def _changed(kind: Kind, expected: tuple[float, float], effect: float) -> float:
-    """Return the first condition's value at an effect from the second, on the expected side."""
+    """Return the value of the first condition that differs from the second's by an effect.
+
+    The difference has the expected sign.
+    """
     effect = math.copysign(effect, expected[0] - expected[1])
     if kind is Kind.STIFFER:
         return expected[1] * 10.0**effect

@@ -1,10 +1,10 @@
-"""Psychometric functions of answers in two intervals: a threshold each, width and lapse rate in common.
+"""Psychometric functions of two-interval answers, with separate thresholds, and shared width and lapse rate.
 
-psi(x) = 1/2 + (1/2 - lapse) Phi((x - threshold) / sigma), x the log10 of a level. The answers of one
-participant on one condition are too few to separate a wide function from lapses, and either mistake shifts
-the threshold: width and lapse rate are fitted to all answers to a task together. Thresholds and their
-credible intervals are psignifit's. `threshold_means` is the same mean of the posterior for thousands of
-simulated participants.
+psi(x) = 1/2 + (1/2 - lapse) Phi((x - threshold) / sigma), where x is the log10 of a level. The answers of one
+participant on one condition are too few to distinguish a wide function from lapses, and either mistake shifts
+the threshold. Width and lapse rate are therefore fitted to all answers to a task together. Thresholds and
+their credible intervals are those of psignifit. `threshold_means` computes the same mean of the posterior for
+thousands of simulated participants.
 """
 
 import warnings
@@ -27,7 +27,7 @@ THRESHOLD_COUNT = 201
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """Width and lapse rate, shared by the psychometric functions of a task."""
+    """Width and lapse rate that the psychometric functions of a task share."""
 
     width: float  # log10 units, from 5 to 95 %
     lapse: float
@@ -35,7 +35,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Psychometric:
-    """A fitted function, in levels."""
+    """A fitted psychometric function, in units of the level."""
 
     threshold: float  # mean of the posterior, of the logarithm
     lower: float  # of the 95 % credible interval
@@ -43,19 +43,19 @@ class Psychometric:
     shape: Shape
 
     def at(self, levels: np.ndarray) -> np.ndarray:
-        """Return the probability of a right answer at levels, of any shape."""
+        """Return the probability of a right answer at levels, with the same shape as *levels*."""
         return probability(np.log10(levels) - np.log10(self.threshold), self.shape)
 
 
 def probability(above: np.ndarray, shape: Shape) -> np.ndarray:
-    """Return the probability of a right answer at log10 units above the threshold."""
+    """Return the probability of a right answer at a distance from the threshold, log10 units."""
     return np.asarray(0.5 + (0.5 - shape.lapse) * ndtr(above * SIGMAS_OF_WIDTH / shape.width))
 
 
 def shared_shape(levels: Sequence[float], right: np.ndarray, wrong: np.ndarray, expected: float) -> Shape:
     """Return the maximum-likelihood width and lapse rate of all answers together.
 
-    *right*, *wrong*: (levels, cells) counts; each cell has its own threshold, which is integrated out.
+    *right*, *wrong*: counts, (levels, cells). Each cell has its own threshold, which is integrated out.
     """
     thresholds, prior = _thresholds(levels)
     best = -np.inf, Shape(expected, 0.0)
@@ -74,7 +74,7 @@ def shared_shape(levels: Sequence[float], right: np.ndarray, wrong: np.ndarray, 
 def threshold_means(
     levels: Sequence[float], right: np.ndarray, wrong: np.ndarray, shape: Shape
 ) -> np.ndarray:
-    """Return (cells,) posterior means of the log10 of the thresholds."""
+    """Return the posterior means of the thresholds, (cells,), log10."""
     thresholds, prior = _thresholds(levels)
     logs = _log_likelihood(levels, thresholds, shape, right, wrong)
     posterior = prior[:, None] * np.exp(logs - logs.max(axis=0))
@@ -82,11 +82,11 @@ def threshold_means(
 
 
 def fit(levels: Sequence[float], right: np.ndarray, wrong: np.ndarray, shape: Shape) -> Psychometric:
-    """Return the psychometric function of (levels,) answers, by psignifit."""
+    """Fit a psychometric function to answers, (levels,), by psignifit."""
     with needed("experiments need", "experiment"):
         fit = import_module("psignifit").psignifit
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a posterior as wide as the prior: its interval shows that
+        warnings.simplefilter("ignore")  # of a posterior as wide as the prior, which its interval shows
         found = fit(
             np.stack([np.log10(levels), right, right + wrong], axis=1),
             experiment_type="2AFC",
@@ -106,7 +106,7 @@ def fit(levels: Sequence[float], right: np.ndarray, wrong: np.ndarray, shape: Sh
 def _log_likelihood(
     levels: Sequence[float], thresholds: np.ndarray, shape: Shape, right: np.ndarray, wrong: np.ndarray
 ) -> np.ndarray:
-    """Return (thresholds, cells) of (levels, cells) right and wrong answers."""
+    """Return the log-likelihood, (thresholds, cells), of right and wrong answers, (levels, cells)."""
     chance = probability(np.log10(levels) - thresholds[:, None], shape)
     return np.asarray(np.log(chance) @ right + np.log(np.maximum(1.0 - chance, 1e-12)) @ wrong)
 
@@ -114,8 +114,8 @@ def _log_likelihood(
 def _thresholds(levels: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     """Return the thresholds of the grid, log10, and the prior of each.
 
-    Source: Schütt et al. 2016, "Painfree and accurate Bayesian estimation of psychometric functions": uniform
-    among the levels, falling to 0 half their range beyond.
+    Source: Schütt et al. 2016, "Painfree and accurate Bayesian estimation of psychometric functions". The
+    prior is uniform among the levels, and falls to 0 at half of their range beyond them.
     """
     low, high = np.log10(min(levels)), np.log10(max(levels))
     spread = high - low

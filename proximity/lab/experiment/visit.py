@@ -1,7 +1,7 @@
-"""Visit of a participant: the plan of a session, a row of one CSV file after each trial.
+"""Visit of a participant, which follows the plan of a session and writes a CSV row after each trial.
 
-A row is on the disk before the next trial begins. The next step follows from the design, the participant's
-slot and the number of rows, so an interrupted visit continues with its current trial.
+A row is on the disk before the next trial begins. The next step depends only on the design, the participant's
+slot and the number of rows, so that an interrupted visit continues with its current trial.
 """
 
 import csv
@@ -39,18 +39,18 @@ COLUMNS = (
     "depth_2_m", "peak_force_1_N", "peak_force_2_N", "at_s",
 )  # fmt: skip
 Row = dict[str, Any]
-"""Row of a visit: a number of `NUMBERS` is None if its cell is empty."""
+"""Row of a visit. A number of `NUMBERS` is None if its cell is empty."""
 
 
 class RefusedError(Exception):
-    """The participant does not consent."""
+    """Error if the participant does not consent."""
 
 
 class Respondent(Protocol):
-    """Participant: a person at a terminal, or a simulated observer."""
+    """Interface of a participant, a person at a terminal or a simulated observer."""
 
     def consents(self, text: str) -> bool:
-        """Show the consent text; return whether the participant agrees."""
+        """Show the consent text, and return whether the participant agrees."""
 
     def read(self, text: Text) -> None:
         """Show a text until it is read."""
@@ -68,7 +68,10 @@ class Respondent(Protocol):
 def run_visit(
     design: Design, folder: Path, pseudonym: str, apparatus: Apparatus, respondent: Respondent
 ) -> None:
-    """Run the remaining steps of a participant's session; the file appears once the participant agrees."""
+    """Run the remaining steps of a participant's session.
+
+    Its file is created only after the participant has agreed.
+    """
     check_pseudonym(pseudonym)
     slot, done = place(design, read_visits(design, folder), pseudonym, apparatus.name, folder)
     path, started = folder / f"{pseudonym}.csv", time.monotonic()
@@ -88,7 +91,10 @@ def run_visit(
 def place(
     design: Design, rows: Sequence[Row], pseudonym: str, apparatus: str, folder: Path
 ) -> tuple[int, int]:
-    """Return slot and number of finished trials; a new participant gets the first free slot."""
+    """Return the slot of a participant and the number of finished trials.
+
+    A new participant has the first free slot.
+    """
     if any((row["apparatus"] == SIMULATED) != (apparatus == SIMULATED) for row in rows):
         there, new = ("people", "simulated observers")[:: 1 if apparatus == SIMULATED else -1]
         raise RecordingError(f"{folder}: has data of {there}, expected another folder for {new}")
@@ -104,7 +110,7 @@ def place(
 
 
 def remaining(steps: Sequence[Step], done: int) -> Sequence[Step]:
-    """Return the steps after *done* trials; texts before the next trial are shown again."""
+    """Return the steps after *done* trials. Texts directly before the next trial are shown again."""
     numbers = [i for i, step in enumerate(steps) if isinstance(step, Trial)]
     if done >= len(numbers):
         return ()
@@ -112,12 +118,12 @@ def remaining(steps: Sequence[Step], done: int) -> Sequence[Step]:
 
 
 def read_visits(design: Design, folder: Path) -> list[Row]:
-    """Return the rows of all visits in a folder."""
+    """Read the rows of all visits in a folder."""
     return [row for path in sorted(folder.glob("*.csv")) for row in read_visit(design, path)]
 
 
 def read_visit(design: Design, path: Path) -> list[Row]:
-    """Return the rows of a visit, without a last line left unfinished by a crash."""
+    """Read the rows of a visit, except for a last line that a crash left unfinished."""
     lines = _whole(path).decode().splitlines()
     if lines and lines[0] != ",".join(COLUMNS):
         raise RecordingError(f"{path}: its first line is not that of a visit, expected {','.join(COLUMNS)}")
@@ -138,7 +144,7 @@ def read_visit(design: Design, path: Path) -> list[Row]:
 
 
 def check_pseudonym(pseudonym: str) -> None:
-    """Raise for a text that may be a name."""
+    """Raise an error for a text that may be a name and not a pseudonym."""
     if not PSEUDONYM.fullmatch(pseudonym):
         raise RecordingError(
             f"participant is {pseudonym!r}, expected a pseudonym such as p07: up to three small letters and "
@@ -147,7 +153,7 @@ def check_pseudonym(pseudonym: str) -> None:
 
 
 def _run_trial(design: Design, trial: Trial, apparatus: Apparatus, respondent: Respondent) -> Row:
-    """Display the intervals of a trial and read its answer; return its row."""
+    """Display the intervals of a trial, read its answer, and return its row."""
     felt: list[Presentation] = []
     for index, interval in enumerate(intervals_of(trial)):
         respondent.wait_ready(trial, index)
@@ -161,7 +167,7 @@ def _run_trial(design: Design, trial: Trial, apparatus: Apparatus, respondent: R
 
 
 def row_of(trial: Trial, felt: Sequence[Presentation], answer: int | None, response_s: float) -> Row:
-    """Return the row of a trial; an answer that names the odd interval is right."""
+    """Return the row of a trial. The answer is right if it names the odd interval."""
     row: Row = {name: getattr(trial, name) for name in ("number", "run", "level")}
     row |= {"task": trial.task.name, "condition": trial.condition.name, "stage": str(trial.stage)}
     row |= {"answer": answer, "odd": trial.odd or None, "response_s": response_s}
@@ -175,7 +181,10 @@ def row_of(trial: Trial, felt: Sequence[Presentation], answer: int | None, respo
 
 @contextmanager
 def _opened(path: Path) -> Iterator[TextIO]:
-    """Open the file of a visit at its end, without an unfinished last line, locked for this program."""
+    """Open the file of a visit for appending, locked for this program.
+
+    An unfinished last line is removed first.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("a", encoding="utf-8", newline="") as stream:
@@ -196,7 +205,7 @@ def _append(stream: TextIO, row: Row) -> None:
 
 
 def _write(stream: TextIO, cells: Sequence[str]) -> None:
-    """Write a line; it is on the disk on return."""
+    """Write a line, which is on the disk when the function returns."""
     line = io.StringIO()
     csv.writer(line, lineterminator="\n").writerow(cells)
     stream.write(line.getvalue())

@@ -1,6 +1,6 @@
-"""Catalogue of all figures by name: FIG 5a to 5h of the paper, and those of this project.
+"""Catalogue of all figures by name, which are FIG 5a to 5h of the paper and those of this project.
 
-A figure is a table of numbers and its drawing function; both are written to one folder.
+A figure consists of a table of numbers and a drawing function. Image and table are written to one folder.
 """
 
 import os
@@ -23,14 +23,14 @@ from proximity.lab.figures.style import AS_DESIGNED, Sheet, Table
 
 @dataclass(frozen=True, slots=True)
 class Plate:
-    """A figure: the source of its numbers, and its drawing function."""
+    """A figure with the source of its numbers and its drawing function."""
 
     title: str
     stem: str  # of its files
     numbers: Callable[..., Table]
     draw: "Callable[..., None]"
     size: tuple[float, float]  # inches
-    has_drum: bool = False  # both take the glove
+    has_drum: bool = False  # numbers and draw take the glove
 
 
 def _figure_5(name: str) -> Plate:
@@ -61,11 +61,11 @@ PLATES = {
     plate.stem.removeprefix("figure-"): plate
     for plate in (*map(_figure_5, figure_5_plots.CAPTIONS), *_PLATES)
 }
-"""Every figure by its name."""
+"""All figures by name."""
 
 
 def chosen_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of the requested figures, each once: all if none is named."""
+    """Return the names of the requested figures without duplicates, or of all if none is requested."""
     chosen = tuple(dict.fromkeys(names))
     for name in chosen:
         if name not in PLATES:
@@ -80,7 +80,7 @@ def write_figure(
     glove: Glove | None = None,
     sheet: Sheet = AS_DESIGNED,
 ) -> tuple[Path, Path]:
-    """Write a figure of a glove and its numbers, each atomically; return both paths."""
+    """Write a figure of a glove and its numbers, each atomically. Return both paths."""
     (name,) = chosen_names([name])
     plate, folder = PLATES[name], Path(folder)
     style.check_format(form)

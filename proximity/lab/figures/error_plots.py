@@ -45,7 +45,7 @@ CURVES = (
 
 
 def numbers(latencies: Sequence[float], speeds: Sequence[float], glove: Glove = OURS) -> Table:
-    """Return force errors, a row a latency and speed; each coupled wall is tuned for all speeds."""
+    """Return force errors, with a row per latency and speed. Each coupled wall is tuned for all speeds."""
     hand, speeds, drum = Hand(), tuple(speeds), Decaff.of(glove)
     floor = np.array([deviation(ideal_drum(hand, hand.press(speed))).error for speed in speeds])
     blocks = []
@@ -80,8 +80,8 @@ def numbers_against_speed(glove: Glove = OURS) -> Table:
 def numbers_against_latency(glove: Glove = OURS) -> Table:
     """Return force errors at many latencies and two speeds.
 
-    A drum's error is a step function, since its servo reads a distance at its next sample: each stair has a
-    row at either side, where the coupled wall, which is not tuned there, is nan.
+    The error of a drum is a step function of latency, since its servo reads a distance at its next sample.
+    Each step therefore has a row on either side. The coupled wall is not tuned there, and is nan.
     """
     tuned = numbers(LATENCIES, LATENCY_PANELS, glove)
     hand, drum = Hand(), Decaff.of(glove)
@@ -102,7 +102,7 @@ def numbers_against_latency(glove: Glove = OURS) -> Table:
 
 
 def draw_against_speed(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
-    """Draw force errors over speed, a panel a latency, from `numbers_against_speed`."""
+    """Draw force errors over speed with a panel per latency, from `numbers_against_speed`."""
     panels = style.panels_across(figure, len(SPEED_PANELS))
     for panel, latency in zip(panels, SPEED_PANELS, strict=True):
         rows = table.where(latency_s=latency)
@@ -113,7 +113,7 @@ def draw_against_speed(figure: "Figure", table: Table, glove: Glove = OURS) -> N
 
 
 def draw_against_latency(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
-    """Draw force errors over latency, a panel a speed, from `numbers_against_latency`."""
+    """Draw force errors over latency with a panel per speed, from `numbers_against_latency`."""
     panels = style.panels_across(figure, len(LATENCY_PANELS))
     for panel, speed in zip(panels, LATENCY_PANELS, strict=True):
         rows = table.where(speed_m_per_s=speed)

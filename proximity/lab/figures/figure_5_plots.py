@@ -1,4 +1,4 @@
-"""Plots of FIG 5a to 5h of the paper: the finger's position as each wall knows it, and the force it feels."""
+"""Plots of FIG 5a to 5h of the paper, with the finger's position on each wall and the force on it."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -29,7 +29,7 @@ PAGE_SIZE = (style.PAGE_WIDTH, 8.8)
 NARROW_HEIGHT = 7.2  # inches, of all eight in one column
 POSITIONS_SHOWN = (-2.0, 10.5)  # mm; before and after, the finger is on its path
 POSITION_TICKS = (0, 4, 8)  # mm
-FORCES_SHOWN = (-0.06, 1.75)  # N; the same except for 5f, so that figures compare
+FORCES_SHOWN = (-0.06, 1.75)  # N; the same except for 5f, so that figures are comparable
 CAPTIONS = {
     "5a": "real wall",
     "5b": "penetration of 4 mm",
@@ -51,7 +51,7 @@ REACTION = f"5f: draws back by {GAIN_SHARE:g} times the stable gain (ours); nega
 
 
 def numbers(name: str) -> Table:
-    """Return the curves of one of the figures, ``"5a"`` and so on."""
+    """Return the curves of one of the figures, such as ``"5a"``."""
     times = figure_5.sample_times(style.SAMPLING)
     columns = {
         "time_s": times,
@@ -65,7 +65,7 @@ def numbers(name: str) -> Table:
 
 
 def position(name: str, times: np.ndarray) -> np.ndarray:
-    """Return a finger's position on its wall at some instants, (T,), m: without the delay of the force."""
+    """Return the position of a finger on its wall at some instants, (T,), m, without the force's delay."""
     if name == "5f":
         gain = GAIN_SHARE * critical_gain(FINGER, DELAY)
         reaction = react(PENETRATED, FINGER, gain, DELAY, end=float(times[-1]) + DELAY)
@@ -87,7 +87,7 @@ def all_numbers() -> Table:
 
 
 def drawer(name: str) -> "Callable[[Figure, Table], None]":
-    """Return the drawing function of a figure, ``"5a"`` and so on: positions above, forces below."""
+    """Return the drawing function of a figure, such as ``"5a"``, with positions above and forces below."""
 
     def draw(figure: "Figure", table: Table) -> None:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 3))
@@ -109,7 +109,7 @@ def drawer(name: str) -> "Callable[[Figure, Table], None]":
 
 
 def draw_all(figure: "Figure", table: Table) -> None:
-    """Draw positions and forces of all eight figures on a page, from `all_numbers`."""
+    """Draw positions and forces of all eight figures on a page, from the table of `all_numbers`."""
     if style.is_narrow(figure):
         figure.set_figheight(NARROW_HEIGHT)
     grid = figure.subplots(8, 2, sharex=True, height_ratios=(2, 3) * 4)
@@ -138,7 +138,7 @@ def _draw_pair(
     real: tuple[np.ndarray, np.ndarray],
     simulated: tuple[np.ndarray, np.ndarray] | None,
 ) -> None:
-    """Draw position, m, above and force, N, below, of a real and a simulated wall at *times*, s."""
+    """Draw positions, m, above and forces, N, below, of a real and a simulated wall at *times*, s."""
     above.plot(1e3 * times, 1e3 * real[0], **style.REAL)
     below.plot(1e3 * times, real[1], **style.REAL, label="real wall")
     if simulated is not None:

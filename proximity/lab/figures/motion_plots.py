@@ -23,12 +23,12 @@ STROKES = (style.COUPLED, style.TIME_STAMPED, style.LATCHED, style.NAIVE)  # of 
 
 
 def _placed(glove: Glove) -> dict[str, Drum]:
-    """Return drums with the wall at random within a count of their encoder."""
+    """Return drums by gear, with the wall at random within a count of the encoder."""
     return {name: with_random_phases(drum, 1)[0] for name, drum in tip_drums(glove).items()}
 
 
 def numbers(glove: Glove = OURS) -> Table:
-    """Return the distance of each drum from its target over time, and when it settles."""
+    """Return the distance of each drum from its target over time, and its settling time."""
     instants = np.arange(round(DURATION / style.SAMPLING) + 1) * style.SAMPLING
     columns = {"time_s": instants}
     for name, drum in _placed(glove).items():
@@ -43,7 +43,7 @@ def numbers(glove: Glove = OURS) -> Table:
 
 
 def draw(figure: "Figure", table: Table, glove: Glove = OURS) -> None:
-    """Draw the motions of the drums, from `numbers`."""
+    """Draw the motions of the drums, from the table of `numbers`."""
     panel, drums = figure.subplots(), tip_drums(glove)
     for name, stroke in zip(drums, STROKES, strict=False):
         at_rest = float(table[f"{name}_settled_s"][0])

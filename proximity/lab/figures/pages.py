@@ -1,7 +1,7 @@
-"""Pages of one HTML file without external files: a Jinja template with figures and style included.
+"""HTML pages without external files, made from a Jinja template, figures and a style.
 
-Figures are SVG in the page's colours: strokes in `INK` and `FAINT` become the colour of the surrounding text,
-so that pictures are readable on light and on dark.
+Figures are SVG in the colours of the page. Strokes in `INK` and `FAINT` take the colour of the surrounding
+text, so that pictures are readable on a light and on a dark background.
 """
 
 import re
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INK, FAINT = "#010203", "#040506"
-"""Placeholders for the page's text colour, and a faint one of it."""
+"""Placeholders for the page's text colour and a faint variant of it."""
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", INK, INK)
 DASHES = ("-", "-", "--", "-.", (0, (4, 1, 1, 1)), ":", "-", (0, (1, 1)))
 WIDE, HIGH = 7.6, 3.4  # inches
@@ -29,7 +29,7 @@ LOOK = {
 
 
 def svg(draw: Callable[["Figure", Any], None], name: str, size: tuple[float, float] = (WIDE, HIGH)) -> str:
-    """Return a figure as an element of a page."""
+    """Return a figure as an SVG element of a page."""
     drawn = style.render(draw, None, size, "svg", look=LOOK).decode()
     text = drawn[drawn.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
@@ -48,7 +48,7 @@ def render_page(
     draw: Callable[[], Mapping[str, str]],
     filters: Iterable[Callable[..., Any]],
 ) -> str:
-    """Return a page."""
+    """Return the HTML text of a page."""
     with needed("pages need", "picture"):
         import_module("jinja2")  # before drawing
         markup = import_module("markupsafe").Markup
@@ -64,7 +64,7 @@ def filled_in(
     *,
     is_html: bool = True,
 ) -> str:
-    """Return a template with values filled in; HTML escapes them."""
+    """Return the text of a template with values filled in, which are escaped in HTML."""
     with needed("pages need", "picture"):
         jinja = import_module("jinja2")
     environment = jinja.Environment(

@@ -1,4 +1,4 @@
-"""Plot of the stability region of the sampled wall of equation (1): damping, stiffness, samples of delay."""
+"""Plot of the stability region of the sampled wall of equation (1) for several sample delays."""
 
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ SIZE = (style.PAGE_WIDTH, 2.9)
 
 
 def numbers() -> Table:
-    """Return the edges of the regions, and the stiffest wall of each."""
+    """Return the edges of the stability regions, and the stiffest wall of each."""
     pieces = []
     for delay in DELAYS:
         device = SampledMass(delay_samples=delay)
@@ -38,7 +38,7 @@ def numbers() -> Table:
 
 
 def draw(figure: "Figure", table: Table) -> None:
-    """Draw all regions, and the small ones again, larger."""
+    """Draw all regions in one panel, and the small ones enlarged in another."""
     whole, part = style.panels_across(figure, 2, share=False)
     for panel, delays in ((whole, DELAYS), (part, DELAYS[1:])):
         for delay in delays:

@@ -1,10 +1,10 @@
-"""Shared parts of all figures: tables of plotted numbers, strokes, captions, rendering and writing.
+"""Shared parts of all figures, which are tables of plotted numbers, strokes, captions, rendering and writing.
 
 A figure fits a column or a page of a journal and is readable without colours. It is drawn from a table, so
-that its CSV file holds exactly the plotted numbers; columns are in SI units, which their names end in:
-``time_s``, ``force_N``. A kind of wall has the same stroke in every figure. Colours are Okabe and Ito's,
-which are distinct for the colour-blind; dashes and marks distinguish the strokes in grey. Matplotlib's state
-is unchanged outside the block that draws. Matplotlib is imported on first use.
+that its CSV file contains exactly the plotted numbers. Columns are in SI units, and their names end in the
+unit, as ``time_s`` and ``force_N``. A kind of wall has the same stroke in every figure. Colours are those of
+Okabe and Ito, which are distinct for the colour-blind, and dashes and marks distinguish the strokes in grey.
+Matplotlib's state is unchanged outside the block that draws. Matplotlib is imported on first use.
 """
 
 import csv
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 COLUMN_WIDTH = 3.4  # inches, the width of a journal's column
 SAMPLING = 1e-4  # s, of the curves
 PAGE_WIDTH = 7.0  # inches, of both columns
-PANEL_WIDTH, PANEL_HEIGHT = 2.25, 1.8  # inches: narrower panels are stacked, with this height
+PANEL_WIDTH, PANEL_HEIGHT = 2.25, 1.8  # inches; narrower panels are stacked with this height
 FORMATS = ("png", "svg", "pdf")
 DOTS_PER_INCH = 300
 M_PER_INCH = 0.0254
@@ -71,7 +71,7 @@ GUIDE: Stroke = {"color": "0.6", "linestyle": ":", "linewidth": 0.6, "zorder": 0
 
 LOOK = {
     "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],  # comes with matplotlib: the same on every machine
+    "font.sans-serif": ["DejaVu Sans"],  # included in matplotlib, so that it is the same on every machine
     "font.size": 7.5,
     "axes.labelsize": 7.5,
     "axes.titlesize": 7.5,
@@ -99,7 +99,7 @@ LOOK = {
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """Printed size of a figure; text keeps its size at any width."""
+    """Printed size of a figure. Text has the same size at any width."""
 
     width: float | None = None  # m; None: as designed
     has_caption: bool = True
@@ -109,7 +109,7 @@ AS_DESIGNED = Sheet()
 
 
 class Table:
-    """Columns of equal length, by name."""
+    """Table of named columns of equal length."""
 
     def __init__(self, columns: Mapping[str, ArrayLike]) -> None:
         self.columns = {name: np.asarray(values) for name, values in columns.items()}
@@ -119,7 +119,7 @@ class Table:
 
     @classmethod
     def of_rows(cls, names: Sequence[str], rows: Iterable[Sequence[float | str]]) -> "Table":
-        """Return a table from rows."""
+        """Return a table from column names and rows."""
         return cls(dict(zip(names, zip(*rows, strict=True), strict=True)))
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -127,12 +127,12 @@ class Table:
         return self.columns[name]
 
     def where(self, **values: float | str) -> "Table":
-        """Return the rows in which some columns have some values."""
+        """Return the rows in which the named columns have the given values."""
         is_meant = np.logical_and.reduce([self.columns[name] == value for name, value in values.items()])
         return Table({name: column[is_meant] for name, column in self.columns.items()})
 
     def write_csv(self, stream: TextIO) -> None:
-        """Write a line of names and a line a row; reading a number gives the same number."""
+        """Write a line of column names and a line per row as CSV. Reading a number gives the same number."""
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(self.columns)
         writer.writerows(zip(*(column.tolist() for column in self.columns.values()), strict=True))
@@ -149,7 +149,7 @@ def load_figure() -> "type[Figure]":
 
 
 def check_format(form: str) -> None:
-    """Raise for an unknown format of figures."""
+    """Raise an error for an unknown format of figures."""
     if form not in FORMATS:
         raise ArgumentError(f"no figures of format {form!r}, expected one of {', '.join(FORMATS)}")
 
@@ -168,7 +168,7 @@ def render(
     look: dict[str, Any] | None = None,
     sheet: Sheet = AS_DESIGNED,
 ) -> bytes:
-    """Return a figure as the bytes of a file; the same table gives the same bytes."""
+    """Return a figure as the bytes of a file. The same table gives the same bytes."""
     check_format(form)
     new_figure = load_figure()
     dates: dict[str, Any] = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
@@ -204,7 +204,7 @@ def is_narrow(figure: "Figure", across: int = 2) -> bool:
 
 
 def panels_across(figure: "Figure", count: int, *, share: bool = True) -> "list[Axes]":
-    """Return panels side by side, or stacked if the figure is too narrow."""
+    """Return *count* panels, side by side or stacked if the figure is too narrow."""
     if not is_narrow(figure, max(count, 2)):
         return list(figure.subplots(1, count, sharex=share, sharey=share, squeeze=False).flat)
     figure.set_figheight(count * PANEL_HEIGHT)
@@ -212,14 +212,14 @@ def panels_across(figure: "Figure", count: int, *, share: bool = True) -> "list[
 
 
 def label_shared(panels: "Iterable[Axes]", x: str, y: str) -> None:
-    """Label the axes shared by panels, at the outer ones only."""
+    """Label axes that panels share, on the outer panels only."""
     for panel in panels:
         panel.set(xlabel=x, ylabel=y)
         panel.label_outer()
 
 
 def letter_panels(panels: "Iterable[Axes]", captions: Iterable[str]) -> None:
-    """Write (a), (b) and so on, and captions, above panels."""
+    """Write a letter, such as (a), and a caption above each panel."""
     for letter, panel, title in zip("abcdefgh", panels, captions, strict=False):
         spec = panel.get_subplotspec()
         assert spec is not None, "panels are in a grid"
@@ -236,7 +236,7 @@ def legend_above(figure: "Figure", panel: "Axes", columns: int) -> None:
 
 
 def legend_of(figure: "Figure", handles: Sequence[Any], names: Sequence[str], columns: int) -> None:
-    """Draw a legend above all panels, in up to *columns* columns."""
+    """Draw a legend above all panels, in at most *columns* columns."""
     for fewer in range(columns, 0, -1):
         legend = figure.legend(handles, names, loc="outside upper center", ncols=fewer)
         if fewer == 1 or legend.get_window_extent().width < figure.bbox.width:
@@ -260,7 +260,7 @@ def hand_words(hand: Hand) -> str:
 
 
 def gears_words(drum: Drum) -> str:
-    """Return the shared properties of drums that differ in their gear, which is their name."""
+    """Return a text about the shared properties of drums that are named by their gear."""
     return f"{drum.motor.name}, total gear ratio as named, {1e3 * drum.lever:.0f} mm lever"
 
 
@@ -273,13 +273,13 @@ def drum_words(drum: Drum) -> str:
 
 
 def _wrapped(text: str, most: int) -> list[str]:
-    """Return the lines of a text; a number and its unit stay together."""
+    """Wrap a text into lines, without a break between a number and its unit."""
     lines = textwrap.wrap(re.sub(r"(?<=\d) (?=[^\W\d])", "\u00a0", text), most, break_on_hyphens=False)
     return [line.replace("\u00a0", " ") for line in lines]
 
 
 def _heighten(figure: "Figure") -> None:
-    """Add the height of legend and caption, so that panels keep theirs."""
+    """Add the height of legend and caption to a figure, so that its panels keep their height."""
     texts = [*figure.legends, *figure.texts]
     taken = sum(each.get_window_extent().height for each in texts) / figure.dpi
     figure.set_figheight(figure.get_figheight() + taken)

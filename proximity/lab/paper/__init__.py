@@ -1,1 +1,1 @@
-"""The models of the paper: walls, presses, energies and FIG 5."""
+"""Models of the paper, with its walls, presses, energies and FIG 5."""

@@ -1,7 +1,7 @@
-"""FIG 5a to 5h of the paper as arrays: one press on a real wall and on simulated ones.
+"""FIG 5a to 5h of the paper as arrays, for one press on a real wall and on simulated ones.
 
 Every function takes instants in seconds and returns forces in newtons. The paper describes its curves only in
-words; the press is assumed (docs/science/drum.md).
+words, and the press is assumed (docs/science/drum.md).
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ PRESS = Press()
 DELAY = 0.040  # s, the paper's 25 Hz
 END = 0.520  # s, of the curves
 PENETRATION = PRESS.speed * DELAY  # m; more than a decelerating finger moves in that time
-PENETRATED = PRESS.deeper(PENETRATION)  # of the paper: "the xs+f data"
+PENETRATED = PRESS.deeper(PENETRATION)  # the paper's "xs+f data"
 SOFT = in_series(FINGER, SpringDamper(stiffness=200.0, damping=np.inf))  # 5g: 100 N/m
 LIGHTLY_DAMPED = in_series(FINGER, SpringDamper(stiffness=np.inf, damping=1.2))  # 5h: 1 N·s/m
 GAIN_SHARE = 1.5  # of the gain at which 5f becomes unstable; assumed, as the paper gives none
@@ -38,12 +38,15 @@ def sample_times(step: float = 1e-5) -> np.ndarray:
 
 
 def real_wall(times: np.ndarray) -> np.ndarray:
-    """Return FIG 5a: the real wall."""
+    """Return the force on the real wall, FIG 5a, N."""
     return contact_force(PRESS.at(times), FINGER)
 
 
 def simulated_wall(figure: str, times: np.ndarray) -> np.ndarray:
-    """Return FIG 5b (penetrated), 5c (and late), 5d (late only), 5g (soft) or 5h (lightly damped)."""
+    """Return the force on a simulated wall, N.
+
+    It is FIG 5b (penetrated), 5c (penetrated and late), 5d (late), 5g (soft) or 5h (lightly damped).
+    """
     wall = SIMULATED.get(figure)
     if wall is None:
         raise ArgumentError(
@@ -53,7 +56,11 @@ def simulated_wall(figure: str, times: np.ndarray) -> np.ndarray:
 
 
 def operator_reacts(times: np.ndarray, *, gain: float | None = None, step: float = DELAY) -> np.ndarray:
-    """Return FIG 5f: the operator draws back, from 5b, by the force one step ago; held in between."""
+    """Return the force on an operator who draws back from it, FIG 5f, N.
+
+    The press is that of FIG 5b. The operator reacts to the force one step ago, and the force is held during a
+    step.
+    """
     gain = GAIN_SHARE * critical_gain(FINGER, step) if gain is None else gain
     reaction = react(PENETRATED, FINGER, gain, step, end=float(np.max(times, initial=0.0)) + step)
     felt = np.searchsorted(reaction.times, np.asarray(times), side="right") - 1
@@ -70,12 +77,12 @@ FIGURES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "5g": lambda times: simulated_wall("5g", times),
     "5h": lambda times: simulated_wall("5h", times),
 }
-"""Every curve of the figure by its name, as functions of instants; all else as in the paper or assumed."""
+"""Curves of the figure by name, as functions of instants. All parameters are the paper's or assumed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Measures of a simulated wall's force and the real wall's."""
+    """Measures that compare the force of a simulated wall with that of the real wall."""
 
     peak: float  # N
     peak_time: float  # s after the touch
@@ -90,7 +97,7 @@ ERROR_WINDOW = 0.080  # s
 
 
 def compare(times: np.ndarray, force: np.ndarray, real: np.ndarray, press: Press = PRESS) -> Comparison:
-    """Return the measures of a wall's force against the real wall's."""
+    """Return the measures of a wall's force in comparison with the real wall's."""
     step = times[1] - times[0]
     half = 0.5 * step  # an instant counts as its nearest sample
     is_after = times > press.loss_time - half
@@ -109,12 +116,12 @@ def compare(times: np.ndarray, force: np.ndarray, real: np.ndarray, press: Press
 
 
 # --- FIG 5f: an operator who draws back from the force. The paper shows the growth and gives no gain.
-# Position follows the plan less a gain times the last force; the force follows from positions by differences.
+# The position is the planned one minus a gain times the last force, which is computed by differences.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reaction:
-    """Motion and force of an operator; N steps."""
+    """Motion and force of an operator in N steps."""
 
     times: np.ndarray  # (N,) s
     position: np.ndarray  # (N,) m, positive into the wall
@@ -130,7 +137,7 @@ def critical_gain(finger: SpringDamper, step: float) -> float:
 def react(
     press: Press, finger: SpringDamper, gain: float, step: float, *, end: float, can_pull: bool = False
 ) -> Reaction:
-    """Return the motion of an operator who draws back from the force felt one step ago."""
+    """Simulate an operator who draws back from the force felt one step ago."""
     step, gain = positive("step", step, "seconds"), not_negative("gain", gain, "metres a newton")
     times = np.arange(int(end / step * (1.0 + 1e-12)) + 1) * step
     now, last, before = _weights(finger, step)
@@ -148,6 +155,9 @@ def react(
 
 
 def _weights(finger: SpringDamper, step: float) -> tuple[float, float, float]:
-    """Return the weights of the present and two earlier positions in the force, by backward differences."""
+    """Return the weights of the present and two earlier positions in the force.
+
+    They are those of backward differences.
+    """
     damping, inertia = finger.damping / step, finger.mass / step**2
     return finger.stiffness + damping + inertia, -damping - 2.0 * inertia, inertia

@@ -1,9 +1,9 @@
 """Prescribed motions of a finger that presses on a wall and leaves it, in closed form.
 
-The paper shows such curves without numbers; those here are assumed (docs/science/drum.md). Pressing in is the
-polynomial of lowest degree that keeps the speed of the touch and stops at depth with continuous acceleration.
-In general it is a quintic; for the duration used here, twice the depth over the speed, its fifth-degree term
-vanishes.
+The paper shows such curves without numbers. Those used here are assumed (docs/science/drum.md). The motion
+into the wall is the polynomial of lowest degree that begins with the speed of the touch and stops at depth
+with continuous acceleration. In general it is a quintic. For the duration used here, which is twice the depth
+over the speed, its fifth-degree term vanishes.
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from proximity.errors import ArgumentError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Positions of a finger at some instants; T instants."""
+    """Motion of a finger at T instants."""
 
     position: np.ndarray  # (T,) m, positive into the wall
     velocity: np.ndarray  # (T,) m/s
@@ -26,7 +26,7 @@ class Motion:
 
 
 class Intent(Protocol):
-    """Intended motion of a hand in a closed loop: its position without a wall. It touches at 0."""
+    """Intended motion of a hand in a closed loop, as it would be without a wall. It touches at time 0."""
 
     @property
     def release_time(self) -> float:
@@ -37,20 +37,23 @@ class Intent(Protocol):
         """End of the contact, s."""
 
     def lead(self, start_distance: float) -> float:
-        """Return the start of the motion before the touch, s, for a *start_distance*, m, at most."""
+        """Return the time from the start of the motion to the touch, s.
+
+        *start_distance*: maximum distance at the start, m.
+        """
 
     def at(self, times: ArrayLike) -> Motion:
         """Return the intended motion of the hand."""
 
     def as_array(self) -> np.ndarray:
-        """Return its numbers in the layout of the kernels."""
+        """Return the numbers of the motion in the layout of the kernels."""
 
 
 @dataclass(frozen=True, slots=True)
 class Press:
-    """A finger that comes at constant speed, presses to a depth, holds it, and leaves at the same speed.
+    """A press that comes at constant speed, stops at a depth, holds it, and leaves at the same speed.
 
-    Raises if it would leave before it has stopped.
+    A press that would leave before it has stopped raises an error.
     """
 
     speed: float = 0.1  # m/s, at touch and at loss; assumed
@@ -63,7 +66,7 @@ class Press:
         positive("depth", self.depth, "metres")
         not_negative("touch_time", self.touch_time, "seconds")
         not_negative("release_time", self.release_time, "seconds")
-        # Summed as the times are, in binary.
+        # The tolerance is for the rounding of summed times.
         if self.release_time < self.stop_time * (1.0 - 1e-12):
             raise ArgumentError(
                 f"release_time is {self.release_time:g} s, but the finger stops at {self.stop_time:g} s: "
@@ -82,11 +85,11 @@ class Press:
 
     @property
     def loss_time(self) -> float:
-        """Time at which the finger is back at the surface, s; the force has ended before."""
+        """Time at which the finger is back at the surface, s. The force has ended earlier."""
         return self.release_time + self.rise_time
 
     def deeper(self, penetration: float) -> "Press":
-        """Return the same press on a soft wall: same speed, same release, greater depth."""
+        """Return the same press on a soft wall, with the same speed and release but a greater depth."""
         return replace(self, depth=self.depth + not_negative("penetration", penetration, "metres"))
 
     def at(self, times: ArrayLike) -> Motion:
@@ -102,11 +105,11 @@ class Press:
         return Motion(position + self.speed * (before - after), velocity, acceleration)
 
     def lead(self, start_distance: float) -> float:
-        """Return how long before the touch the finger is at a distance, s."""
+        """Return the time from a distance to the touch, s."""
         return start_distance / self.speed
 
     def as_array(self) -> np.ndarray:
-        """Return its numbers in the layout of the closed loop's kernels."""
+        """Return the numbers of the press in the layout of the closed loop's kernels."""
         if self.touch_time != 0.0:
             raise ArgumentError(f"press touches at {self.touch_time:g} s, expected one that touches at 0")
         return np.array([self.speed, self.depth, self.release_time])

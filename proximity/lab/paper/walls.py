@@ -1,7 +1,7 @@
 """Forces that a finger feels on a real wall, and on a traditional simulated wall.
 
-The motion of the finger is given in advance; walls differ in the permitted motion, the delay, and the spring
-and damper (equations 2 to 15). Numbers of equations are the paper's.
+The motion of the finger is given in advance. Walls differ in the permitted motion, the delay, and the spring
+and damper (equations 2 to 15). The numbers of equations are those of the paper.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from proximity.checks import not_negative
 from proximity.errors import ArgumentError
 from proximity.lab.paper.trajectories import Motion, Press
 
-TOUCHING = 1e-15  # m: smaller distances are contact, within rounding of the instant
+TOUCHING = 1e-15  # m, distance that counts as contact, within rounding of the instant
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +32,14 @@ class SpringDamper:
 
 
 FINGER = SpringDamper(stiffness=200.0, damping=6.0, mass=0.010)
-"""The paper's pad; its mass is assumed."""
+"""Pad of the paper's finger. Its mass is assumed."""
 
 
 def in_series(first: SpringDamper, second: SpringDamper) -> SpringDamper:
-    """Return the spring-damper that the paper puts for two in series, equation (8); mass of the first.
+    """Return the paper's equivalent of two spring-dampers in series, equation (8), with the first one's mass.
 
-    Exact only if damping over stiffness is the same in both; else right in stiffness only when slow.
+    It is exact only if damping over stiffness is the same in both. Otherwise only its stiffness is right, for
+    slow motions.
     """
     return SpringDamper(
         _harmonic(first.stiffness, second.stiffness), _harmonic(first.damping, second.damping), first.mass
@@ -50,7 +51,7 @@ def _harmonic(one: float, other: float) -> float:
 
 
 class Convention(StrEnum):
-    """Convention of the paper's equation (2): its signs fit no single one."""
+    """Convention for the force of equation (2), whose printed signs fit no single convention."""
 
     NEWTON = "newton"  # applied by the hand: m x'' + c x' + k x
     PAD = "pad"  # exchanged by skin and wall: c x' + k x
@@ -63,7 +64,7 @@ INERTIA_SIGN = {Convention.NEWTON: 1.0, Convention.PAD: 0.0, Convention.PRINTED:
 def contact_force(
     motion: Motion, contact: SpringDamper, convention: str = Convention.NEWTON, *, can_pull: bool = False
 ) -> np.ndarray:
-    """Return the force on a finger with a given motion, equations (2) and (7), N."""
+    """Return the force on a finger with a given motion by equations (2) and (7), N."""
     inertia = contact.mass * _inertia_sign(convention) * motion.acceleration
     force = inertia + contact.damping * motion.velocity + contact.stiffness * motion.position
     return np.where(motion.position > TOUCHING, force if can_pull else np.maximum(force, 0.0), 0.0)
@@ -72,12 +73,12 @@ def contact_force(
 def steady_excess(
     deflection: float, penetration: float, finger: SpringDamper, equivalent: SpringDamper
 ) -> float:
-    """Return the excess force at rest of a wall that is penetrated further, equation (10), N."""
+    """Return the excess of the force at rest on a wall that is penetrated further, equation (10), N."""
     return equivalent.stiffness * (deflection + penetration) - finger.stiffness * deflection
 
 
 def spring_energy(stiffness: float, deflection: float) -> float:
-    """Return the energy of a spring, J."""
+    """Return the energy of a deflected spring, J."""
     return 0.5 * stiffness * deflection**2
 
 
@@ -87,10 +88,11 @@ def damping_loss(damping: float, speed: float, depth: float, factor: float) -> f
 
 
 def energy_excess(press: Press, penetration: float, finger: SpringDamper, *, factor: float = 0.5) -> float:
-    """Return the excess energy of a press on a penetrated wall, equations (13) to (15), J.
+    """Return the excess energy of a press on a penetrated wall by equations (13) to (15), J.
 
-    *factor*: mean share of the speed over the path, which depends on the deceleration: 1/2 for an exponential
-    approach, as in the paper, 2/3 for a constant deceleration, 26/35 for a `Press`.
+    *factor*: mean speed over the path as a share of the initial speed, which depends on the deceleration. It
+    is 1/2 for an exponential approach, as in the paper, 2/3 for a constant deceleration, and 26/35 for a
+    `Press`.
     """
     depth, deep = press.depth, press.depth + penetration
     spring = spring_energy(finger.stiffness, deep) - spring_energy(finger.stiffness, depth)
@@ -101,13 +103,16 @@ def energy_excess(press: Press, penetration: float, finger: SpringDamper, *, fac
 
 
 def total_delay(sensing: float, display: float, period: float = 0.0) -> float:
-    """Return the delay of a simulated force, equation (11), plus half the period of its hold, s."""
+    """Return the delay of a simulated force by equation (11), plus half of its hold period, s."""
     return sensing + display + 0.5 * period
 
 
 @dataclass(frozen=True, slots=True)
 class TraditionalWall:
-    """A wall that acts through a spring-damper after penetration, with a delay: FIG 3, (7) to (11)."""
+    """A wall that acts through a spring-damper after penetration and with a delay.
+
+    It is that of FIG 3 and equations (7) to (11).
+    """
 
     equivalent: SpringDamper = FINGER  # of finger and wall in series, (8)
     penetration: float = 0.0  # m, x_s: additional depth of the finger beyond that on the real wall

@@ -1,8 +1,9 @@
 """Closed-loop simulation of hand and finger on a real wall, a coupled wall, or a drum.
 
-The same hand presses on each, so that the forces compare. Times count from the contact: the instant at which
-the hand's intent reaches the surface, at 0. A drum learns of the wall from delayed, sampled distances; its
-target comes from one of `target_policies`, or from a controller that is called at every sample of the servo.
+The same hand presses on each, so that the forces are comparable. Times are relative to the contact, which is
+the instant at which the intended motion reaches the surface. A drum receives delayed, sampled distances of
+the wall. Its target comes from one of `target_policies`, or from a controller that is called at every sample
+of the servo.
 """
 
 import math
@@ -30,14 +31,14 @@ from proximity.lab.simulation.target_policies import (
 from proximity.native import packed
 
 TAIL = 0.100  # s, recorded after the hand has left, to include delayed forces
-LEAD = 0.005  # s, or m beyond the reach: free motion at the start
+LEAD = 0.005  # s, or m beyond the reach, of free motion at the start
 PHASE = 0.1  # of a period, from a coupled wall's sample to the contact; assumed
 CURVES = 8  # of a response, and that of the link's speed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Response:
-    """Response of a press on a wall, instant by instant; N steps."""
+    """Response of a press on a wall, in N steps."""
 
     hand: Hand
     press: Intent
@@ -48,27 +49,27 @@ class Response:
     finger_speed: np.ndarray  # (N,) m/s
     link: np.ndarray  # (N,) m, of the link, which meets the drum
     link_speed: np.ndarray  # (N,) m/s; 0 for a wall that is not a device
-    thimble: np.ndarray  # (N,) m, of the pad's far side: the cable's near end, or the link without one
-    drum: np.ndarray  # (N,) m; for a wall that is not a drum: its surface
+    thimble: np.ndarray  # (N,) m, of the pad's far side, which is the cable's near end or the link
+    drum: np.ndarray  # (N,) m, or the surface of a wall that is not a drum
     contact: np.ndarray  # (N,) N, of wall or drum on the link
 
     @property
     def times(self) -> np.ndarray:
-        """(N,) s, from the contact."""
+        """Times from the contact, (N,), s."""
         return self.step * (np.arange(len(self.force)) - self.zero)
 
 
 def real_wall(
     hand: Hand, press: Intent, *, like: Response | None = None, step: float = SIMULATION_STEP
 ) -> Response:
-    """Return a press on a wall that neither moves nor pulls."""
+    """Simulate a press on a wall that neither moves nor pulls."""
     return _on_surface(hand, press, math.inf, 0.0, like, step)
 
 
 def soft_wall(
     hand: Hand, press: Intent, stiffness: float, damping: float, *, like: Response | None = None
 ) -> Response:
-    """Return a press on a massless surface with a spring and a damper."""
+    """Simulate a press on a massless surface with a spring and a damper."""
     positive("stiffness", stiffness, "newtons a metre")
     not_negative("damping", damping, "newton seconds a metre")
     return _on_surface(hand, press, stiffness, damping, like, SIMULATION_STEP)
@@ -92,7 +93,7 @@ def coupled_wall(
     device: Link = COUPLED_DEVICE,
     step: float = SIMULATION_STEP,
 ) -> Response:
-    """Return a press on a traditional wall: the pad binds finger and device to each other."""
+    """Simulate a press on a traditional wall, in which the pad connects finger and device."""
     every = steps_a_sample(wall.rate, step)
     response, arrays = _empty(hand, press, 1.0 / (wall.rate * every), LEAD, link=device)
     late, first = round(wall.latency / response.step), (response.zero - round(PHASE * every)) % every
@@ -103,7 +104,7 @@ def coupled_wall(
 
 
 def ideal_drum(hand: Hand, press: Intent, *, step: float = SIMULATION_STEP) -> Response:
-    """Return a press on a fixed drum at the wall: the error of a link alone."""
+    """Simulate a press on a drum that is fixed at the wall, which shows the error of the link alone."""
     response, arrays = _empty(hand, press, step, LEAD)
     drum, drive = np.zeros(1, drum_kernels.DRUM), np.zeros(drum_kernels.DRIVE_SIZE)
     drum["mass"] = drum["speed_limit"] = drum["stop"] = math.inf
@@ -116,7 +117,7 @@ def ideal_drum(hand: Hand, press: Intent, *, step: float = SIMULATION_STEP) -> R
 def decaff(
     hand: Hand, press: Intent, glove: Decaff, target: Target | Controller = Target.TIME_STAMPED
 ) -> Response:
-    """Return a press on a drum that is sent to the measured wall."""
+    """Simulate a press on a drum that is moved to the measured wall."""
     loop = DecaffLoop(hand, press, glove)
     controller = TargetPolicy(target, glove.holding) if isinstance(target, Target) else target
     if not callable(getattr(controller, "command", None)):
@@ -158,7 +159,7 @@ class DecaffLoop:
 
     @property
     def now(self) -> float:
-        """Seconds from the contact."""
+        """Present time from the contact, s."""
         return (self._first - self.response.zero) * self.response.step
 
     def distance_sample(self) -> DistanceSample:
@@ -177,9 +178,9 @@ class DecaffLoop:
         )
 
     def _message(self, row: int) -> Message | None:
-        """Return the newest message delivered at a row; None without a message, or with no part in reach."""
+        """Return the newest message delivered at a row, or None if there is none or no part is in reach."""
         response, sensing = self.response, self._sensing
-        # A millionth of a period decides only ties.
+        # A millionth of a period affects only ties.
         asked = math.floor((row * response.step - sensing.latency) * sensing.rate - sensing.phase + 1e-6)
         if asked < 0:
             return None
@@ -193,12 +194,12 @@ class DecaffLoop:
         return Message(at, link, float(response.link_speed[then]), distance)
 
     def row(self, time: float) -> int:
-        """Return the filled row of the record nearest to an instant."""
+        """Return the filled row that is nearest to an instant."""
         last = min(self._first, len(self.response.force) - 1)
         return min(max(self.response.zero + round(time / self.response.step), 0), last)
 
     def link_at(self, time: float) -> tuple[float, float]:
-        """Return position, m, and speed, m/s, of the link by the potentiometer."""
+        """Return position, m, and speed, m/s, of the link at an instant, measured by the potentiometer."""
         row = self.row(time)
         return self._read(float(self.response.link[row])), float(self.response.link_speed[row])
 
@@ -211,7 +212,7 @@ class DecaffLoop:
         self._first, self._back = last, float(self.response.contact[last - 1])
 
     def _read(self, link: float) -> float:
-        """Return the position of the link by the potentiometer, m."""
+        """Return the position of the link as read by the potentiometer, m."""
         step = self._sensing.resolution
         return math.floor(link / step + 0.5) * step if step else link
 
@@ -231,9 +232,10 @@ def _empty(
     cable: TipCable | None = None,
     like: Response | None = None,
 ) -> tuple[Response, PressArrays]:
-    """Return empty arrays of a press, from *lead* s before the contact, in whole samples of *multiple* steps.
+    """Return the response and the arrays of a press, which are filled by the kernels.
 
-    The arrays have no drum yet. *like*: a press with the same instants.
+    They begin *lead* seconds before the contact, rounded up to whole samples of *multiple* steps, and have no
+    drum yet. *like*: a press with the same instants.
     """
     positive("step", step, "seconds")
     zero = math.ceil(lead / (step * multiple)) * multiple if like is None else like.zero

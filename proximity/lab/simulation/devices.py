@@ -1,8 +1,8 @@
-"""Bodies of a press: the hand, walls, links, the cable to them, and gloves with a drum.
+"""Bodies of a press, which are the hand, walls, links, the cable to them, and gloves with a drum.
 
-The hand's intent is a motion given in advance (`trajectories.Press`), through the wall's surface to an
-unreachable depth: springs and dampers connect intent and finger, and finger and surface. Contact is at 0, at
-time 0; positions are positive into the wall.
+The hand's intent is a motion given in advance (`trajectories.Press`), through the surface of the wall to a
+depth that is not reached. Springs and dampers connect intent and finger, and finger and surface. The contact
+is at position 0 and time 0, and positions are positive into the wall.
 """
 
 import math
@@ -28,7 +28,7 @@ LOSS = 0.05  # of critical damping, of link and cable; assumed
 
 @dataclass(frozen=True, slots=True)
 class Hand:
-    """Hand, finger and pad in a row: intent - (spring, damper) - finger - (spring, damper) - surface."""
+    """Hand, finger and pad in series: intent - (spring, damper) - finger - (spring, damper) - surface."""
 
     stiffness: float = 300.0  # N/m, of hand and arm; assumed
     damping: float = 3.0  # N s/m; assumed
@@ -45,11 +45,11 @@ class Hand:
 
     @property
     def series_stiffness(self) -> float:
-        """Stiffness of hand and pad in series, N/m: force per displacement of the wall."""
+        """Stiffness of hand and pad in series, N/m, which is the force per displacement of the wall."""
         return 1.0 / (1.0 / self.stiffness + 1.0 / self.pad_stiffness)
 
     def press(self, speed: float, *, hold: float = HOLD_TIME) -> Press:
-        """Return the intent that comes at some speed and holds `STEADY_FORCE` against a rigid wall."""
+        """Return an intent at a speed that exerts `STEADY_FORCE` on a rigid wall during the hold."""
         depth = STEADY_FORCE / self.series_stiffness
         rise = 2.0 * depth / positive("speed", speed, "metres a second")
         return Press(speed, depth, touch_time=0.0, release_time=rise + positive("hold", hold, "seconds"))
@@ -57,7 +57,7 @@ class Hand:
 
 @dataclass(frozen=True, slots=True)
 class TipCable:
-    """A cable and its effects at the fingertip: stretch, and friction in its sheath."""
+    """Cable between finger and link, described by its effects at the fingertip."""
 
     stiffness: float  # N/m
     capstan: float = 0.0  # friction as a share of its tension
@@ -76,21 +76,21 @@ class TipCable:
     def of(
         cls, glove: Glove, bend: float = CONTACT_BEND, *, friction: float = FRICTION, wrap: float = WRAP
     ) -> "TipCable":
-        """Return the cable of a glove."""
+        """Return the cable of a glove at a bend."""
         capstan = math.expm1(not_negative("friction", friction, "shares") * not_negative("wrap", wrap, "rad"))
         tension_a_newton = float(glove.cable_tension(bend, 1.0))
         drag, play = capstan * PRELOAD / tension_a_newton, float(glove.tip_play(bend))
         return cls(float(glove.tip_stiffness(bend)), capstan, drag, play=play)
 
     def numbers(self, mass: float) -> tuple[float, ...]:
-        """Return stiffness, damping, share and force of friction, and play; *mass*, kg, is the link's."""
+        """Return stiffness, damping, share and force of friction, and play. *mass*: of the link, kg."""
         damping = 2.0 * self.loss * math.sqrt(self.stiffness * mass)
         return self.stiffness, damping, self.capstan, self.drag, self.play
 
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """The moving link of the replica, and the hardness of its touch of the drum."""
+    """Moving link of the replica, with the stiffness and damping of its contact with the drum."""
 
     mass: float = 0.005  # kg, at the fingertip; assumed
     damping: float = 0.0  # N s/m
@@ -105,14 +105,18 @@ class Link:
 
 
 COUPLED_MOTOR = DRUMS["gear14"]
-"""Motor of a traditional glove, which turns with the finger: more gearing would be felt more."""
+"""Motor of a traditional glove, which turns with the finger. With a larger gear ratio it would be felt more.
+"""
 COUPLED_DEVICE = Link(mass=Link().mass + COUPLED_MOTOR.mass, damping=0.05)
-"""Link and rotor of a traditional glove, carried by the finger; the damping is assumed."""
+"""Link and rotor of a traditional glove, which the finger carries. The damping is assumed."""
 
 
 @dataclass(frozen=True, slots=True)
 class CoupledWall:
-    """A traditional wall: a spring and a damper on sampled positions, delayed, held, never pulling."""
+    """Traditional wall, which is a spring and a damper on sampled positions.
+
+    Its force is delayed, held during a period, and never pulls.
+    """
 
     stiffness: float  # N/m
     damping: float  # N s/m, on the difference of two samples
@@ -130,7 +134,7 @@ class CoupledWall:
 
 @dataclass(frozen=True, slots=True)
 class Sensing:
-    """Measurement of distances to the wall: rate, latency, range and errors."""
+    """Measurement of distances to the wall, with its rate, latency, range and errors."""
 
     rate: float = 1000.0  # Hz
     latency: float = 0.001  # s, from measurement to delivery
@@ -157,7 +161,7 @@ class Sensing:
         whole("seed", self.seed, 0)
 
     def noises(self, duration: float) -> np.ndarray:
-        """Return the error of each distance measured in *duration* seconds, m; the same on every run."""
+        """Return the noise of each distance measured in *duration* seconds, m, equal on every run."""
         if self.noise == 0.0:
             return np.zeros(1)
         count = math.ceil(duration * self.rate) + 1
@@ -166,17 +170,13 @@ class Sensing:
 
 @dataclass(frozen=True, slots=True)
 class Holding:
-    """Distances at which a target is held, and the drum's waiting position otherwise."""
+    """Rule by which the target of a drum is held, and the drum's waiting position."""
 
     retracted: float = 0.030  # m; assumed
-    touch_gap: float = TOUCH_GAP  # m, of link and drum: nearer is touching
-    release_gap: float = RELEASE_GAP  # m, farther is released
-    compliance: float = (
-        0.0  # m/N, of a cable whose stretch is compensated while a target is held; 0: it is not
-    )
-    smoothing: float = (
-        2.0  # Hz, of the force that stretches it; from 10 Hz on, the motor's makes the drum swing
-    )
+    touch_gap: float = TOUCH_GAP  # m, of link and drum, below which they touch
+    release_gap: float = RELEASE_GAP  # m, beyond which they are released
+    compliance: float = 0.0  # m/N, of the cable, to compensate its stretch while a target is held; 0: off
+    smoothing: float = 2.0  # Hz, of the force on the cable; from 10 Hz on, the motor's makes the drum swing
     has_force_sensor: bool = False  # between link and drum; else the motor's force is used
 
     def __post_init__(self) -> None:
@@ -189,7 +189,7 @@ class Holding:
 
 @dataclass(frozen=True, slots=True)
 class Decaff:
-    """A glove with a contact drum: its parts and settings."""
+    """Parts and settings of a glove with a contact drum."""
 
     drum: Drum = DRUMS[USUAL_GEAR]
     servo: Servo = None  # type: ignore[assignment]  # None: the one that suits the drum, at 3 kHz
@@ -204,5 +204,8 @@ class Decaff:
 
     @classmethod
     def of(cls, glove: Glove) -> "Decaff":
-        """Return a glove's drum, with the wall at random within a count of its encoder, without its cable."""
+        """Return the drum of a glove, with the wall at random within a count of its encoder.
+
+        The cable of the glove is left out.
+        """
         return cls(with_random_phases(glove.tip_drum(), 1)[0])

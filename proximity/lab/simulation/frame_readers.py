@@ -1,7 +1,7 @@
-"""Readers that move the drum of the closed loop: its controller, or a plain reading of a distance.
+"""Readers that move the drum of the closed loop, either its controller or a simple use of a distance.
 
-The loop's wall is at 0; on the finger's path it is at the position of contact. A reader converts between the
-two. It receives frames of a service, or makes them from the loop's distances.
+The wall of the loop is at 0, and at the position of contact on the finger's path. A reader converts between
+the two. It receives frames of a service, or makes them from the distances of the loop.
 """
 
 import math
@@ -27,12 +27,12 @@ from proximity.message import CONTACT, Mode, State, Surface
 from proximity.message.contact import ContactFlag
 from proximity.system.time_units import S_PER_NS
 
-START_NS = 1_000_000_000_000  # the loop's 0 on the clock of frames: its times are negative before the contact
-ADVANCE = 1e-9  # m: smaller advances of a target are ignored
+START_NS = 1_000_000_000_000  # time 0 of the loop on the clock of frames; loop times may be negative
+ADVANCE = 1e-9  # m, below which the advance of a target is ignored
 
 
 class ControllerReader:
-    """The drum's controller, whose wall is at a position on the finger's path, m."""
+    """Reader with the drum's controller. *wall*: position of the wall on the finger's path, m."""
 
     action: DrumAction | None  # of the last sample
 
@@ -76,10 +76,10 @@ class ControllerReader:
 
 
 class ControllerInLoop(ControllerReader):
-    """Controller as called by `closed_loop.decaff`: distances of the loop become frames.
+    """Controller for `closed_loop.decaff`, which converts distances of the loop into frames.
 
-    The loop's drum waits at a distance from its wall; the finger's path is placed so that the controller's
-    drum is retracted there.
+    The drum of the loop waits at a distance from its wall. The finger's path is placed so that the
+    controller's drum is retracted at this distance.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class ControllerInLoop(ControllerReader):
             self._contact["stiffness"], self._contact["damping"] = surface
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
-        """Return the drum's command."""
+        """Return the command for the drum until the next sample."""
         now_ns, message = START_NS + round(1e9 * distance_sample.now), distance_sample.message
         if message is None:
             return self.read(distance_sample, now_ns, State.STALE, None, self._frame)
@@ -110,7 +110,7 @@ class ControllerInLoop(ControllerReader):
         return self.read(distance_sample, now_ns, State.OK, self._contact, self._frame)
 
     def _write(self, message: Message) -> None:
-        """Write a distance like a frame: with the position of contact on the finger's path."""
+        """Write a distance in the form of a frame, with the position of contact on the finger's path."""
         reported, path = self._contact, self._path
         pose_ns = START_NS + round(1e9 * message.at)
         if self._frame is None or pose_ns != self._frame.start_ns:
@@ -123,7 +123,7 @@ class ControllerInLoop(ControllerReader):
 
 
 class PolicyReader:
-    """A plain reading of a distance, with the distances of frames along the path."""
+    """Reader with a target policy, which uses the distances of frames along the path."""
 
     switched_at, advances = math.nan, 0  # no force is served, and no data are fresh or stale
 

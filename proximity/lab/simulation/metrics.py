@@ -1,7 +1,8 @@
-"""Difference of a force from that of a real wall: in total, at its onset, at rest, and in work.
+"""Differences between a force and that of a real wall, in total, at the onset, at rest, and in work.
 
-A real wall's force begins with a step, c v. When that step is shifted by 0.1 ms, the total error changes by
-1.5 points at 0.25 m/s and by 5 points at 1 m/s, the spread of an analysis of forces every 0.1 ms.
+The force of a real wall begins with a step, c v. A shift of that step by 0.1 ms changes the total error by
+1.5 points at 0.25 m/s and by 5 points at 1 m/s. This is the uncertainty of an analysis of forces sampled
+every 0.1 ms.
 """
 
 import math
@@ -11,25 +12,25 @@ import numpy as np
 
 from proximity.lab.simulation.closed_loop import Response, real_wall
 
-FELT_SWING = 0.005  # N, p-p: about the threshold at 250 Hz, 1 µm of a fingertip; assumed
+FELT_SWING = 0.005  # N, p-p, about the threshold of a fingertip at 250 Hz, 1 µm; assumed
 ONSET_FORCE = 0.1  # N, minimum force of a felt wall; assumed
-REST_TIME = 0.090  # s of the hold, that count as rest
+REST_TIME = 0.090  # s, duration of the part of the hold that counts as rest
 REST_END = 0.010  # s from the end of rest to the release
 
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """A press compared with the same press on a real wall."""
+    """Differences of a press from the same press on a real wall."""
 
     error: float  # rms of the difference of the forces over the rms of the real one, from contact on
     onset: float  # s, delay of the start of the force
     penetration: float  # m, of the pad's far side past the wall, before the release
-    steady_error: float  # N, mean force at rest less the real one
+    steady_error: float  # N, mean force at rest minus the real one
     ripple: float  # N, standard deviation of the force at rest
     swing: float  # N, of the force at rest, minimum to maximum
     peak: float  # N, largest force
-    peak_error: float  # N, that less the largest of the real one
-    work_error: float  # J, of the finger until the release, less the real one; negative: the wall feeds it
+    peak_error: float  # N, largest force minus that of the real wall
+    work_error: float  # J, of the finger until the release, minus the real one; < 0: the wall adds energy
 
 
 def deviation(response: Response, reference: Response | None = None) -> Deviation:
@@ -51,20 +52,20 @@ def deviation(response: Response, reference: Response | None = None) -> Deviatio
 
 
 def force_error(response: Response, reference: Response) -> float:
-    """Return the rms of the difference of two forces over the rms of the second, from contact on."""
+    """Return the rms of the difference of two forces over the rms of the second, from the contact on."""
     force, real = response.force[response.zero :], reference.force[reference.zero :]
-    # Not by the norm of linalg, whose threads wait for each other.
+    # np.linalg.norm is not used, as its threads wait for each other.
     return math.sqrt(float(np.square(force - real).sum() / np.square(real).sum()))
 
 
 def onset(response: Response, threshold: float = ONSET_FORCE) -> float:
-    """Return the time after the contact at which the force is first felt, s; inf if never."""
+    """Return the time from the contact until the force is first felt, s, or inf if it never is."""
     is_felt = response.force[response.zero :] >= threshold
     return float(np.argmax(is_felt)) * response.step if is_felt.any() else math.inf
 
 
 def rest(response: Response) -> np.ndarray:
-    """Return which instants count as rest, (N,) bool: the end of the hold."""
+    """Return which instants count as rest, (N,) bool. They are near the end of the hold."""
     end = response.press.release_time - REST_END
     return (response.times >= end - REST_TIME) & (response.times < end)
 
@@ -77,7 +78,7 @@ def work(response: Response) -> float:
 
 
 def drum_offset(response: Response, wall_speed: float = 0.0) -> float:
-    """Return the drum's distance past the wall when the link meets it, m; nan if they never meet."""
+    """Return the drum's distance past the wall when the link meets it, m, or nan if they never meet."""
     met = np.flatnonzero(response.contact > 0.0)
     if not len(met):
         return math.nan
@@ -86,6 +87,9 @@ def drum_offset(response: Response, wall_speed: float = 0.0) -> float:
 
 
 def drum_lag(response: Response) -> float:
-    """Return the drum's position, m past the wall, when the link meets it or the wall: 0 is in time."""
+    """Return the drum's distance past the wall when the link meets drum or wall, m.
+
+    It is 0 if the drum is in time.
+    """
     arrived = np.flatnonzero((response.contact > 0.0) | (response.link >= 0.0))
     return float(response.drum[arrived[0]]) if len(arrived) else math.nan

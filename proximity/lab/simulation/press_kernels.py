@@ -1,10 +1,11 @@
-"""Kernels of a press: hand, finger and pad against a wall, a device or a drum, in one loop with a plug-in.
+"""Kernels of a press of hand, finger and pad against a wall, a device or a drum.
 
-The plug-in is a kernel that writes force and contact of a row, and the positions in the next row. There are
-three: a massless surface, rigid or soft; a device carried by the finger and pushed back by delayed, sampled
-forces; and a link that is free until it meets a drum. Steps are semi-implicit: speeds first, positions with
-the new speeds. The contact is at row *zero* of the curves; row i is the instant (i - zero) step. Positions
-are positive into the wall, in one coordinate for finger, link and drum.
+The loop over the rows has a plug-in, a kernel that writes force and contact of a row and the positions in the
+next row. There are three: a massless surface, rigid or soft; a device that is carried by the finger and
+pushed back by delayed, sampled forces; and a link that is free until it meets a drum. Steps are
+semi-implicit, in that speeds are computed first and positions with the new speeds. The contact is at row
+*zero* of the curves, and row i is the instant (i - zero) step. Positions are positive into the wall, in one
+coordinate for finger, link and drum.
 """
 
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from proximity.decaff.drum import drum_kernels as drums
 from proximity.decaff.drum.drum_kernels import push_drum, rounded
 from proximity.native import bundle, entry, inlined, record
 
-MIN_DAMPING = 1.0  # N s/m, of a returning surface: its spring alone would return it instantly
+MIN_DAMPING = 1.0  # N s/m, of a returning surface, whose spring alone would return it instantly
 TOUCHING = 1e-9  # m; nearer is touching, as the positions of an approach add up with rounding
 
 BODY = record(
@@ -35,7 +36,7 @@ BODY = record(
     cable_damping="f8",  # N s/m
     capstan="f8",  # share of the tension lost to friction in the sheath, as the tension grows
     drag="f8",  # N, minimum friction
-    play="f8",  # m at the fingertip, of the cable's backlash: motion of the finger back without the link
+    play="f8",  # m at the fingertip, backlash of the cable before the link follows a returning finger
     step="f8",  # s, of the loop
     zero="i8",  # row of the contact
 )
@@ -52,7 +53,7 @@ WALL = record(
 
 
 class PressArrays(NamedTuple):
-    """Input and output of a press; curves have N rows, plus one for the result of the last step."""
+    """Input and output of a press. Curves have N rows, and one more for the result of the last step."""
 
     body: np.ndarray  # (1,) BODY
     intent: np.ndarray  # (3,) float64: speed, m/s, depth, m, and release, s
@@ -65,8 +66,8 @@ class PressArrays(NamedTuple):
     finger_speed: np.ndarray  # m/s
     link: np.ndarray  # m
     link_speed: np.ndarray  # m/s
-    thimble: np.ndarray  # m, of the pad's far side: the cable's near end, or the link without one
-    where: np.ndarray  # m, of the drum; of a wall without one: its surface
+    thimble: np.ndarray  # m, of the pad's far side, which is the cable's near end or the link
+    where: np.ndarray  # m, of the drum or of a wall's surface
     contact: np.ndarray  # N, on the link
 
 
@@ -78,7 +79,7 @@ bundle(
 
 @inlined
 def intent(press: np.ndarray, t: float) -> tuple[float, float]:
-    """Return intended position and speed of the hand at *t*: `trajectories.Press`, touching at 0."""
+    """Return intended position and speed of the hand at *t*, as in a `Press` that touches at 0."""
     speed, depth, release = press[0], press[1], press[2]
     rise = 2.0 * depth / speed
     if t < 0.0:
@@ -96,7 +97,7 @@ def intent(press: np.ndarray, t: float) -> tuple[float, float]:
 
 @inlined
 def contact_force(body: np.record, link: float, link_speed: float, drum: float, drum_speed: float) -> float:
-    """Return the force of the drum on the link, N; never pulls."""
+    """Return the force of the drum on the link, N, which never pulls."""
     if not link > drum:
         return 0.0
     force = body.contact_stiffness * (link - drum) + body.contact_damping * (link_speed - drum_speed)
@@ -109,15 +110,15 @@ def cable_forces(
 ) -> tuple[float, float, float]:
     """Return the pad's force and the cable's tension, N at the fingertip, and the speed of the thimble.
 
-    The thimble has no mass: pad, cable and the friction in the sheath, at the cable's exit from the hand,
-    determine its speed. Without a cable it is the link.
+    The thimble has no mass. Its speed is determined by the pad, the cable, and the friction in the sheath at
+    the cable's exit from the hand. Without a cable the thimble is the link.
     """
     stiffness, damping = body.pad_stiffness, body.pad_damping
     if not body.cable_stiffness > 0.0:
         force = stiffness * (finger - thimble) + damping * (speed - link_speed)
         return force, force, link_speed
     slack, own = thimble - link, body.cable_damping
-    if slack < 0.0 and body.play > 0.0:  # the finger moves back: first through the backlash
+    if slack < 0.0 and body.play > 0.0:  # a returning finger first moves through the backlash
         slack = min(0.0, slack + body.play)
         own = own if slack < 0.0 or not damping > 0.0 else 0.0
     stretch = body.cable_stiffness * slack
@@ -133,7 +134,7 @@ def cable_forces(
 
 @inlined
 def step_finger(press: PressArrays, i: int) -> None:
-    """Compute the finger's state in the next row, driven by the hand against the pad's force."""
+    """Compute the finger's state in the next row, under the forces of the hand and the pad."""
     body, finger, speed = press.body[0], press.finger[i], press.finger_speed[i]
     wanted, wanted_speed = intent(press.intent, (i - body.zero) * body.step)
     push = body.hand_stiffness * (wanted - finger) + body.hand_damping * (wanted_speed - speed)
@@ -142,7 +143,7 @@ def step_finger(press: PressArrays, i: int) -> None:
 
 
 def pressed_on(answer: Callable[[PressArrays, int], None]) -> Callable[[PressArrays, int, int], None]:
-    """Return the loop over rows, from one to before another, with a kernel for the wall."""
+    """Return the kernel that computes a range of rows with a given kernel for the wall."""
 
     @inlined
     def advance(press: PressArrays, first: int, last: int) -> None:
@@ -155,7 +156,7 @@ def pressed_on(answer: Callable[[PressArrays, int], None]) -> Callable[[PressArr
 
 @inlined
 def begin(press: PressArrays) -> None:
-    """Initialise the first row: hand, finger and link move together, at the hand's speed."""
+    """Initialise the first row, where hand, finger and link move together at the hand's speed."""
     body = press.body[0]
     where, speed = intent(press.intent, -body.zero * body.step)
     press.finger[0] = press.link[0] = press.thimble[0] = where
@@ -167,14 +168,14 @@ def begin(press: PressArrays) -> None:
 
 @inlined
 def meet_surface(press: PressArrays, i: int) -> None:
-    """A massless surface, rigid or with a spring and a damper; it never pulls.
+    """Step a massless surface, which is rigid or has a spring and a damper, and never pulls.
 
-    Pad and surface are in series: the same force acts on both, which gives the speed of the surface.
+    Pad and surface are in series. The same force acts on both, which determines the speed of the surface.
     """
     body, wall, surface = press.body[0], press.wall[0], press.where[i]
     finger, speed, is_soft = press.finger[i], press.finger_speed[i], wall.stiffness < inf
     force = sink = 0.0
-    # At the surface the damper already pushes: the force begins with a step.
+    # The damper already pushes at the surface, so that the force begins with a step.
     if finger >= surface - TOUCHING:
         pad = body.pad_stiffness * (finger - surface) + body.pad_damping * speed
         if is_soft:
@@ -190,7 +191,7 @@ def meet_surface(press: PressArrays, i: int) -> None:
 
 @inlined
 def pull_link(press: PressArrays, i: int, back: float) -> None:
-    """Move the link, driven by the finger through pad and cable, against a force *back*, N."""
+    """Step the link under the pull of pad and cable and against a force *back*, N."""
     body, link, link_speed, thimble = press.body[0], press.link[i], press.link_speed[i], press.thimble[i]
     force, tension, thimble_speed = cable_forces(
         body, press.finger[i], press.finger_speed[i], thimble, link, link_speed
@@ -204,7 +205,10 @@ def pull_link(press: PressArrays, i: int, back: float) -> None:
 
 @inlined
 def meet_device(press: PressArrays, i: int) -> None:
-    """A device pushed back by a sampled, delayed spring and damper; the force is held, and never pulls."""
+    """Step a device that is pushed back by a sampled, delayed spring and damper.
+
+    The force is held between two samples, and never pulls.
+    """
     wall = press.wall[0]
     since = i - wall.first
     if since >= 0 and since % wall.every == 0:
@@ -218,7 +222,7 @@ def meet_device(press: PressArrays, i: int) -> None:
 
 @inlined
 def meet_drum(press: PressArrays, i: int) -> None:
-    """A link that is free until it meets the drum, which the motor moves."""
+    """Step the link, which is free until it meets the drum, and the motor-driven drum."""
     where = press.where[i] = press.drive[drums.DRIVE_POSITION]
     link, link_speed = press.link[i], press.link_speed[i]
     back = contact_force(press.body[0], link, link_speed, where, press.drive[drums.DRIVE_SPEED])
@@ -246,11 +250,11 @@ def press_device(press: PressArrays) -> None:
 
 @entry(PressArrays)
 def begin_press(press: PressArrays) -> None:
-    """Initialise the first row."""
+    """Initialise the first row of a press."""
     begin(press)
 
 
 @entry(PressArrays, "int, int")
 def press_drum(press: PressArrays, first: int, last: int) -> None:
-    """Compute rows *first* to *last*, exclusive, of a press on a drum whose servo is idle."""
+    """Compute the rows from *first* to *last*, exclusive, of a press on a drum whose servo is idle."""
     advance_drum(press, first, last)

@@ -41,14 +41,14 @@ class Wall(StrEnum):
 
     REAL = "real"
     COUPLED = "coupled"
-    """A traditional wall: a spring and a damper, by a motor that the finger carries."""
+    """A traditional wall, a spring and a damper rendered by a motor that the finger carries."""
     DECAFF = "decaff"
-    """A drum at the measured wall."""
+    """A drum that is moved to the measured wall."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """Setup of a simulated press; settings of other walls are ignored."""
+    """Setup of a simulated press. Settings of other kinds of walls are ignored."""
 
     wall: Wall = Wall.DECAFF
     speed: float = 0.1  # m/s
@@ -57,7 +57,7 @@ class Setup:
     glove: Glove = field(default_factory=Glove)  # its servo runs at 3 kHz
     gear: str | None = None  # of `GEARS`, instead of the glove's
     policy: str = "time-stamped"  # of `POLICIES`
-    stiffness: float | None = None  # N/m, of a coupled wall; None: the best of a grid, as is the damping
+    stiffness: float | None = None  # N/m, of a coupled wall; None: the best gains of a grid
     damping: float | None = None  # N s/m
     cable: float | None = None  # N/m at the fingertip, of the cable to the drum; None: no cable
     stretch: str = "left"  # of `Stretch`: compensation of the cable's stretch
@@ -90,13 +90,13 @@ class Setup:
 
     @property
     def tip_cable(self) -> TipCable | None:
-        """The glove's cable with the given stiffness."""
+        """Cable of the glove with the given stiffness, or None without a cable."""
         return None if self.cable is None else replace(TipCable.of(self.glove), stiffness=self.cable)
 
 
 @dataclass(frozen=True, slots=True)
 class Felt:
-    """A press in a few numbers."""
+    """Measures of a press."""
 
     onset: float  # s after the touch, from 0.1 N on
     peak: float  # N
@@ -118,22 +118,22 @@ class Simulation:
 
     @property
     def felt(self) -> Felt:
-        """Response on this wall."""
+        """Measures of the press on this wall."""
         return felt(self.response)
 
     @property
     def force_error(self) -> float:
-        """Rms of the difference from the real force over the real rms, from contact on."""
+        """Rms of the difference from the real force over the rms of that, from the contact on."""
         return force_error(self.response, self.real)
 
     @property
     def drum_offset(self) -> float:
-        """Distance of the drum past the wall when the link meets it, m; nan without a drum."""
+        """Distance of the drum past the wall when the link meets it, m, or nan without a drum."""
         return drum_offset(self.response) if self.setup.wall == Wall.DECAFF else math.nan
 
 
 def simulate(setup: Setup) -> Simulation:
-    """Return a press on a wall."""
+    """Simulate a press on a wall, and the same press on a real wall."""
     hand, coupled = Hand(), None
     press = hand.press(setup.speed)
     if setup.wall == Wall.COUPLED:
@@ -150,7 +150,7 @@ def simulate(setup: Setup) -> Simulation:
 
 
 def felt(response: Response) -> Felt:
-    """Return a press in a few numbers."""
+    """Return the measures of a press."""
     at_rest = response.force[rest(response)]
     before_release = response.times < response.press.release_time
     first = slice(response.zero, response.zero + round(IMPULSE_TIME / response.step) + 1)
@@ -182,7 +182,7 @@ def _one_of(name: str, value: str, known: tuple[str, ...]) -> None:
 
 
 def describe(simulation: Simulation) -> str:
-    """Return a description of a wall."""
+    """Return a text that describes a wall."""
     setup = simulation.setup
     late = f"{1e3 * setup.latency:g} ms of latency at {setup.rate:g} Hz"
     if setup.wall == Wall.COUPLED:
@@ -196,12 +196,12 @@ def describe(simulation: Simulation) -> str:
 
 
 def cable_words(stiffness: float, stretch: str) -> str:
-    """Return a description of a cable."""
+    """Return a text that describes a cable."""
     return f"{stiffness:.4g} N/m at the fingertip, {Stretch(stretch).words}"
 
 
 def document(simulation: Simulation) -> dict[str, Any]:
-    """Return the reported values of a press, as plain values in SI units."""
+    """Return the reported values of a press as a dictionary of plain values in SI units."""
     setup, coupled = simulation.setup, simulation.coupled
     reported: dict[str, Any] = {"wall": str(setup.wall), "speed": setup.speed}
     if setup.wall != Wall.REAL:

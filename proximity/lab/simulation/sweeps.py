@@ -1,7 +1,7 @@
-"""Sweeps of presses: walls against speed, latency, rate and drum (docs/science/drum.md).
+"""Sweeps of presses that compare walls over speed, latency, rate and drum (docs/science/drum.md).
 
-A coupled wall has the best stiffness and damping of a grid for its rate and latency: the most favourable
-tuning, one for all speeds.
+A coupled wall has the best stiffness and damping of a grid for its rate and latency. This is the most
+favourable tuning, and it is the same for all speeds.
 """
 
 import math
@@ -35,12 +35,12 @@ TUNING_STEP = 2e-5  # s, of the simulation
 HOPELESS = 3.0  # an error beyond which stiffer walls are not tried
 SENSOR_SMOOTHING = 10.0  # Hz, of the measured force, not the one from the motor's torque
 CABLE_STIFFNESSES = (100.0, 1e6)  # N/m at the fingertip, bounds of the search
-HALVINGS = 14  # of that range, in its logarithm: to a thousandth
+HALVINGS = 14  # of the logarithm of that range, to reach a thousandth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Row:
-    """One wall at several speeds."""
+    """Deviations of one wall at several speeds."""
 
     wall: CoupledWall | Decaff
     speeds: tuple[float, ...]  # m/s
@@ -48,7 +48,7 @@ class Row:
 
     @property
     def errors(self) -> np.ndarray:
-        """Force errors, one a speed."""
+        """Force error at each speed."""
         return np.array([one.error for one in self.deviations])
 
 
@@ -60,7 +60,7 @@ def best_coupled_wall(
     device: Link = COUPLED_DEVICE,
     speeds: Sequence[float] = SPEEDS,
 ) -> CoupledWall:
-    """Return the wall of the grid with the least force error, averaged over the speeds."""
+    """Return the wall of the grid with the smallest force error, averaged over the speeds."""
     presses = [hand.press(speed) for speed in speeds]
     references: list[Response] = []
     best, best_error = CoupledWall(0.0, 0.0, rate, latency), np.inf
@@ -83,7 +83,7 @@ def best_coupled_wall(
 def coupled_row(
     hand: Hand, wall: CoupledWall, *, device: Link = COUPLED_DEVICE, speeds: Sequence[float] = SPEEDS
 ) -> Row:
-    """Return the errors of a coupled wall at several speeds."""
+    """Simulate presses on a coupled wall at several speeds."""
     deviations = (deviation(coupled_wall(hand, hand.press(speed), wall, device=device)) for speed in speeds)
     return Row(wall, tuple(speeds), tuple(deviations))
 
@@ -95,13 +95,13 @@ def drum_row(
     *,
     speeds: Sequence[float] = SPEEDS,
 ) -> Row:
-    """Return the errors of a drum at several speeds."""
+    """Simulate presses on a drum at several speeds."""
     deviations = (deviation(decaff(hand, hand.press(speed), glove, target)) for speed in speeds)
     return Row(glove, tuple(speeds), tuple(deviations))
 
 
 def with_latency(glove: Decaff, latency: float, rate: float | None = None) -> Decaff:
-    """Return the same glove with another latency."""
+    """Return a copy of a glove with another latency, and optionally another rate."""
     sensing = replace(glove.sensing, latency=latency, rate=rate or glove.sensing.rate)
     return replace(glove, sensing=sensing)
 
@@ -110,15 +110,15 @@ class Stretch(StrEnum):
     """Compensations of the cable's stretch while the finger is on the drum."""
 
     LEFT = "left"
-    """None: the finger sinks in."""
+    """No compensation, so that the finger sinks in."""
     TORQUE = "torque"
-    """By the motor's torque, smoothed: slowly, since the torque also moves the drum."""
+    """Compensation by the motor's torque, slowly smoothed, since the torque also moves the drum."""
     SENSOR = "sensor"
-    """By a force sensor between link and drum."""
+    """Compensation by a force sensor between link and drum."""
 
     @property
     def words(self) -> str:
-        """Description of the compensation."""
+        """Text that describes the compensation."""
         return {
             "left": "its stretch left",
             "torque": "its stretch made up for by the motor's torque",
@@ -127,7 +127,7 @@ class Stretch(StrEnum):
 
 
 def with_transmission(glove: Decaff, cable: TipCable, stretch: Stretch = Stretch.LEFT) -> Decaff:
-    """Return the same glove with a cable, and the counts of its potentiometer."""
+    """Return a copy of a glove with a cable and the resolution of its potentiometer."""
     resolution = float(Glove().resolution(CONTACT_BEND))
     has_sensor = stretch == Stretch.SENSOR
     return replace(
@@ -144,7 +144,7 @@ def with_transmission(glove: Decaff, cable: TipCable, stretch: Stretch = Stretch
 
 
 def needed_cable(hand: Hand, glove: Decaff, speed: float, error: float, stretch: Stretch) -> float:
-    """Return the stiffness of the cable at the fingertip that reaches a force error, N/m."""
+    """Return the cable stiffness at the fingertip that is needed for a force error, N/m."""
     usual, press = TipCable.of(Glove()), hand.press(speed)
 
     def is_enough(stiffness: float) -> bool:

@@ -1,8 +1,8 @@
-"""Policies that turn a distance into a drum's target: four readings, and an interface for a controller.
+"""Policies that convert a distance into a drum's target, and an interface for controllers.
 
-A distance is old when it arrives, and its reference decides its meaning (science/drum.md): with the link's
-present position it is wrong by the displacement since; with the position at the same instant it is a position
-in the world.
+A distance is old when it arrives, and its meaning depends on the position that it is combined with
+(science/drum.md). With the present position of the link, the result is wrong by the displacement since the
+measurement. With the position at the same instant, it is a position in the world.
 """
 
 import math
@@ -15,16 +15,17 @@ from proximity.lab.simulation.devices import Holding
 
 
 class Target(IntEnum):
-    """Position that a distance is combined with."""
+    """Policies, which differ in the position that a distance is combined with."""
 
     NAIVE = 0
-    """The link's present position, also in contact: the paper's "proportionate position", taken literally."""
+    """Present position of the link, also in contact. This is the paper's "proportionate position" literally.
+    """
     LATCHED = 1
-    """The link's present position; held from touch to release."""
+    """Present position of the link. The target is held from touch to release."""
     FEED_FORWARD = 2
-    """The link's present position, the distance less the displacement since at the old speed; held."""
+    """Present position of the link, minus the displacement since the measurement at its speed. It is held."""
     TIME_STAMPED = 3
-    """The link's position when the distance was measured; held."""
+    """Position of the link when the distance was measured. The target is held."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,20 +40,23 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class DistanceSample:
-    """State known to a controller at a sample of the servo."""
+    """Input of a controller at a sample of the servo."""
 
     now: float  # s
     link: float  # m, by the potentiometer
     speed: float  # m/s, of the link
-    finger_speed: float  # m/s, behind the pad: when the link is stopped, the finger still moves
+    finger_speed: float  # m/s, behind the pad, as a finger still moves when the link is stopped
     drum: float  # m, its position
     force: float  # N, between link and drum
     applied: float  # N, of the motor during the last sample, positive away from the finger
-    message: Message | None  # the newest delivered; None: no message, or no surface within reach
+    message: Message | None  # newest delivered message; None without one, or without a surface in reach
 
 
 class Controller(Protocol):
-    """Interface of drum controllers, called at every sample: a policy here, or a real controller."""
+    """Interface of drum controllers, which are called at every sample of the servo.
+
+    They are the policies of this module and real controllers.
+    """
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
         """Return the drum's command until the next sample."""
@@ -60,7 +64,7 @@ class Controller(Protocol):
 
 
 class TargetPolicy:
-    """One of the four readings of a distance, as a controller."""
+    """Controller that follows one of the target policies."""
 
     def __init__(self, target: Target, holding: Holding | None = None) -> None:
         self._target, self._holding = Target(target), holding or Holding()
@@ -68,7 +72,10 @@ class TargetPolicy:
         self._now = self._once = self._twice = 0.0  # s, of the last sample; N, smoothed once and twice
 
     def command(self, distance_sample: DistanceSample) -> DrumCommand:
-        """Return the drum's target: retracted, or the contact; while it is touched, the held one."""
+        """Return the target of the drum, which is held while the drum is touched.
+
+        Otherwise it is the position of the contact, or the retracted position if no contact is known.
+        """
         return DrumCommand(DriveMode.POSITION, self._position(distance_sample))
 
     def _position(self, sample: DistanceSample) -> float:
@@ -93,7 +100,7 @@ class TargetPolicy:
         return sample.link + message.distance - gone
 
     def _stretch(self, sample: DistanceSample) -> float:
-        """Return the stretch of the cable, m, by the smoothed force on the drum; 0 without compensation."""
+        """Return the stretch of the cable by the smoothed force on the drum, m, or 0 without compensation."""
         holding, elapsed, self._now = self._holding, sample.now - self._now, sample.now
         share = -math.expm1(-2.0 * math.pi * holding.smoothing * max(elapsed, 0.0))
         self._once += share * ((sample.force if holding.has_force_sensor else -sample.applied) - self._once)

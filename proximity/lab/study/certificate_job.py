@@ -1,4 +1,4 @@
-"""The job ``certificate``: the latency certificate of a scene, in a few numbers."""
+"""The job ``certificate``, which returns the latency certificate of a scene in a few numbers."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -25,10 +25,10 @@ def certificate(
     loop_seconds: float = 0.2,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """Return whether ticks in a scene keep their period, and the worst position.
+    """Return whether the ticks in a scene keep their period, and the worst position.
 
-    ``slowest``: the largest 99.9th percentile of a tick's computing, s. ``worst_work`` of an exact search;
-    ``bounds_width`` within the budget, at the worst position.
+    ``slowest`` is the largest 99.9th percentile of a tick's computing time, s. ``worst_work`` is that of an
+    exact search, and ``bounds_width`` is the width of the bounds at the worst position within the budget.
     """
     settings = {"radius": radius, "budget": budget, "working_range": working_range}
     loaded, period = _loaded(scene, units), 1.0 / rate
@@ -56,5 +56,5 @@ def certificate(
 
 @lru_cache(maxsize=2)
 def _loaded(path: Path, units: str) -> Scene:
-    """Return a scene that successive conditions share."""
+    """Read a scene, which successive conditions share."""
     return load(path, units=units)

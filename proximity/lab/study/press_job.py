@@ -1,4 +1,4 @@
-"""The job ``press``: one simulated press on a wall, compared with the same press on a real wall."""
+"""The job ``press``, which compares one simulated press on a wall with the same press on a real wall."""
 
 import inspect
 import math
@@ -50,10 +50,10 @@ WORDS = {"wall": tuple(Wall), "drum": tuple(GEARS), "policy": tuple(POLICIES), "
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressFactors:
-    """Factors of the job, with their defaults; SI units.
+    """Factors of the job with their defaults, in SI units.
 
-    None: the best gains of a coupled wall, no integral, a rigid cable. *seed*: of the wall's position between
-    two counts of the drum's encoder.
+    None selects the best gains of a coupled wall, no integral, or a rigid cable. *seed*: of the wall's
+    position between two counts of the drum's encoder.
     """
 
     wall: str = Wall.DECAFF.value
@@ -86,9 +86,9 @@ class PressFactors:
 
 
 def press(**values: Any) -> dict[str, Any]:
-    """Return the measures of one press, as in `metrics.Deviation`; SI units.
+    """Return the measures of one press in SI units, as in `metrics.Deviation`.
 
-    *values*: of `PressFactors`.
+    *values*: those of `PressFactors`.
     """
     factors = PressFactors(**values)
     hand, coupled = Hand(), None

@@ -1,9 +1,9 @@
-"""Rows of a study as Parquet files, and together as CSV.
+"""Rows of a study as Parquet files, and the newest rows as one CSV file.
 
     DIR/rows/20260131T120000-1a2b-00000.parquet   rows of one run, a file every few seconds
     DIR/rows.csv                                  the newest row of each condition
 
-A file appears when it is complete. Only rows that a killed run had not written are computed again.
+A file is visible only when it is complete. After a killed run, only its unwritten rows are computed again.
 """
 
 import contextlib
@@ -29,7 +29,7 @@ FLUSH_SECONDS = 2.0
 
 
 class RowFiles:
-    """The folder of a study's results, open for one run."""
+    """Folder of a study's results, open for one run."""
 
     def __init__(self, folder: Path) -> None:
         self._arrow, self._parquet = _load_pyarrow()
@@ -40,7 +40,7 @@ class RowFiles:
         self._due = time.monotonic() + FLUSH_SECONDS
 
     def add(self, row: dict[str, Any]) -> None:
-        """Append a row, and write the waiting rows when due."""
+        """Append a row, and write all waiting rows if they are due."""
         self._rows.append(row)
         if time.monotonic() >= self._due:
             self.flush()
@@ -60,7 +60,7 @@ class RowFiles:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Exclude a second run from a folder while the block runs."""
+    """Lock a folder against a second run while the block runs."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = (folder / ".lock").open("ab")
@@ -76,7 +76,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def row_paths(folder: Path) -> list[Path]:
-    """Return all files of rows, oldest first."""
+    """Return the paths of all files of rows, oldest first."""
     return sorted(folder.glob("rows/*.parquet"))
 
 

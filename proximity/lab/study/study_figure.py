@@ -1,4 +1,7 @@
-"""Figure of a study: a measure over a factor, a line for each level of a second, a panel of a third."""
+"""Figure of a study, which shows a measure over a factor.
+
+A second factor has a line for each level, and a third a panel for each level.
+"""
 
 import math
 import statistics
@@ -20,7 +23,7 @@ DASHES = ("-", "-", "--", "-.", (0, (4, 1, 1, 1)), ":", "-", (0, (1, 1)))
 HEIGHT = 2.4  # inches, of a row of panels
 MAX_PANELS, MAX_LINES, ACROSS = 4, 8, 2
 WITHOUT_X = (":", "--")
-"""Strokes of level lines, for conditions without x: one for each wall."""
+"""Strokes of horizontal lines for conditions without x, one for each wall."""
 LOG_RATIO = 10.0
 """Ratio of largest to smallest value from which an axis is logarithmic."""
 
@@ -40,7 +43,10 @@ def write_figure(study: Study, rows: Sequence[Row], path: Path) -> None:
 
 
 def chosen_axes(study: Study, rows: Sequence[Row]) -> dict[str, str]:
-    """Return the columns of measure, x, lines and columns: from the file, else the first that vary."""
+    """Return the columns of measure, x, lines and panels.
+
+    Unless the file names them, the first that vary are used.
+    """
     factors = list(study.conditions[0].values)
     measures = [name for name in rows[0] if name not in (*factors, "seconds") and _is_number(rows, name)]
     chosen = {key: name for key, name in study.plot.items() if name}
@@ -78,7 +84,7 @@ def _draw(figure: "Figure", rows: Sequence[Row], chosen: dict[str, str]) -> None
 
 
 def _draw_line(panel: "Axes", rows: Sequence[Row], chosen: dict[str, str], label: str, stroke: Row) -> None:
-    """Draw the median or worst of the conditions at each x, with a band from minimum to maximum."""
+    """Draw the median or the worst value at each x, with a band from minimum to maximum around a median."""
     middle = max if chosen["points"] == "worst" else statistics.median
     values: dict[Any, list[float]] = defaultdict(list)
     for row in rows:
@@ -98,7 +104,7 @@ def _draw_line(panel: "Axes", rows: Sequence[Row], chosen: dict[str, str], label
 
 
 def _scale(panel: "Axes", rows: Sequence[Row], chosen: dict[str, str]) -> None:
-    """Scale axes of wide positive numbers logarithmically."""
+    """Use logarithmic axes for positive numbers that span a wide range."""
     for axis, key in (("x", "x"), ("y", "measure")):
         numbers = [row[chosen[key]] for row in rows if isinstance(row[chosen[key]], int | float)]
         if numbers and min(numbers) > 0.0 and max(numbers) > LOG_RATIO * min(numbers):
@@ -106,7 +112,7 @@ def _scale(panel: "Axes", rows: Sequence[Row], chosen: dict[str, str]) -> None:
 
 
 def _grouped(rows: Sequence[Row], name: str | None, most: int) -> dict[str, list[Row]]:
-    """Return rows by the level of a column, as text; without a column all rows."""
+    """Return rows by the text of their level in a column, or all rows without a column."""
     if name is None:
         return {"": list(rows)}
     levels = sorted({row[name] for row in rows}, key=lambda one: (one is None, one))

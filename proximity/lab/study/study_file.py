@@ -1,6 +1,7 @@
-"""Reader of study files: from TOML to the conditions of a study, with the line of every mistake.
+"""Reader of study files, from TOML to the conditions of a study. Every mistake is reported with its line.
 
-A job is a function of keyword arguments: its parameters are the factors, its dictionary the measures.
+A job is a function of keyword arguments. Its parameters are the factors, and the dictionary that it returns
+contains the measures.
 """
 
 import glob
@@ -27,7 +28,7 @@ TABLES = ("study", "factors", "conditions", "plot")
 PLOT_KEYS = ("measure", "x", "lines", "columns", "points")
 POINTS = ("median", "worst")
 KEY_BYTES = 10
-"""Size of a key: two of a million conditions share one with a probability of 4e-13."""
+"""Size of a key, bytes. Two of a million conditions have the same key with a probability of 4e-13."""
 Job = Callable[..., dict[str, Any]]
 EXPECTED = {
     float: "a number",
@@ -63,7 +64,10 @@ class Study:
 
 
 def read_study(path: Path, jobs: Mapping[str, Job]) -> Study:
-    """Return a study; *jobs*: by the names that its file may use, in addition to ``module:function``."""
+    """Read a study from a file.
+
+    *jobs*: by the names that the file may use, in addition to ``module:function``.
+    """
     document = read_document(path, "a study")
     Table(document, (), document.data, TABLES)  # complains of others
     table = Table(document, ("study",), document.data.get("study", {}), ("name", "job"))
@@ -93,7 +97,10 @@ def _imported(table: Table, name: str, jobs: Mapping[str, Job]) -> Job:
 
 
 def _conditions(document: Document, folder: Path, job_name: str, job: Job) -> Iterator[Condition]:
-    """Return every combination of [factors], with each of [[conditions]]; each condition once."""
+    """Yield the conditions of a study without duplicates.
+
+    They are all combinations of [factors] with each of [[conditions]].
+    """
     rows = document.data.get("conditions", [{}])
     if not isinstance(rows, list):
         document.complain(("conditions",), "conditions are not tables, expected [[conditions]] above each")
@@ -140,7 +147,7 @@ def _levels(document: Document, folder: Path, path: KeyPath, content: Any, job: 
 def _read(
     document: Document, folder: Path, path: KeyPath, value: Any, accepted: tuple[type, ...]
 ) -> list[Any]:
-    """Return the values of an item: several for a pattern of files, none for an invalid one."""
+    """Return the values of an item. A pattern of files may have several, an invalid item has none."""
     if value == NONE and types.NoneType in accepted:
         return [None]
     if Path in accepted and isinstance(value, str):
@@ -159,7 +166,7 @@ def _read(
 
 
 def _digest(path: Path, known: dict[str, str]) -> str:
-    """Return the SHA-256 of a file, read once."""
+    """Return the SHA-256 of a file, which is read only once."""
     if str(path) not in known:
         with path.open("rb") as stream:
             known[str(path)] = hashlib.file_digest(stream, "sha256").hexdigest()
@@ -167,7 +174,7 @@ def _digest(path: Path, known: dict[str, str]) -> str:
 
 
 def _key(job: str, values: Mapping[str, Any], digests: Mapping[str, str]) -> str:
-    """Return the hash of a condition; a file counts by its content."""
+    """Return the hash of a condition, in which a file is represented by its content."""
     plain = {
         name: digests.get(str(one), str(one)) if isinstance(one, Path) else one
         for name, one in values.items()

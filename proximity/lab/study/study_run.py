@@ -1,6 +1,7 @@
-"""Run of a study on Ray: a task a condition, a bounded number in parallel, rows as they finish.
+"""Run of a study on Ray, with a task per condition and a limited number of tasks in parallel.
 
-A condition that fails, or crashes its worker, becomes a row with the reason; the next run tries it again.
+Rows are written as tasks finish. A condition that fails, or whose worker crashes, becomes a row with the
+reason, and the next run tries it again.
 """
 
 import atexit
@@ -29,14 +30,14 @@ from proximity.system.table_text import table_text
 
 LONGEST_FAILURE = 500  # characters
 TASKS_A_CORE = 8
-"""Number of tasks in flight per core: short jobs would otherwise wait for the next one."""
+"""Number of tasks in flight per core, which is large as short jobs would otherwise wait for the next one."""
 RETRIES = 2
 """Number of retries of a task whose worker or node was lost."""
 WAIT_SECONDS = 0.5
 NO_CLUSTER = "no Ray cluster at"
 CONNECT_SECONDS = 5.0
 OBJECT_STORE_BYTES = 128 << 20
-"""Memory of Ray on this machine: rows are small, and scenes are files."""
+"""Memory of Ray on this machine. Little is needed, as rows are small and scenes are files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,22 +52,25 @@ class Progress:
 
     @property
     def rate(self) -> float:
-        """Conditions a second, of this run."""
+        """Number of conditions per second in this run."""
         return self.done / self.seconds if self.seconds else 0.0
 
     @property
     def seconds_left(self) -> float:
-        """Time until the end at that rate, s; inf before the first is done."""
+        """Time until the end at the present rate, s, or inf before the first condition is done."""
         return (self.total - self.earlier - self.done) / self.rate if self.done else float("inf")
 
 
 def run_condition(job: Job, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the cells of a condition's row after its factors: measures, failure, duration, versions."""
+    """Run a job, and return the cells of the condition's row after its factors.
+
+    They are the measures, failure, duration and versions.
+    """
     started = time.perf_counter()
     results: dict[str, Any] = {"failure": None}
     try:
         results |= {name: table_text(value) for name, value in job(**values).items()}
-    except Exception as error:  # of any kind: the other conditions continue
+    except Exception as error:  # of any kind, so that the other conditions continue
         kind = "" if isinstance(error, ProximityError) else f"{type(error).__name__}: "
         results["failure"] = table_text(f"{kind}{error}"[:LONGEST_FAILURE])
     results["seconds"] = time.perf_counter() - started
@@ -82,10 +86,10 @@ def run_study(
     cores: int | None = None,
     watch: Callable[[Progress], None] = lambda _: None,
 ) -> Progress:
-    """Run the job for every condition without a row, or with a failed one; return the last progress.
+    """Run the job for every condition without a row or with a failed one. Return the final progress.
 
-    *address*: of a Ray cluster; without it, and unless Ray runs in this process, this machine is used.
-    *watch*: called with the progress regularly, and at the end, also after Ctrl-C.
+    *address*: of a Ray cluster. Without it, a Ray that already runs in this process is used, or else this
+    machine. *watch*: function that is called with the progress regularly and at the end, also after Ctrl-C.
     """
     with locked(out):
         kept = {row["key"] for row in read_rows(out, study.conditions) if row["failure"] is None}
@@ -106,7 +110,7 @@ def _run(
     progress: Progress,
     watch: Callable[[Progress], None],
 ) -> Progress:
-    """Send all conditions; finished rows are written, for any end of the run."""
+    """Run all conditions, and write finished rows however the run ends."""
     task = ray.remote(run_condition).options(num_cpus=1, max_retries=RETRIES, retry_exceptions=False)
     limit = TASKS_A_CORE * max(1, int(ray.cluster_resources().get("CPU", 1)))
     waiting, flying = iter(pending), dict[Any, Condition]()
@@ -146,7 +150,7 @@ def _row(ray: Any, condition: Condition, landed: Any) -> dict[str, Any]:
 
 
 def _check_reachable(address: str) -> None:
-    """Raise for an address without a listener: Ray itself would try for minutes."""
+    """Raise an error for an address without a listener, for which Ray itself would try for minutes."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not (host and port.isdecimal()):
         raise ServiceError(f"{NO_CLUSTER} {address!r}, expected HOST:PORT as ray start --head prints it")
@@ -158,9 +162,9 @@ def _check_reachable(address: str) -> None:
 
 @cache
 def _own_ray_folder() -> str:
-    """Return the folder of the Ray that this process starts, which then listens on loopback, with a token.
+    """Return the folder of the Ray that this process starts. It listens on loopback only, and needs a token.
 
-    Call it before `ray` is imported, which reads the environment once.
+    This function must be called before `ray` is imported, which reads the environment once.
     """
     folder = tempfile.mkdtemp(prefix="proximity-ray-")  # mode 0700; Ray opens its folder to all users
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
@@ -170,13 +174,13 @@ def _own_ray_folder() -> str:
     for name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN"):  # without a mode, Ray requires a token at its start
         os.environ.pop(name, None)
     os.environ["RAY_AUTH_TOKEN_PATH"] = str(token)
-    os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # on Linux, too: only 127.0.0.1 is bound
+    os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # also on Linux, so that only 127.0.0.1 is bound
     return folder
 
 
 @contextlib.contextmanager
 def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
-    """Yield Ray, started if it is not running in this process, and then stopped again."""
+    """Yield the module `ray` with a running Ray. If Ray was started here, it is stopped at the end."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # no usage statistics
     folder = "" if address else _own_ray_folder()
     with needed("a study needs", "study"):
@@ -193,7 +197,7 @@ def _ray(address: str | None, cores: int | None) -> Iterator[Any]:
         started |= {"include_dashboard": False, "_temp_dir": os.path.join(folder, "ray")}
     try:
         ray.init(**started, log_to_driver=False, logging_level=logging.ERROR, configure_logging=False)
-    except Exception as failed:  # of any kind: Ray starts other programs
+    except Exception as failed:  # of any kind, as Ray starts other programs
         where = f"{NO_CLUSTER} {address}" if address else "Ray cannot be started here"
         raise ServiceError(f"{where} ({str(failed).strip().partition(chr(10))[0]})") from failed
     try:
