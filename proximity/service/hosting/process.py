@@ -1,8 +1,8 @@
-"""A service in a separate process, and its handle in the parent process.
+"""Run a service in a separate process and control it from the parent process.
 
-The child is ``python -m proximity serve --json``: it writes to standard output, a JSON document a line, first
-that the first frame is published, and at the end its report. It stops at a line on its standard input, or at
-its end, so also when the parent dies.
+The child process is ``python -m proximity serve --json``. It writes JSON documents to standard output, one
+per line: one when the first frame is published, and its report at the end. It stops when it reads a line from
+standard input or when the input ends, which also happens if the parent dies.
 """
 
 import json
@@ -56,7 +56,7 @@ class RunningService:
     beginning: dict[str, Any]  # publish, rate_hz, finger_count, part_names, face_count, pid, notes
 
     def __init__(self, command: list[str], path: str, say: Callable[[str], None], timeout: float) -> None:
-        # Guarded: without a reader the service blocks as soon as the pipe is full.
+        # Guarded: if this reader ended, the service would block as soon as the pipe is full.
         self._path, self._say = path, guarded(say)
         self._lines: deque[str] = deque(maxlen=KEPT_LINES)
         self._reported: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
@@ -91,7 +91,7 @@ class RunningService:
 
     @property
     def is_running(self) -> bool:
-        """True while it is serving. It ends after a recording that is not repeated."""
+        """Whether the process is serving. It ends after a recording that is not repeated."""
         return self._process.poll() is None
 
     def stop(self, timeout: float = STOP_TIMEOUT) -> dict[str, Any]:
@@ -114,7 +114,7 @@ class RunningService:
             If the service failed or did not end in time, or if *timeout* is not a number of 0 or more.
         """
         timeout = checked_seconds("timeout", timeout)
-        with suppress(OSError, ValueError):  # it has ended already, or was reported already
+        with suppress(OSError, ValueError):  # the process has ended already, or its failure was reported
             assert self._process.stdin is not None
             self._process.stdin.write("stop\n")
             self._process.stdin.close()
@@ -157,7 +157,7 @@ class RunningService:
         return reported
 
     def _failure(self, code: int) -> ServiceError:
-        """Return the reason why the child ended: its last sentence, if any."""
+        """Return an error with the reason why the child ended, which is its last message."""
         self._readers[1].join(1.0)
         sentences = [line for line in self._lines if line.startswith(SPOKEN_BY)]
         if code == EXIT_UNUSABLE and sentences:
@@ -166,10 +166,10 @@ class RunningService:
         return ServiceError(f"{self._path}: the service has failed with exit code {code}: {last}")
 
     def _read_report(self) -> None:
-        """Read the documents on the child's standard output: first the start, then the report."""
+        """Read the two documents on the child's standard output, at the start and at the end."""
         try:
             for line in self._process.stdout or ():
-                if not line.startswith("{"):  # of other origin
+                if not line.startswith("{"):  # exceptions of other origin
                     continue
                 reported = json.loads(line)
                 if reported.pop("event") == "begun":
@@ -177,7 +177,7 @@ class RunningService:
                 else:
                     self._report = reported
         finally:
-            self._reported.put(None)  # ends any wait
+            self._reported.put(None)  # ends any wait for it
 
     def _read_lines(self) -> None:
         for line in self._process.stderr or ():
@@ -203,9 +203,9 @@ def start_service(
     say: Callable[[str], None] | None = None,
     **overrides: Any,
 ) -> RunningService:
-    """Serve a scene file in a separate process; return when its first frame is published.
+    """Serve a scene file in a separate process. Return when its first frame is published.
 
-    The process ends with this one, for any reason.
+    The process ends when this one ends, for any reason.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def start_service(
 
 
 def _options(overrides: dict[str, Any]) -> Iterator[str]:
-    """Yield the command-line options of the overrides."""
+    """Yield the command-line options that correspond to the overrides."""
     for key, value in overrides.items():
         if value is None:
             continue
