@@ -99,7 +99,7 @@ class FingerSettings:
 
     # None: that of names or recording, or five
     count: int | None = key(lambda table, name, default: _count_of(table), None)
-    radius: float | tuple[float, ...] = key(_read_radius, 0.007)  # None: number of names, of the recording, or five
+    radius: float | tuple[float, ...] = key(_read_radius, 0.007)  # m; one for all fingers or for each
     budget: int | None = whole(STEPS, None)
     working_range: float | None = key(_read_working_range, None)  # m
     tolerance: float | None = number(SHARE, None)
@@ -178,7 +178,7 @@ class InputSettings:
 class GloveSettings:
     """Files with the calibrations of the gloves on the hand whose poses are received."""
 
-    calibration: tuple[str, ...] = place.files("a calibration of a glove")  # folders of files that may be added
+    calibration: tuple[str, ...] = place.files("a calibration of a glove")  # one for all fingers or for each
     max_age_days: float | None = number(Range("days", 0.0, 36_500.0, is_above=True), None)
 
 
