@@ -1,6 +1,6 @@
-"""Record of one finger's answer at a tick, as stored, logged and published.
+"""Record of the contact of one finger at a tick, as stored, logged and published.
 
-One record is `CONTACT`. Kernels write `kernels.contact_record`; a test compares both.
+One record is `CONTACT`. Kernels write the type `kernels.contact_record`; a test compares both.
 """
 
 import operator
@@ -51,7 +51,7 @@ class ContactFlag(IntFlag):
 
     @classmethod
     def _missing_(cls, value: Any) -> Any:
-        """Accept the NumPy integer of a record as well."""
+        """Return the flags of a number. This also accepts the NumPy integer of a record."""
         return super()._missing_(operator.index(value))
 
 
@@ -158,7 +158,7 @@ ContactField = Literal[
 
 
 class Contact(np.void):  # type: ignore[misc]  # NumPy's own `record` is made so
-    """A record of `CONTACT`, with a short representation."""
+    """A record of `CONTACT` that prints as a short text."""
 
     if TYPE_CHECKING:
 
@@ -189,7 +189,7 @@ CONTACT = np.dtype((Contact, dtype_of(CONTACT_FIELDS)))
 
 
 class Contacts(np.ndarray):
-    """An array of `CONTACT` whose representation omits its dtype; a field of it is a plain array."""
+    """An array of `CONTACT` that prints without its dtype. Its fields are plain arrays."""
 
     if TYPE_CHECKING:
 

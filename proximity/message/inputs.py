@@ -1,7 +1,8 @@
-"""Input messages of a service: poses of fingers, moves of parts, distances of a sensor.
+"""Messages to a service, which contain poses of fingers, moves of parts, or distances of a sensor.
 
-A sender fills a `Message` of the kind, header's ``send_ns`` included, and publishes it; any language can. A
-service on another machine learns the sender's clock from ``send_ns``. Unknown values are nan.
+A sender fills a `Message` of the kind, including ``send_ns`` in the header, and publishes it. Programs in any
+language can do this. A service on another machine estimates the sender's clock from ``send_ns``. Unknown
+values are nan.
 """
 
 from proximity.message.envelope import PREFIX_FIELDS, Kind
