@@ -1,4 +1,4 @@
-"""A page started from Python, in a separate process."""
+"""Start a page from Python in a separate process."""
 
 import os
 import socket
@@ -20,7 +20,7 @@ BEGIN_TIMEOUT = 600.0
 
 
 class Addresses(NamedTuple):
-    """Addresses of a service: its outputs and its inputs."""
+    """Addresses of a service, which are those of its outputs and its inputs."""
 
     frames: str
     poses: str
@@ -29,7 +29,7 @@ class Addresses(NamedTuple):
 
 
 def own_addresses() -> Addresses:
-    """Return unused addresses: shared memory, or datagrams if it is not supported."""
+    """Return unused addresses of shared memory, or of datagrams if that is not supported."""
     if sys.platform == "linux":
         name = f"shm://proximity-page-{os.getpid()}-{os.urandom(4).hex()}"
         return Addresses(name, f"{name}/poses", f"{name}/moves", f"{name}/changes")

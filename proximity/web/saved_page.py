@@ -1,4 +1,4 @@
-"""A page in one file: parts, engine and page together, without a service, a server or a network."""
+"""Save a page as one file with parts and engine, which needs no service, server or network."""
 
 import base64
 import gzip
@@ -58,7 +58,10 @@ const { nonce } = document.currentScript;
 
 
 def save_page(path: Path, shown: dict[str, bytes]) -> int:
-    """Write a page with a scene in it, from `shown_contents`; return its size in bytes."""
+    """Write a page that contains a scene. Return its size in bytes.
+
+    *shown*: contents from `shown_contents`.
+    """
     files = scene_page_files().contents
     modules = {
         f"page{name}": _by_names(f"page{name}", content.decode())
@@ -89,7 +92,7 @@ def save_page(path: Path, shown: dict[str, bytes]) -> int:
 
 
 def _by_names(module: str, text: str) -> str:
-    """Return the text of a module, whose imports use the names of the page's import map."""
+    """Return the text of a module in which the imports use the names of the page's import map."""
 
     def named(match: re.Match[str]) -> str:
         name = match[3]
@@ -103,7 +106,10 @@ def _by_names(module: str, text: str) -> str:
 
 
 def _packed(content: bytes) -> bytes:
-    """Return compressed content, a byte a letter, with characters that a page may not contain escaped."""
+    """Return compressed content, in which each byte is one letter of the page's character set.
+
+    Characters that a page may not contain are escaped.
+    """
     packed = gzip.compress(content, LEVEL, mtime=0)
     for letter in b"=\0\r<":
         packed = packed.replace(bytes([letter]), b"=" + bytes([letter + 64]))

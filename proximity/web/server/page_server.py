@@ -1,6 +1,6 @@
-"""Server of pages: files over HTTP, and a live connection for each page that has a token.
+"""Server of pages, with files over HTTP and a live connection for each page that has a token.
 
-One thread, `asyncio`. Messages on live connections are handled by the caller.
+It runs in one thread with `asyncio`. The caller handles the messages on live connections.
 """
 
 import asyncio
@@ -44,7 +44,7 @@ Meet = Callable[[ServerConnection, str], Awaitable[None]]
 
 
 class PageServer:
-    """Files and live connections.
+    """Serves files and live connections.
 
     *meet*: called with each accepted live connection. *shown*: contents that require a token, by name.
     """
@@ -53,10 +53,10 @@ class PageServer:
         self, access: Access, files: PageFiles, meet: Meet, shown: Mapping[str, bytes] | None = None
     ) -> None:
         self.access, self._files, self._meet, self._shown = access, files, meet, shown or {}
-        self.refused: dict[str, int] = {}  # counts by reason
+        self.refused: dict[str, int] = {}  # number of refusals by reason
 
     async def listen(self, host: str, port: int, ssl: Any = None) -> Server:
-        """Start listening; closed by the caller."""
+        """Start listening. The caller closes the returned server."""
         return await serve(
             self._page,
             host,
@@ -72,11 +72,11 @@ class PageServer:
         )
 
     def count_refused(self, what: str) -> None:
-        """Count a refusal of a page or a request."""
+        """Count a refused page or request by its reason."""
         self.refused[what] = self.refused.get(what, 0) + 1
 
     async def refuse(self, connection: ServerConnection, code: int, sentence: str) -> None:
-        """Close a connection for an error of its page; the first of each sentence is logged."""
+        """Close a connection because of an error of its page. Log the first occurrence of each sentence."""
         if sentence not in self.refused:
             LOGGER.warning("a page is disconnected: %s", sentence)
         self.count_refused(sentence)
@@ -125,7 +125,7 @@ class PageServer:
         try:
             async with asyncio.timeout(HELLO_S):
                 given = document(await connection.recv()).get("hello")
-        except TimeoutError:  # a browser that renders in software may be busy with its first picture
+        except TimeoutError:  # for example while a browser without a GPU renders its first picture
             self.count_refused("no token in time")
             await connection.close(HELD_UP, "the page did not send its token in time")
             return
@@ -140,7 +140,10 @@ class PageServer:
 
 
 def document(data: str | bytes) -> dict[str, Any]:
-    """Return the JSON object sent by a page; numbers must be finite, and texts encodable."""
+    """Return the JSON object that a page has sent.
+
+    Raise an error unless its numbers are finite and its texts can be encoded.
+    """
     try:
         found = json.loads(data, parse_int=_whole, parse_float=_finite, parse_constant=_finite)
         if "\\u" in str(data):  # only an escape can encode half of a surrogate pair
