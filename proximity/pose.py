@@ -1,7 +1,7 @@
 """Rigid transforms, which are named ``target_from_source``.
 
-A pose rotates and translates; it never scales, shears or mirrors. Chained names match: ``world_from_solid @
-solid_from_tool`` is ``world_from_tool``.
+A pose rotates and translates; it never scales, shears or mirrors. Adjacent names in a product match, as in
+``world_from_tool = world_from_solid @ solid_from_tool``.
 """
 
 from typing import Any
@@ -44,9 +44,9 @@ def quaternion_hint(array: np.ndarray) -> str:
 
 
 def nearest_rotations(rotations: np.ndarray) -> np.ndarray:
-    """Replace rotations of single precision by the nearest exact ones.
+    """Return rotations in which those of single precision are replaced by the nearest exact ones.
 
-    *rotations*: (K, 3, 3). Other matrices are returned unchanged.
+    *rotations*: (K, 3, 3). Other matrices are unchanged.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # values from a sender are arbitrary
         off = np.abs(rotations @ rotations.transpose(0, 2, 1) - _UNTURNED).max(axis=(1, 2), initial=0.0)

@@ -1,8 +1,9 @@
-"""The command line ``proximity``: ``query``, ``check``, ``compile``, ``serve``, …
+"""The command line ``proximity``, with commands such as ``query``, ``check`` and ``serve``.
 
 The command line converts between the units of the user and the library's metres, and computes nothing else.
-The module of a command is imported when the command is called or listed, and imports NumPy, Rich and the
-library only in the command, so that ``--help``, ``--version`` and errors in the arguments take no time.
+The module of a command is imported when the command is called or listed. It imports NumPy, Rich and the
+library only when the command runs, so that ``--help``, ``--version`` and errors in the arguments take no
+time.
 """
 
 import io
@@ -77,7 +78,7 @@ MEANT = {
 
 
 class Commands(Mapping[str, Any]):
-    """The commands by name, each created at its first use."""
+    """Mapping from names to commands, which are created when they are first used."""
 
     _made: ClassVar[dict[str, Any]] = {}
 
@@ -97,7 +98,7 @@ class Commands(Mapping[str, Any]):
 
 
 class Program(Group):
-    """The group of all commands."""
+    """Command group that contains all commands."""
 
     meant: ClassVar[dict[str, str]] = MEANT
 
@@ -106,7 +107,7 @@ class Program(Group):
         self.commands: Any = Commands()
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write one line per command, in panels that fit one screen."""
+        """Write one line for each command, in panels that fit one screen."""
         formatter.write(f"{HELP}\n\n")
         for panel, commands in PANELS.items():
             for row, (name, (_, words)) in enumerate(commands.items()):
