@@ -83,7 +83,7 @@ def read_geometries(
     of a STEP file. *unpacked_limit*: maximum unpacked size of a 3MF file, which is an archive. *cache*:
     whether the triangles of a STEP file are read from the user's cache, or stored there.
 
-    At least one geometry is returned. There is no merging, dropping or repair. Identical instances share
+    At least one geometry is returned. Meshes are not merged, dropped or repaired. Identical instances share
     their arrays.
     """
     units = unit_name(units)

@@ -41,7 +41,7 @@ class Library:
         self._folder: tempfile.TemporaryDirectory[str] | None = None
 
     def run(self, data: bytes, **settings: Any) -> Outcome:
-        """Run the task on *data*. Raise OSError if there is no space for its files."""
+        """Run the task on *data*. Raise OSError if the disk has not enough space for its files."""
         self._folder = self._folder or tempfile.TemporaryDirectory(prefix="proximity-")
         folder = Path(self._folder.name)
         process = self._process = self._process or self._started(folder)
@@ -95,6 +95,9 @@ class Library:
 
 
 def run_library(task: str, data: bytes, *, seconds: int, byte_count: int, **settings: Any) -> Outcome:
-    """Run one of `worker.TASKS` once on *data*. Raise OSError if there is no space for its files."""
+    """Run one of `worker.TASKS` once on *data*.
+
+    Raise OSError if the disk has not enough space for its files.
+    """
     with Library(task, seconds, byte_count) as library:
         return library.run(data, **settings)

@@ -45,8 +45,8 @@ def blank_of(record: np.dtype, zeros: Sequence[str] = ()) -> np.ndarray:
 def struct_of(fields: Sequence[Field]) -> Struct:
     """Return a `Struct` that unpacks all whole numbers of a header at once.
 
-    That takes a third of the time in which NumPy unpacks one number. Fields whose name begins with
-    ``reserved`` are skipped.
+    It takes a third of the time in which NumPy unpacks one number. Fields whose name begins with ``reserved``
+    are skipped.
     """
     codes = {"u1": "B", "u2": "H", "u4": "I", "u8": "Q", "i4": "i", "i8": "q"}
     parts = []

@@ -90,4 +90,4 @@ class SensedContacts:
         )  # fmt: skip
 
     def close(self) -> None:
-        """Do nothing, because a sensor's contacts have no resources."""
+        """Return without an effect, because a sensor's contacts have no resources."""

@@ -124,7 +124,7 @@ def _lock(number: int, *, waits: bool) -> bool:
 
 def _allow_as(old: Path, new: Path) -> None:
     """Copy the permissions of one file to another."""
-    with contextlib.suppress(OSError):  # there is no old file, or the disk has no permissions
+    with contextlib.suppress(OSError):  # the old file is missing, or the disk has no permissions
         new.chmod(stat.S_IMODE(old.stat().st_mode))
 
 

@@ -78,7 +78,7 @@ class MailboxOutlet:
             box.changed.notify_all()
 
     def close(self) -> None:
-        """Do nothing, so that the last messages stay for later readers."""
+        """Return without an effect, so that the last messages stay for later readers."""
 
 
 class MailboxInlet:
@@ -115,7 +115,7 @@ class MailboxInlet:
             return self._box.changed.wait_for(lambda: self._box.count != self._seen, timeout)
 
     def close(self) -> None:
-        """Do nothing, because an inlet has no resources."""
+        """Return without an effect, because an inlet has no resources."""
 
 
 open_outlet = MailboxOutlet

@@ -16,7 +16,7 @@ class Outlet(Protocol):
     def send(self, data: np.ndarray) -> None:
         """Send a message, (size,) uint8, to all listeners without waiting for them.
 
-        Raises `PublishError` if it cannot be sent at all. It is not an error if there is no listener.
+        Raises `PublishError` if it cannot be sent at all. A missing listener is not an error.
         """
 
     def close(self) -> None:

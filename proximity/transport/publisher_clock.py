@@ -15,9 +15,9 @@ class ForeignClock:
 
     The fastest message gives the offset, and later the possible drift of the clocks is added. The minimum
     transit time cannot be observed; `TRANSIT_NS` is assumed. A longer transit cannot be distinguished from a
-    clock that was set back, and it would be dangerous to adapt the offset to it. So the offset is kept
-    whatever the delay of a message, which then counts as old. The estimate restarts, and is unreliable until
-    the clock was seen to advance for `SETTLING_NS`, if
+    clock that was set back, and it would be dangerous to adapt the offset to it. So the offset is kept for
+    messages of any delay, and delayed ones count as old. The estimate restarts, and is unreliable until the
+    clock was seen to advance for `SETTLING_NS`, if
 
     - a message comes impossibly early: the publisher's clock was set forward, or this machine was suspended;
     - an instant is before one of an earlier message of its kind. Transit cannot cause that, since messages of

@@ -195,7 +195,7 @@ class SharedMemoryInlet(_Mailbox):
         return size
 
     def wait(self, timeout: float) -> bool:
-        """Wait until the mailbox wakes this reader. While there is no mailbox, poll."""
+        """Wait until the mailbox wakes this reader. If the mailbox does not exist yet, poll."""
         ends = time.monotonic() + timeout
         while True:
             left = min(ends - time.monotonic(), SLICE)
@@ -284,7 +284,7 @@ class PrivateMailbox:
         return bool(self._call.wait(self.reader, time.monotonic_ns() + round(NS_PER_S * timeout)))
 
     def close(self) -> None:
-        """Do nothing, because the memory is released with the object."""
+        """Return without an effect, because the memory is released with the object."""
 
 
 open_outlet = SharedMemoryOutlet

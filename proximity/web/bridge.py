@@ -57,7 +57,7 @@ class PageClient:
             self._ready.set()
 
     def acknowledge(self) -> None:
-        """Note that the page has shown a frame, so that another one may be sent."""
+        """Count a frame as shown by the page, so that another one may be sent."""
         self._in_flight = max(self._in_flight - 1, 0)
         self._ready.set()
 

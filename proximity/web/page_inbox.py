@@ -113,7 +113,7 @@ class PageInbox:
             self._publish(self._poses, self._gone)
 
     def state(self) -> list[bytes]:
-        """Return messages that tell a new page which parts were moved, hidden or shown."""
+        """Return messages with the moved, hidden and shown parts, for a new page."""
         return [bytes(message.seal(0, 0)) for message in (self._where(), self._hidden()) if message]
 
     def resend(self) -> None:

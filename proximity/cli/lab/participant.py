@@ -79,7 +79,7 @@ class Terminal:
     def wait_ready(self, trial: Trial, interval: int) -> None:
         """Wait until Enter is pressed before an interval.
 
-        The prompt tells the experimenter to put a real surface in place, if the interval has one.
+        If the interval has a real surface, the prompt asks the experimenter to put it in place.
         """
         if interval == 0:
             typer.echo(f"\n[{trial.number + 1}]")

@@ -134,10 +134,7 @@ def _finger(contact: Any, part_names: Sequence[str]) -> dict[str, Any]:
 
 
 def _name(kind: type[IntEnum], number: Any) -> str:
-    """Return the name of a member of an enumeration.
-
-    A member of a newer publisher has no name and is shown by its number.
-    """
+    """Return the name of a member of an enumeration, or its number if it is not known here."""
     return kind(number).name.lower() if number in set(kind) else str(number)
 
 

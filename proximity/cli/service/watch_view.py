@@ -128,7 +128,7 @@ class Follower:
 def show(screen: Screen, reading: Reading, seen: Seen, drums: Sequence[Text] | None = None) -> None:
     """Show a reading if the display is due for an update.
 
-    *drums*: state of the drum of each finger; None if there is no controller.
+    *drums*: state of the drum of each finger; None without a controller.
     """
 
     def drawn(size: ConsoleDimensions) -> RenderableType:
@@ -142,7 +142,7 @@ def picture(
 ) -> RenderableType:
     """Return the display of a reading for a terminal.
 
-    *drums*: state of the drum of each finger; None if there is no controller.
+    *drums*: state of the drum of each finger; None without a controller.
     """
     if not len(reading.contacts):
         return headline(reading, seen)

@@ -163,7 +163,7 @@ def _convert(data: bytes, tolerance: float, is_cached: bool) -> bytes:
         with converter() as library:
             # cascadio takes mm, and triangles stay within half of the tolerance
             done = library.run(data, tol_linear=tolerance * 1e3, tol_angular=STEP_ANGLE)
-    except OSError as failure:  # the disk is full, or there is no memory for another process
+    except OSError as failure:  # the disk is full, or memory is too short for another process
         reported = failure.strerror or str(failure)
         raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({reported})") from failure
     printed = _ESCAPES.sub("", done.printed)

@@ -53,7 +53,7 @@ class PageFiles:
         return {name: content for name, (_, content) in self._known.items()}
 
     def get(self, path: str) -> tuple[str, bytes] | None:
-        """Return the type and the compressed content of a file, or None if there is no such file."""
+        """Return the type and the compressed content of a file, or None if it is missing."""
         found = self._known.get(path.partition("?")[0])
         if found is None:
             return None
