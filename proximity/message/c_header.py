@@ -60,9 +60,9 @@ RECORDS = {
     "description_header": ("The header of a description; `count` labels follow.", DESCRIPTION_FIELDS),
     "label": ("One part or finger of a description.", LABEL_FIELDS),
 }
-"""Records of messages: name, description, fields."""
+"""Description and fields of each record of messages, by its name."""
 NAMES_IN_C = {"pose": "finger_pose", "move": "part_move"}
-"""Names of records whose own have another meaning in the C library."""
+"""Other names in C for records whose names have another meaning in the C library."""
 KINDS = (
     FRAME, POSES, PATH_POSES, GLOVE_POSES, MOVES, MEASURED, CHANGES, ADDITIONS, DEFORMATIONS, DESCRIPTION,
 )  # fmt: skip
@@ -77,7 +77,7 @@ ENUMS: dict[str, type[Enum]] = {
 SENT = (
     "pose", "path_pose", "glove_pose", "move", "measurement", "addition", "deformation",
 )  # fmt: skip
-"""Records with reals that clients send to a service: initially unset, see `blank_of`."""
+"""Records with real numbers that clients send to a service. They are initially unset, see `blank_of`."""
 ZEROS = {("addition", name) for name in ADDITIONS.zeros}
 WIDTH = 100
 CRC_POLYNOMIAL = 0xEDB88320

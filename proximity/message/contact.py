@@ -58,7 +58,7 @@ class ContactFlag(IntFlag):
 TRACKED_BIT, PREDICTED_BIT, BOUNDED_BIT = (
     np.uint32(flag) for flag in (ContactFlag.TRACKED, ContactFlag.PREDICTED, ContactFlag.BOUNDED)
 )
-"""Flags as NumPy numbers: an operation with an IntFlag takes ten times as long."""
+"""Flags as NumPy numbers, because operations with an IntFlag take ten times as long."""
 
 
 class Surface(IntEnum):
@@ -154,7 +154,7 @@ ContactField = Literal[
     "contact_bend_rate", "stiffness", "damping", "force", "part", "face", "work", "surface", "mode",
     "source", "force_is_valid",
 ]  # fmt: skip
-"""Names of `CONTACT_FIELDS`: by them type checkers find `contacts["signed_distanse"]`."""
+"""Names of `CONTACT_FIELDS`, with which type checkers find errors such as `contacts["signed_distanse"]`."""
 
 
 class Contact(np.void):  # type: ignore[misc]  # NumPy's own `record` is made so
@@ -180,9 +180,9 @@ SHOWN_FIELDS: tuple[ContactField, ...] = (
     "part",
     "face",
 )
-"""Of a record that shows itself; with mode and flags."""
+"""Fields that the representation of a record shows, in addition to mode and flags."""
 FEW_CONTACTS = 10
-"""Records shown in the representation of an array."""
+"""Maximum number of records shown in the representation of an array."""
 
 CONTACT = np.dtype((Contact, dtype_of(CONTACT_FIELDS)))
 """One finger at one tick, 328 bytes."""

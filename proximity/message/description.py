@@ -16,7 +16,7 @@ from proximity.message.envelope import PREFIX_FIELDS, Defect, Kind, parts_of
 from proximity.message.fields import Field, dtype_of, reserved
 
 MAX_LABELS = 64
-"""Names in one message: a datagram of 5384 bytes at most."""
+"""Maximum number of names in one message. Its datagram has 5384 bytes at most."""
 REFUSAL_BYTES = 192
 
 DESCRIPTION_FIELDS = (

@@ -17,9 +17,10 @@ from proximity.errors import ArgumentError
 from proximity.message.fields import Field, blank_of, dtype_of, struct_of
 
 VERSION = 2
-"""Version of the layout of all messages. A receiver accepts its version only; 1 had other names."""
+"""Version of the layout of all messages. A receiver accepts only its own version. Version 1 had other
+names."""
 MAX_RECORDS = 4096
-"""Most records a message may have: a hand's skin."""
+"""Maximum number of records of a message, which suffices for the skin of a hand."""
 
 PREFIX_FIELDS = (
     Field("magic", "<u4", "", "which kind of message"),
@@ -89,11 +90,11 @@ class Defect(Enum):
 
 
 class Message:
-    """One message with a fixed number of records; its header and records are arrays.
+    """A message with a fixed number of records. Its header and records are arrays.
 
     Write ``header[field]`` and ``records[field]``, the fields of its kind; ``data`` has the bytes of both.
-    Records of inputs are initially unset: reals are nan, rotations the identity, and all else is zero.
-    The publisher fills in session, sequence and checksum; the other fields of the prefix are already set.
+    Records of inputs are initially unset: reals are nan, rotations the identity, and all else is zero. The
+    publisher fills in session, sequence and checksum; the other fields of the prefix are already set.
 
     Parameters
     ----------

@@ -9,8 +9,8 @@ from proximity.message.envelope import PREFIX_FIELDS, Kind
 from proximity.message.fields import VECTOR, Field, dtype_of, reserved
 
 PATH_CORNERS = 65
-"""Corners of the polyline of a finger's path, evenly in its bend from 0 to 1. On the default finger they are
-3.6 mm apart at most, and the path is 0.03 mm off the line at most."""
+"""Number of corners of the polyline of a finger's path, at equally spaced bends from 0 to 1. On the default
+finger they are at most 3.6 mm apart, and the path is at most 0.03 mm off the polyline."""
 
 INPUT_FIELDS = (
     *PREFIX_FIELDS,

@@ -3,7 +3,7 @@
 from proximity.system.time_units import NS_PER_MS, NS_PER_S
 
 OTHER_CLOCK_NS = 1_000_000_000
-"""A larger difference is not due to prediction or transport: the instants are of another clock."""
+"""Difference beyond which instants are assumed to be of another clock, not due to prediction or transport."""
 
 FROM_FUTURE, OUT_OF_ORDER = "poses from the future", "poses older than the one before"
 

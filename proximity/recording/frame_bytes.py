@@ -14,7 +14,7 @@ from proximity.message import CONTACT, FRAME, FRAME_HEADER, MAX_RECORDS, PREFIX,
 
 MAGIC = FRAME.magic.to_bytes(4, "little")
 LARGEST_FRAME = FRAME.size(MAX_RECORDS)
-"""Bytes."""
+"""Maximum size of a frame, bytes."""
 UNDECIDED = -1
 """Result if more bytes are needed to decide."""
 

@@ -22,7 +22,7 @@ except ModuleNotFoundError:  # Windows: two writers are not prevented
     fcntl = None  # type: ignore[assignment]
 
 RETRY_AFTER = 1000
-"""Frames skipped after a failed write. On a full disk each attempt may cost milliseconds."""
+"""Number of frames skipped after a failed write. On a full disk each attempt may cost milliseconds."""
 _NO_LOCKS_HERE = (errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)  # on network drives and special files
 _FLAGS = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)
 

@@ -20,7 +20,7 @@ from proximity.recording.frame_bytes import frame_type
 from proximity.system.extras import needed
 
 ROW_GROUP = 1 << 17
-"""Lines of a Parquet file that are buffered before writing: some 50 MB."""
+"""Number of rows of a Parquet file that are buffered before writing, some 50 MB."""
 
 HEADER_COLUMNS = {
     "session": "session",
@@ -34,18 +34,18 @@ HEADER_COLUMNS = {
     "epoch": "epoch",
     "missed": "missed",
 }
-"""Columns that are equal for all fingers of a frame, and their fields of its header."""
+"""Columns that are equal for all fingers of a frame, and the corresponding fields of its header."""
 
 _STATES = {state.value: state.name.lower() for state in State}
 STATE_NAMES = np.array([_STATES.get(number, str(number)) for number in range(256)])
-"""Words for the numbers of a header's state."""
+"""Names of the states, by their numbers."""
 WORDS: dict[str, type[IntEnum] | type[IntFlag]] = {
     "flags": ContactFlag,
     "surface": Surface,
     "mode": Mode,
     "source": Source,
 }
-"""Columns of enumerations, for which CSV has names."""
+"""Columns of enumerations, for which CSV has names instead of numbers."""
 _NO_FRAMES = np.zeros(0, frame_type(FRAME.size(0)))
 
 

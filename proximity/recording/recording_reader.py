@@ -23,7 +23,7 @@ OF_A_LOG = "`proximity view LOG PARTS` plays it back, `proximity export LOG` mak
 SEPARATORS = ",;\t"
 COMMA_SEPARATORS = ";\t"  # with these separators 0,5 is a number
 MIN_FINGERS = 3
-"""Minimum of a hand that is lost if they coincide; two may be a pinch."""
+"""Minimum number of coinciding fingers that mark a lost hand. Two fingers may be a pinch."""
 LARGEST_HAND_COUNT = 32  # a sensor renumbers a hand after losing it; more are not hands
 LARGEST_HAND = 2**31 - 1
 LARGEST_POSITION = 1e6  # m; beyond the range of any sensor

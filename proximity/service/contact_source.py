@@ -21,8 +21,8 @@ from proximity.tracker.tracker import Tracker
 REHEARSAL = 200  # number of ticks, at random positions in the scene
 PAGE = 4096  # bytes
 METRES_A_BEND = 0.2
-"""Approximate path of a fingertip from flat hand to fist, which converts noise and acceleration of fingertips
-from metres to bends."""
+"""Approximate length of the path of a fingertip from the flat hand to the fist, m. It converts limits of
+noise and acceleration of fingertips to those of bends."""
 
 
 class ContactSource(Protocol):
@@ -31,9 +31,9 @@ class ContactSource(Protocol):
     count: int
     """Number of fingers."""
     source: Source
-    """Source of its distances."""
+    """Source of the distances."""
     is_ticked_by_loop: bool
-    """True if the loop computes contacts, of tracker or sensor; otherwise a thread calls `fill`."""
+    """Whether the loop itself computes the contacts. Otherwise a thread calls `fill`."""
 
     @property
     def epoch(self) -> int:
@@ -79,7 +79,7 @@ class TrackedContacts:
 
     source = Source.GEOMETRY
     takes_changes: bool
-    """True if parts are checked regularly: messages or another thread move or change them."""
+    """Whether messages or another thread move or change the parts, so that they are checked regularly."""
     is_ticked_by_loop = True
     is_late = False  # the loop itself detects late parts
 
@@ -162,7 +162,7 @@ class TrackedContacts:
 
 
 class Bends:
-    """Tracks the bends of fingers from pose to pose."""
+    """Tracks the bends of fingers over time to estimate their rates."""
 
     def __init__(self, count: int) -> None:
         self._motions = np.zeros((count, ESTIMATES), ESTIMATE)

@@ -9,7 +9,7 @@ from proximity.message.description import MAX_LABELS, REFUSAL_BYTES, encoded_nam
 from proximity.system.time_units import NS_PER_S
 
 APART_NS = NS_PER_S // 10
-"""Time between two descriptions, times the messages of one; a second at most."""
+"""Time between two descriptions for each message of one. It is at most a second in total."""
 PartLabels = tuple[Sequence[str], np.ndarray]
 """Names of parts, and whether each is hidden, (P,) bool."""
 

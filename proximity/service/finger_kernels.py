@@ -36,7 +36,8 @@ DISTANCE_ERROR = 0  # sum of the present track
 DISTANCE_ERROR_BEFORE = 1  # upper bound for the track before the last jump
 ERROR_SUMS_SIZE = 2
 LARGEST_DISTANCE_ERROR = 1e3
-"""m: a larger error makes a distance useless, and must decay like others."""
+"""Limit of the error of a distance, m. A larger error makes a distance useless, and must decay like
+others."""
 
 OBSERVED = TRACKED | PREDICTED | JUMPED
 """Flags derived from successive distances."""
@@ -60,13 +61,13 @@ MEASUREMENT_RECORD = record(
     stiffness="f8",
     damping="f8",
 )
-"""A finger's measurement, with the fields of `message.MEASUREMENT`; a test compares both."""
+"""Measurement of a finger, with the fields of `message.MEASUREMENT`; a test compares both."""
 REFUSED = 255
-"""Defect of a sample that was refused before: it is not counted again."""
+"""Defect of a sample that was refused before and is not counted again."""
 LOST = 254
-"""Defect of a sample of a hand whose fingers all have one position, the usual mark of a lost hand."""
+"""Defect of a sample of a hand whose fingers all have one position, as sensors report a lost hand."""
 HAND, MIN_FINGERS = 5, 3
-"""Fingers of a hand, in a row; fewer at one position do not make it lost: two may touch."""
+"""Number of fingers of a hand in a row, and minimum number that marks a lost hand. Two fingers may touch."""
 
 
 @inlined

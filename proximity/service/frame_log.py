@@ -15,11 +15,11 @@ from proximity.transport.shared_memory import PrivateMailbox
 
 LOGGER = logging.getLogger("proximity.service")
 DEPTH = 4096
-"""Maximum number of waiting frames: those of a disk that blocks for four seconds at 1 kHz."""
+"""Maximum number of waiting frames, which suffices for a disk that blocks for four seconds at 1 kHz."""
 CLOSE_TIMEOUT = 5.0
-"""s, time to write the last frames."""
+"""Maximum time to write the last frames, s."""
 LOG_NAP = 0.005
-"""s between two polls for frames to log: waking for each would cost the loop 5 µs a frame."""
+"""Time between two polls for frames to log, s. Waking for each frame would cost the loop 5 µs."""
 
 
 class Log(Protocol):

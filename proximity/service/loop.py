@@ -43,9 +43,9 @@ from proximity.transport.shared_memory import PrivateMailbox
 
 LOGGER = logging.getLogger("proximity.service")
 LOOK = 0.02
-"""s between two checks of the loop by Python: for descriptions and warnings."""
+"""Time between two checks of the loop by Python, for descriptions and warnings, s."""
 OPENS_ENDS = sys.platform == "linux"
-"""True if the loop supports mailboxes and sockets of this system; otherwise all ends are threads."""
+"""Whether the loop supports mailboxes and sockets of this system. Otherwise threads serve all addresses."""
 
 
 class Service:
@@ -127,7 +127,7 @@ class Service:
         self._memory.input["box"] = self._bridge.reader
 
     def wake(self) -> None:
-        """Compute contacts immediately, if Python computes them."""
+        """Compute contacts immediately if Python computes them."""
         if isinstance(self._bridge, ContactBridge):
             self._bridge.wake()
 

@@ -20,9 +20,9 @@ from proximity.transport.shared_memory import PrivateMailbox
 
 LOGGER = logging.getLogger("proximity.service")
 APART = 4e-4
-"""s between two polls: a flood of invalid messages must not occupy a core."""
+"""Minimum time between two polls, s. A flood of invalid messages must not occupy a core."""
 LOOK = 0.02
-"""s between two checks of these threads for the end."""
+"""Time between two checks whether a thread should end, s."""
 
 
 class Worker:

@@ -35,7 +35,7 @@ from proximity.transport import forget
 from proximity.transport.udp import LARGEST_DATAGRAM
 
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-5, 10.0
-"""s, of periods."""
+"""Minimum and maximum period, s."""
 
 
 def run_function() -> Any:

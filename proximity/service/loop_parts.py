@@ -27,9 +27,10 @@ from proximity.transport import forget
 from proximity.transport.shared_memory import PrivateMailbox
 
 REPLACE_TIMEOUT, POLL_INTERVAL = 1.0, 1e-3
-"""s, maximum wait for a replacement, beyond a period; and between two checks whether it is in use."""
+"""Maximum wait for a replacement in addition to a period, and time between two checks whether it is in use,
+s."""
 LOOK = 0.02
-"""s between two checks for parts that are no longer reported."""
+"""Time between two checks for parts that are no longer reported, s."""
 
 
 class LoopSources:
@@ -52,7 +53,7 @@ class LoopSources:
 
     @property
     def latest(self) -> SourceMemory:
-        """The most recently published source."""
+        """Source that was passed to the loop last."""
         assert self._latest is not None, "the loop has begun"
         return self._latest
 

@@ -13,10 +13,11 @@ from types import TracebackType
 from typing import Any
 
 SWITCH_INTERVAL = 1e-4
-"""s after which a computing Python thread yields to another. Python's default, 5 ms, is five ticks of a loop
-in a process that also loads an edited scene."""
+"""Time after which a computing Python thread yields to another, s. Python's default of 5 ms is five ticks of
+a loop in a process that also loads an edited scene."""
 PRIORITY = 80
-"""Priority in SCHED_FIFO: above interrupt threads (50), below the system's critical threads (99)."""
+"""Priority in SCHED_FIFO. It is above interrupt threads (50) and below critical threads of the system
+(99)."""
 
 # Of Linux: <sys/prctl.h>, <sys/mman.h>
 PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 29, 30

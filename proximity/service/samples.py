@@ -28,7 +28,7 @@ from proximity.system.time_units import NS_PER_MS
 LOGGER = logging.getLogger("proximity.service")
 LOST_HANDS = "poses of hands whose fingers are all at one place"
 LONG_AGO = -(2**62)
-"""ns; instant of a finger without any pose."""
+"""Instant of a finger that has not had any pose, ns."""
 NEVER_NS = np.int64(-(2**63))
 
 
@@ -37,7 +37,7 @@ class Samples:
 
     VALUES: ClassVar[str]
     OPTIONAL: ClassVar[tuple[str, ...]]
-    """Names of arrays that may be None, with a row a finger."""
+    """Names of arrays that may be None. They have a row for each finger."""
     pose_ns: np.ndarray  # (N,) int64, instants
     fingers: np.ndarray | None = None  # (N,) int64, numbers of the fingers; None: all, in order
 

@@ -6,9 +6,9 @@ from contextlib import contextmanager
 from proximity.errors import ArgumentError, MissingLibraryError
 
 DISTRIBUTION = "cad-proximity"
-"""Name on the package index, where ``proximity`` is another project."""
+"""Name of this project on the package index, where ``proximity`` is another project."""
 PACKAGES = {"pyvista": "PyVista"}
-"""Names of packages by module, if they differ."""
+"""Names of packages by the names of their modules, if they differ."""
 
 
 def installation(extra: str) -> str:

@@ -14,7 +14,7 @@ from operator import methodcaller
 from typing import Any
 
 LATER = 0.01
-"""s until an interruption is raised again: one raised before the fork has ended would be lost."""
+"""Time until an interruption is raised again, s. One raised before the fork has ended would be lost."""
 
 _locks: weakref.WeakSet[threading.RLock] = weakref.WeakSet()
 _listing = threading.RLock()

@@ -15,7 +15,7 @@ from proximity.transport.link import NOTHING
 
 KIND_BYTES = 4
 KINDS_BEGIN = b"DEC"
-"""Bytes with another start are of one kind."""
+"""First bytes of a message that has a kind. All messages with other first bytes count as one kind."""
 
 
 class _Latest:

@@ -27,7 +27,7 @@ class Inlet(Protocol):
     """The receiving end of a transport."""
 
     shares_clock: bool
-    """True if the sender uses this machine's monotonic clock."""
+    """Whether the sender uses this machine's monotonic clock."""
 
     def receive(self, buffer: np.ndarray) -> int:
         """Copy the oldest waiting message into *buffer* (uint8). Return its size, or `NOTHING`.
@@ -38,13 +38,13 @@ class Inlet(Protocol):
         """
 
     refused: int
-    """Messages dropped because of their senders."""
+    """Number of messages dropped because of their senders."""
 
     is_keyed: bool
-    """True if only messages verified by a key are received."""
+    """Whether only messages that a key verifies are received."""
 
     unverified: int
-    """Messages dropped because the key does not verify them."""
+    """Number of messages dropped because the key does not verify them."""
 
     def wait(self, timeout: float) -> bool:
         """Wait until a message may have arrived, but at most *timeout* seconds.
@@ -57,13 +57,14 @@ class Inlet(Protocol):
 
 
 NOTHING = -1
-"""No message is waiting."""
+"""Result of `receive` if no message is waiting."""
 SHORTEST_NAP = 50e-6
-"""s: minimum delay of a frame; the system adds the same again."""
+"""Minimum time between two polls, s. The system adds the same delay again."""
 LONGEST_NAP = 1e-3
-"""s, after a long silence."""
+"""Maximum time between two polls, after a long silence, s."""
 NAP_SHARE = 0.125
-"""Share of the time waited already: a long wait tolerates more delay, and releases the core."""
+"""Time between two polls as a share of the time already waited. A long wait tolerates more delay and releases
+the core."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from proximity.transport.address import Address
 
 KEY_BYTES = 32
 TAG_BYTES = 16
-"""Size of a tag: a random one is right once in 3e38 times."""
+"""Size of a tag. A random tag is right with a probability of 1 in 3e38."""
 _DIGITS = 2 * KEY_BYTES
 _MAX_READ = 1024
 _READ_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)

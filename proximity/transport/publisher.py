@@ -9,7 +9,7 @@ from proximity.message import Message
 from proximity.transport.link import Outlet
 
 ASLEEP_NS = 1_000_000_000
-"""If calendar time gains more on the monotonic clock between two messages, the machine was suspended."""
+"""Minimum gain of calendar time on the monotonic clock between two messages that shows a suspension."""
 
 _lock = threading.Lock()
 _newest_session = 0
@@ -28,7 +28,7 @@ def _calendar_offset_ns() -> int:
 
 
 class Publisher:
-    """Publishes messages at an address; made by `open_publisher`.
+    """Publishes messages at an address. It is created by `open_publisher`.
 
     ``session`` is the calendar time, ns, at which it started: receivers recognise a restart by it.
 

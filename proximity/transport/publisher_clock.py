@@ -28,7 +28,7 @@ class ForeignClock:
     """
 
     is_certain: bool
-    """True if `theirs` is reliable."""
+    """Whether `theirs` is reliable."""
 
     def __init__(self) -> None:
         self.reset()

@@ -28,15 +28,16 @@ from proximity.transport.address import Address
 from proximity.transport.link import NOTHING, wait_until
 
 OK, NOBODY = 0, 1
-"""Results of opening a mailbox, numbered as in ``proximity_mailbox.h``; the others are refusals."""
+"""Results of opening a mailbox, numbered as in ``proximity_mailbox.h``. All other results are refusals."""
 SYSTEM = 7
 FIRST_BYTES = 8192
-"""Initial message size: the ring holds 15, or 74 frames of five fingers. A longer one enlarges it."""
+"""Initial maximum size of a message. The ring holds 15 such messages, or 74 frames of five fingers. A longer
+message enlarges it."""
 HEADER_BYTES = 128
 MIN_PRIVATE, MIN_SLOT_COUNT, MAX_RING_BYTES = 64, 8, 1 << 26
-"""Capacity of a private mailbox in messages, also of thousands of fingers, and in bytes."""
+"""Capacity of a private mailbox in messages, minimum capacity for large messages, and maximum in bytes."""
 SLICE = 0.1
-"""s: period at which a waiting thread wakes, for signals and for a manually removed file."""
+"""Period at which a waiting thread wakes, s, to handle signals and to detect a manually removed file."""
 _BOX, _TEXT, _WORD, _LONG = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_uint64
 _TYPES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "size": (ctypes.c_int64, ()),

@@ -22,13 +22,13 @@ from proximity.transport.publisher_clock import ForeignClock
 from proximity.transport.received_frame import ReceivedFrame
 
 STALE_AFTER = 1e-9 * STALE_AFTER_NS
-"""s after ``valid_until`` at which a frame becomes useless; poses are then 100 ms old."""
+"""Time after ``valid_until`` when a frame becomes useless, s. Its poses are then 100 ms old."""
 MAX_SPEED = 3.0
-"""m/s: no finger is faster, the tracker's default."""
+"""Maximum speed of a finger, m/s, which is the tracker's default."""
 MAX_ACCELERATION = 120.0
-"""m/s², the tracker's default."""
+"""Maximum acceleration of a finger, m/s², which is the tracker's default."""
 LONGEST_WAIT = 3600.0
-"""s; a longer wait is split."""
+"""Maximum time of one wait, s. A longer wait is split."""
 
 _VALID = (State.OK, State.DEGRADED)
 _USED = (*_VALID, State.LATE)
@@ -65,11 +65,11 @@ class Reading:
 
 
 class Subscriber:
-    """Receives frames at an address and verifies them; made by `open_subscriber`.
+    """Receives frames at an address and verifies them. It is created by `open_subscriber`.
 
-    Size, version, checksum, sequence number and the values of the contacts of each frame are checked. A
-    frame that fails is dropped and counted; the previous frame stays and ages. After STOPPING, a later
-    frame of the same publisher is used again.
+    Size, version, checksum, sequence number and the values of the contacts of each frame are checked. A frame
+    that fails is dropped and counted; the previous frame stays and ages. After STOPPING, a later frame of the
+    same publisher is used again.
 
     Parameters
     ----------

@@ -33,15 +33,15 @@ from proximity.transport.link import NOTHING
 from proximity.transport.message_key import TAG_BYTES, Key, key_of
 
 MAX_DATAGRAM_BYTES = 65507
-"""Maximum of a datagram over IPv4."""
+"""Maximum size of a datagram over IPv4."""
 MAX_STRANGERS = 64
-"""Datagrams of other senders dropped in one call: a flood of them must not block a reader."""
+"""Maximum number of datagrams of other senders dropped in one call, so that a flood cannot block a reader."""
 MAX_FORGED_BYTES = 1 << 17
-"""Bytes of unverified datagrams in one call: some 0.3 ms."""
+"""Maximum number of unverified bytes read in one call, which takes some 0.3 ms."""
 LARGEST_DATAGRAM = 1 << 16
-"""Bytes, more than in any datagram."""
+"""Number of bytes that is larger than any datagram."""
 BUFFER_BYTES = 1 << 19
-"""Buffer size requested from the system for a reader; it may give less."""
+"""Size of a reader's buffer that is requested from the system, which may provide less."""
 
 # Errors that report a temporarily unreachable receiver, not a defect of the message.
 _NOBODY = {

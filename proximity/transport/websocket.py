@@ -27,10 +27,10 @@ from proximity.transport.address import Address
 from proximity.transport.link import NOTHING
 
 BUFFER = 64
-"""Messages that wait for a reader, or for the pages; then the oldest is lost."""
+"""Maximum number of messages that wait for a reader or for the pages. Beyond, the oldest are lost."""
 LARGEST_MESSAGE = 1 << 21
 UNREAD_BYTES = 1 << 17
-"""Waiting for one page; beyond, it misses messages."""
+"""Maximum number of bytes that wait for one page. Beyond, the page misses messages."""
 TIMEOUT_S = 10.0
 OF_THIS_MACHINE = re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")
 LOCATION = re.compile(r"(localhost|127\.0\.0\.1):(\d{1,5})(/[^?]*)?")

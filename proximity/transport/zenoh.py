@@ -26,7 +26,7 @@ from proximity.transport.address import Address
 from proximity.transport.link import NOTHING, wait_until
 
 BUFFER = 64
-"""Messages that wait for a subscriber; then the oldest is lost."""
+"""Maximum number of messages that wait for a subscriber. Beyond, the oldest are lost."""
 SETTINGS = {
     # Within one machine shm:// is available, and Zenoh's shared memory leaves files behind.
     "transport/shared_memory/enabled": False,

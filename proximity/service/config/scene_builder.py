@@ -24,7 +24,7 @@ DEFAULT_FINGERS = 5
 NOT_OF_TRACKER = ("count", "names")
 """Settings of fingers that are not passed to a tracker."""
 _Kept = dict[tuple[str, str], tuple[Any, tuple[Part, ...], tuple[str, ...], float]]
-"""Stamp, parts, notes and approximation, m, of files, by name and unit."""
+"""Stamp, parts, notes and approximation (m) of each loaded file, by its name and unit."""
 
 
 class PartFiles:

@@ -124,7 +124,7 @@ def _deformable(accepted: Range, needed: Any, default: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class PartEntry:
-    """A file of one or several parts, with its pose and its response to contact."""
+    """A file of one or several parts, with its pose and the response of the parts to contact."""
 
     file: str = place.file("a file of parts")
     units: str = place.unit("mm")
@@ -138,7 +138,7 @@ class PartEntry:
 
 @dataclass(frozen=True, slots=True)
 class RecordingEntry:
-    """A recorded hand and its pose."""
+    """A recorded hand and its pose in the scene."""
 
     file: str
     repeat: bool = truth()
@@ -163,7 +163,7 @@ def _read_recording(table: Table, name: str, default: None) -> RecordingEntry | 
 
 @dataclass(frozen=True, slots=True)
 class InputSettings:
-    """Source of poses: exactly one of the first three."""
+    """Source of poses, which is exactly one of the first three settings."""
 
     recording: RecordingEntry | None = key(_read_recording, None)
     poses: str | None = place.address(None)

@@ -14,20 +14,20 @@ from proximity.errors import ServiceError
 from proximity.system.regular_file import open_regular
 
 MAX_FILE_BYTES = 1 << 20
-"""A scene of thousands of parts is smaller; a larger file is not a scene file."""
+"""Maximum size of a scene file. A scene of thousands of parts is smaller."""
 MAX_LINES = 200
-"""Maximum lines of a statement: in a longer one errors name the line of the statement."""
+"""Maximum number of lines of a statement. In a longer one, errors name only the line where it begins."""
 MAX_LINES_NAMED = 8
 """Maximum number of further mistakes in one message."""
 MAX_DOTS = 32
-"""Maximum number of dots in a key: no known key has more than two."""
+"""Maximum number of dots in a key. No known key has more than two."""
 _WORD = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
 LONG_KEY = re.compile(rf"(?:^|[{{,])[ \t\[]*(?:{_WORD}[ \t]*\.[ \t]*){{{MAX_DOTS + 1}}}", re.MULTILINE)
-"""A long key at its possible starts: a line, after brackets, or in an inline table."""
+"""Pattern of a key with too many dots, at the begin of a line, after brackets or in an inline table."""
 POSITION_IN_MESSAGE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 Path = tuple[str | int, ...]
-"""Keys and indices of a value: ("parts", 1, "position")."""
+"""Keys and indices that lead to a value, such as ("parts", 1, "position")."""
 
 
 class Document:

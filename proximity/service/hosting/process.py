@@ -23,11 +23,13 @@ from proximity.service.hosting.announcements import guarded
 from proximity.service.hosting.scene_service import checked_seconds
 
 BEGIN_TIMEOUT = 600.0
-"""s. Large parts may have to be read, and kernels compiled once: two minutes, or more on a busy machine."""
+"""Maximum wait for the first frame, s. Large parts may have to be read, and kernels compiled once, which
+takes two minutes, or more on a busy machine."""
 STOP_TIMEOUT = 10.0
-"""s. The last frames, the log's last blocks, and an edit in progress."""
+"""Maximum wait for the end, s. The last frames, the last blocks of the log, and an edit may be in
+progress."""
 KEPT_LINES = 40
-"""Number of stored lines of the child's output, which include the reason of its end."""
+"""Number of stored lines of the child's output, among them the reason why it ended."""
 SPOKEN_BY = "proximity: "
 EXIT_UNUSABLE = 2
 OPTIONS = {"rate_hz": "--rate", "publish": "--publish", "log": "--log"}

@@ -23,7 +23,7 @@ LOOK_S = 0.5
 BEGIN_LOOK_S = 0.005
 """Time between two checks for the first frame."""
 ANNOUNCE_AFTER_S = 2.0
-"""Maximum wait for an edit in progress at the end: a large part may take minutes."""
+"""Maximum wait at the end for an edit in progress. An edit of a large part may take minutes."""
 LOGGER = logging.getLogger("proximity.hosting")
 
 

@@ -43,7 +43,7 @@ from proximity.service.realtime import PRIORITY
 from proximity.transport import Publisher, open_publisher
 
 COUNTS_TABLE = 4097
-"""Rows of a table of counts: interpolation is exact to a hundredth of a count."""
+"""Number of rows in a table of counts. Interpolation is then exact to a hundredth of a count."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

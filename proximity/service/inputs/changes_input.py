@@ -23,7 +23,7 @@ from proximity.service.inputs.inbox import Inbox
 LOGGER = logging.getLogger("proximity.service")
 DEFAULT_UNITS = "mm"
 PENDING_INTERVAL = 0.005
-"""s between two checks whether a slow change is done."""
+"""Time between two checks whether a slow change is done, s."""
 _ACTIONS = frozenset(PartAction)
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from proximity.decaff.glove.finger_path import MAX_BEND, MIN_BEND
 
 ROTATION_ERROR = 1e-3
-"""Maximum deviation of the rows of a rotation from orthonormal: rounding of a sender that stores float32, or
-multiplies many turns. Assumed."""
+"""Maximum difference of a rotation times its transpose from the identity. It permits the rounding of a sender
+that stores float32 or multiplies many rotations. Assumed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

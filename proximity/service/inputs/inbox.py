@@ -13,7 +13,8 @@ from proximity.transport.publisher_clock import ForeignClock
 
 LOGGER = logging.getLogger("proximity.service")
 FARTHEST_NS = 2**62
-"""Maximum difference of two clocks: 146 years. Instants of a more distant clock do not fit into 64 bits."""
+"""Maximum difference of two clocks, which is 146 years. Instants of a more distant clock do not fit into 64
+bits."""
 
 
 class Inbox:

@@ -14,7 +14,7 @@ from proximity.scene.scene import Scene
 from proximity.system.time_units import NS_PER_S
 
 HOLD_NS = NS_PER_S // 10
-"""Validity of a reported velocity, unless the part is reported again."""
+"""Time for which a reported velocity is valid, unless the part is reported again."""
 
 
 class ReportedMotion(NamedTuple):

@@ -20,7 +20,7 @@ class PoseInput(Protocol):
     """
 
     is_over: bool
-    """True if no more samples will come."""
+    """Whether no more samples will come."""
     address: str
     """Origin of the samples, for messages."""
 
@@ -83,7 +83,7 @@ class RecordingInput:
         }
 
     def close(self) -> None:
-        """No-op."""
+        """Return without an effect, because a recording has no resources."""
 
 
 def _with_nobody_at_the_end(times_ns: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
