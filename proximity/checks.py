@@ -17,11 +17,11 @@ FLOAT64 = np.dtype(np.float64)
 _ROW = (3,)
 
 COPIED_AT_ONCE = 1 << 20
-"""Rows, about 10 ms."""
+"""Number of rows that are copied together, which takes about 10 ms."""
 FEW_SHOWN, LONGEST_SHOWN = 4, 200
-"""Numbers of an array, and characters of any other value, in a message."""
+"""Maximum numbers of an array, and maximum characters of any other value, in a message."""
 DIGITS_SHOWN = 9
-"""Of a number: nanometres of a length of a metre."""
+"""Number of digits of a number in a message, which show nanometres of a length of a metre."""
 
 
 def as_float64(values: Any, name: str, *, expected: str = "numbers") -> np.ndarray:

@@ -12,17 +12,19 @@ from proximity.checks import as_float64, as_points, shown_number
 from proximity.errors import PoseError
 
 ORTHONORMAL_TOLERANCE = 1e-9
-"""Largest deviation of rotation times its transpose from the identity: the error of a quaternion in float64,
-or of a product of many matrices. One step towards the nearest exact rotation removes it."""
+"""Maximum difference of a rotation times its transpose from the identity. It permits the error of a
+quaternion in float64 or of a product of many matrices. One step towards the nearest exact rotation removes
+it."""
 SINGLE_TOLERANCE = 1e-5
-"""The same for a rotation in single precision, whose error is about a millionth. Up to here the nearest
-rotation is used; a larger deviation is a scale or shear."""
+"""Maximum difference for a rotation in single precision, whose error is about a millionth. Up to here the
+nearest rotation is used; a larger difference is a scale or shear."""
 QUATERNION_TOLERANCE = 0.01
-"""Largest deviation of the norm of a quaternion from 1: more than the error of three decimal places."""
+"""Maximum difference of the norm of a quaternion from 1, which exceeds the error of three decimal places."""
 LONGEST_STEP = 0.1
-"""Longest time, s, between two poses from which a velocity is computed."""
+"""Maximum time between two poses from which a velocity is computed, s."""
 ROUNDING = 8.0 * 2.0**-52
-"""Error of the nearest exact rotation in float64: a pose of a pose's matrix is equal to that pose."""
+"""Error of the nearest exact rotation in float64. Within it a pose of a pose's matrix is equal to that
+pose."""
 
 
 def _for_all(array: np.ndarray) -> np.ndarray:

@@ -54,10 +54,10 @@ PANELS = {
     },
     "demo": {"demo": ("device.demo", "a service, its drums and a recorded hand, without setup")},
 }
-"""Commands in the order of the help: module and summary."""
+"""Module and summary of each command, in the order of the help."""
 COMMANDS = {name: where for panel in PANELS.values() for name, where in panel.items()}
 RUN_BARE = ("demo", "figures", "claims", "simulate")
-"""Commands that run without arguments; the others print their help."""
+"""Commands that run without arguments. Other commands print their help then."""
 MEANT = {
     **dict.fromkeys(("distance", "distances", "measure", "closest", "nearest", "ray", "sdf"), "query"),
     **dict.fromkeys(("gap", "gaps", "collision", "collide", "interference", "overlap"), "clearance"),
@@ -74,7 +74,7 @@ MEANT = {
     "header": "client header", "key": "client key",
     "sdk": "library", "engine": "library", "sweep": "study", "press": "simulate",
 }  # fmt: skip
-"""Other words for a command, suggested for an unknown one."""
+"""Other words for commands. If one is used, the command is suggested."""
 
 
 class Commands(Mapping[str, Any]):

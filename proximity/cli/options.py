@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 LARGEST = sys.float_info.max
 LONGEST_S = 1e9
 SLOW_S = 2.0
-"""Reading time above which a faster command is suggested."""
+"""Reading time above which a faster command is suggested, s."""
 SOFTEST_CABLE, STIFFEST_CABLE = 10.0, 1e6  # N/m at the fingertip
 
 

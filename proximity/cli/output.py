@@ -21,14 +21,15 @@ if TYPE_CHECKING:
     import numpy as np
 
 DIGITS = 15
-"""Significant decimal digits that every float64 keeps; the next two are rounding errors of the conversion."""
+"""Number of significant decimal digits that every float64 keeps. The next two are rounding errors of the
+conversion."""
 WIDTH, LABEL_WIDTH = 100, 15  # width in columns without a terminal, and width of labels
 MM_PER_M = 1e3
 MISSING = "-"
 STDOUT = Path("-")
 FEW_DIGITS = 6  # number of significant digits in summaries
 NO_LENGTH = 1e-12
-"""Largest rounding error of a length, in any unit."""
+"""Maximum rounding error of a length in any unit."""
 
 
 def write_document(result: Any, *, indent: int | None = 1) -> None:
@@ -88,7 +89,7 @@ def number(value: float, digits: int = 9) -> str:
 
 
 def short(*values: float) -> str:
-    """Return numbers with four significant digits."""
+    """Return numbers as text with four significant digits."""
     return "  ".join(number(value, 4) for value in values)
 
 

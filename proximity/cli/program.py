@@ -29,13 +29,14 @@ EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE: the reader, such as `head`, ended first
 
 _NO_SUCH_OPTION: Any = vars(sys.modules[typer.BadParameter.__module__])["NoSuchOption"]
-"""Click's, or that of the copy in newer versions of Typer."""
+"""Click's exception for an unknown option, or that of the copy of Click in newer versions of Typer."""
 
 SETTINGS = {"help_option_names": ["-h", "--help"]}
 NEGATIVE = re.compile(r"-(\d|\.\d|(inf|infinity|nan)$)", re.IGNORECASE)
-"""Start of a negative number, even of a misspelt one such as -1,5; no option starts like this."""
+"""Pattern of the start of a negative number, even of a misspelt one such as -1,5. No option starts like
+this."""
 DISK_IS_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
-"""Errors of a full or defective disk."""
+"""Error numbers of a full or defective disk."""
 
 
 def stop_after(limit: float | None, stop: threading.Event) -> None:
@@ -162,7 +163,7 @@ class Group(_Plainly, TyperGroup):
     """Group of commands that converts expected errors to exit codes."""
 
     meant: ClassVar[dict[str, str]] = {"wasm": "library wasm", "javascript": "client js"}
-    """Other words for a command, suggested for an unknown one."""
+    """Other words for commands. If one is used, the command is suggested."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the command that the arguments name. For an unknown word, suggest one."""

@@ -15,16 +15,16 @@ MAX_PARTS = 20_000
 millions."""
 
 STEP_TOLERANCE = 1e-5
-"""Maximum distance of triangles from the curved surfaces of a STEP file, m: a tenth of the smallest height
-that a fingertip can feel. Half the tolerance gives about 40 % more triangles."""
+"""Maximum distance of triangles from the curved surfaces of a STEP file, m. It is a tenth of the smallest
+height that a fingertip can feel. Half the tolerance gives about 40 % more triangles."""
 UNPACKED_LIMIT = 2_000_000_000
 """Default limit of the unpacked size of a 3MF file, bytes."""
 
 UNKNOWN_FACE = -1
-"""Face id of triangles whose CAD face is not known."""
+"""Number of the CAD face of triangles for which it is unknown."""
 RIGID_TOLERANCE = 4 * float(np.finfo(np.float32).eps)
-"""Largest difference of stretches from one another, or from 1, that counts as equal: scene graphs are written
-in single precision. A rotation within it is replaced by the nearest exact one."""
+"""Maximum difference of stretches from one another, or from 1, at which they count as equal, because scene
+graphs are written in single precision. A rotation within it is replaced by the nearest exact one."""
 
 
 class DialectError(MeshFormatError):

@@ -34,7 +34,8 @@ from proximity.formats.units import UNITS, metres_per_unit, unit_name
 from proximity.system.regular_file import NotRegularFileError, open_regular
 
 _LARGE_BYTES, _HEAD_BYTES = 1 << 26, 1 << 20
-"""File size from which the header is compared with the size first, and the number of bytes read for that."""
+"""Minimum size of a file whose header is checked before the rest is read, and the number of bytes read for
+that."""
 
 
 def _imported(module: str, name: str) -> Callable[..., Any]:

@@ -16,7 +16,7 @@ EXTENSIONS: dict[str, str] = {
     ".step": "STEP",
     ".stp": "STEP",
 }
-"""Extension, lower case -> format."""
+"""Format by extension in lower case."""
 
 STL_HEADER_BYTES = 84
 STL_FACET_BYTES = 50

@@ -17,7 +17,8 @@ from typing import Any
 from proximity.formats import worker
 
 _LARGE_BYTES = 1 << 24
-"""The process ends after a larger input: importing is cheap compared with it, and frees the memory."""
+"""Size of an input after which the process ends to free memory. Importing the library again is then
+comparatively cheap."""
 
 
 @dataclass(frozen=True, slots=True)

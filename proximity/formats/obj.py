@@ -22,7 +22,8 @@ _LOWER_DIMENSIONS = frozenset(["l", "p"])
 _NAMING = frozenset(("g", "o", "usemtl", "mtllib", "usemap", "maplib", "shadow_obj", "trace_obj"))
 _STRAY_SLASH = re.compile(r"\s/")
 _UNKNOWN = re.compile(r"(?!(?:call|csh)$|[vf][-+.\d])[a-zA-Z$!%&@/;*_][!-~]*")
-"""Statements to ignore; not those that include other files, nor a vertex or face without its blank."""
+"""Pattern of unknown statements that are ignored. It excludes those that include other files, and a vertex or
+face without a blank after its keyword."""
 _FREE_FORM = frozenset(["curv", "curv2", "surf", "bsp", "bzp", "cdc", "cdp", "res"])
 
 

@@ -17,7 +17,8 @@ from proximity.formats.ply import rows as binary_rows
 from proximity.formats.ply.ply_header import Element, Property
 
 _KEYWORD = re.compile(r"(?![A-Z]*nOFF)(?i:(ST)?(C)?(N)?OFF(?![a-z_])|(?=\d+\s))\s*(.*)")
-"""Texture, colour and normal may follow each position; four- and n-dimensional variants are not solids."""
+"""Pattern of the first line. Texture, colour and normal may follow each position. Four- and n-dimensional
+variants are not solids and do not match."""
 _BINARY = re.compile(rb"(?:#[^\n]*\n|\s)*(ST)?(C)?(N)?OFF[ \t]+BINARY[^\n]*\n")
 _WIDTHS = (2, 4, 3)  # number of values of texture, colour and normal
 _INT, _FLOAT = np.dtype(">i4"), np.dtype(">f4")

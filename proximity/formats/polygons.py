@@ -15,11 +15,12 @@ from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
 
 MAX_CORNERS = 20_000
-"""Maximum size of a polygon. Cutting takes up to the square of it: a second for a star of this size."""
+"""Maximum number of corners of a polygon. The time to cut it may grow with the square, to a second for a star
+of this size."""
 _LARGE, _MAX_IN_LARGE = 1000, 10 * MAX_CORNERS  # corners of a large polygon, and of all
 
 Piece = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Polygons of rows of one width: polygon rows (n,), corner counts (n,), the rows (n, width)."""
+"""Polygons from rows of one width, as polygon rows (n,), corner counts (n,) and the rows (n, width)."""
 
 
 def assemble(

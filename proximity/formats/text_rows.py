@@ -11,13 +11,14 @@ import numpy as np
 from proximity.errors import MeshFormatError
 
 LARGEST_EXACT_INTEGER = 2.0**53
-"""Indices are read as float64, which is exact up to here."""
+"""Largest integer up to which float64 is exact. Indices are read as float64."""
 
 PADDING = b"\0\x1a \t\r\n"
-"""Allowed after the end of a file: blanks, the end-of-file mark of CP/M and DOS, full blocks."""
+"""Bytes that may follow the end of a file, which are blanks, the end-of-file mark of CP/M and DOS, and
+zeros."""
 
 MAX_COUNT_DIGITS = 18
-"""Digits of the number of rows that a file declares: these fit into 64 bits."""
+"""Maximum number of digits of a row count, so that it fits into 64 bits."""
 
 
 def read_rows(rows: list[str], locate: Callable[[int], str]) -> list[tuple[np.ndarray, np.ndarray]]:

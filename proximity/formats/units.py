@@ -23,7 +23,7 @@ UNITS: dict[str, float] = {
     "mi": 1609.344,
     "mil": 2.54e-5,
 }
-"""Name of a unit -> metres."""
+"""Length of each unit in metres."""
 PREFIXES = {"": "", "milli": "m", "centi": "c", "deci": "d", "micro": "u", "nano": "n", "kilo": "k"}
 SYNONYMS = {prefix + word: short + "m" for prefix, short in PREFIXES.items() for word in ("metre", "meter")}
 SYNONYMS |= {
@@ -33,15 +33,17 @@ SYNONYMS |= {
 """Other words for units, in lower case and without a final s."""
 
 SMALLEST_PART = 0.0005
-"""m; a smaller part is unlikely."""
+"""Minimum likely size of a part, m."""
 LARGEST_PART = 50.0
-"""m; a larger part is unlikely."""
+"""Maximum likely size of a part, m."""
 SMALL_FILE = 0.010
-"""m; a smaller whole file without a unit is more often in inches than of parts this small."""
+"""Size of a whole file without a unit below which it is probably in inches, m. Parts this small are less
+frequent."""
 TYPICAL_PART = 0.1
-"""m; of parts touched by hand."""
+"""Typical size of a part that is touched by hand, m."""
 UNLIKELY_RATIO, ALIKE = math.log(5.0), math.log(2.0)
-"""Ratios of the sizes of part and scan: minimum for trying other units, and maximum for the chosen one."""
+"""Ratios of the sizes of part and scan, as logarithms. The minimum at which other units are tried, and the
+maximum for the chosen unit."""
 UNIT_NAMES = {"mm": "millimetres", "in": "inches", "m": "metres", "um": "micrometres"}
 """Units that modelling programs commonly write."""
 

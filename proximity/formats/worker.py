@@ -21,7 +21,8 @@ from contextlib import suppress
 from typing import Any
 
 FAILED, NOT_INSTALLED, TOO_MUCH = 1, 3, 4
-"""Codes: an exception, which is printed; the library cannot be imported; a limit was exceeded."""
+"""Exit codes for an exception, which is printed, for a library that cannot be imported, and for an exceeded
+limit."""
 _PR_SET_PDEATHSIG = 1  # from <sys/prctl.h>
 
 

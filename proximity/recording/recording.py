@@ -113,7 +113,7 @@ class Recording:
         return replace(self, positions=pose.point(self.positions * scale))
 
     def middle(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the lower and upper corner of the box around the middle 80 % of the samples on each axis, m."""
+        """Return two corners of the box around the middle 80 % of the samples on each axis, m."""
         rest = 50.0 * (1.0 - MIDDLE_SHARE)
         lower, upper = np.percentile(self.positions[self.is_present], [rest, 100.0 - rest], axis=0)
         return lower, upper

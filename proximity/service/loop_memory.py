@@ -143,7 +143,7 @@ class SourceMemory:
         self._fields["sensor"] = self._sensor.ctypes.data
 
     def _set_scene(self, contacts: TrackedContacts, model: Model) -> None:
-        """Copy the arrays of the scene that other threads may change, so that only the loop writes to them."""
+        """Copy the arrays of the scene that other threads may change, for use by the loop only."""
         self.has_scene, self._scene = True, contacts.tracker.scene
         self._is_edited_elsewhere = contacts.moves is contacts.changes is None
         self._epoch, self._snapshot = model.epoch, weakref.ref(model)

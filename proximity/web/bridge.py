@@ -24,13 +24,13 @@ LOOK_S = 0.001
 IDLE_LOOK_S = 0.05
 MAX_PAGES = 8
 LATEST_MS = 1e12
-"""Maximum of a page's clock."""
+"""Maximum time that a page's clock may show, ms."""
 MAX_IN_FLIGHT = 2
-"""Frames sent without an acknowledgement: a slow page skips, and never lags."""
+"""Maximum number of frames sent without an acknowledgement. A slow page skips frames, but never lags."""
 ANSWER_GAP_S = 0.004
-"""Time between two frames of new poses; 250 a second are more than any display shows."""
+"""Minimum time between two frames with new poses. 250 frames a second are more than any display shows."""
 IDLE_GAP_S = 0.012
-"""Time between two frames of the same poses."""
+"""Minimum time between two frames with the same poses."""
 
 
 class PageClient:

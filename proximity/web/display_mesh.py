@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 SHARP_DEGREES = 30.0
-"""Angle of two faces from which their edge is drawn."""
+"""Minimum angle between two faces whose common edge is drawn."""
 MAX_CELLS = 1024
-"""Cells along an axis of the grid in which corners of an open surface are merged."""
+"""Maximum number of cells along an axis of the grid in which corners of an open surface are merged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

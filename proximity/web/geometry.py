@@ -16,15 +16,15 @@ from proximity.scene.scene import Scene
 from proximity.web.display_mesh import coarser, display_mesh
 
 MAX_FACES = 500_000
-"""Maximum number of drawn faces of a scene, which a browser turns smoothly."""
+"""Maximum number of faces of a scene that a browser can turn smoothly."""
 MIN_FACES = 200
-"""Minimum number of faces of a part of a larger scene."""
+"""Minimum number of faces to which a part of a large scene is simplified."""
 COLOURS = (
     (0.32, 0.42, 0.55), (0.78, 0.31, 0.07), (0.10, 0.49, 0.29), (0.56, 0.19, 0.52), (0.61, 0.59, 0.09),
     (0.26, 0.23, 0.77), (0.17, 0.62, 0.73), (0.19, 0.32, 0.09), (0.86, 0.48, 0.64), (0.08, 0.21, 0.42),
     (0.38, 0.18, 0.04), (0.24, 0.24, 0.24),
 )  # fmt: skip
-"""Colours of parts, in turn, as linear red, green and blue; red is reserved for crossing parts."""
+"""Colours that parts have in turn, as linear red, green and blue. Red is reserved for crossing parts."""
 EDGE_COLOUR = (0.03, 0.035, 0.05)
 
 _FLOAT, _UNSIGNED = 5126, 5125

@@ -19,7 +19,7 @@ PAGE = Path(__file__).parent / "page"
 READ = ("reals", "words", "frames", "parts")
 """Arrays of a compiled scene that the engine reads, in the order of the file."""
 TEXT_SIZE = 4
-"""Position of the size of the description in the header."""
+"""Index of the size of the description in the fields of the header."""
 
 
 def scene_page_files(frame_ancestors: str = "'self'") -> PageFiles:

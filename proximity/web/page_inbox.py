@@ -23,11 +23,11 @@ from proximity.web.server.access import UnfitError
 
 KINDS = {kind.magic: kind for kind in (POSES, PATH_POSES, MOVES, CHANGES)}
 FARTHEST = 1e4
-"""m from the origin: beyond any hand or part."""
+"""Maximum distance from the origin, m. No hand or part is farther."""
 OLDEST_NS = 1_000_000_000
-"""Maximum delay of a message; a longer one means a blocked connection, or a suspended machine."""
+"""Maximum delay of a message. A longer one is due to a blocked connection or a suspended machine."""
 SPREAD_NS = 1_000_000_000
-"""Maximum difference between the instant of a pose and that of its sending."""
+"""Maximum difference between the instant of a pose and that at which it was sent."""
 
 
 class HeldUpError(UnfitError):

@@ -48,11 +48,11 @@ if TYPE_CHECKING:
 LOOK_S = 0.05
 RECORDED_STEP_S = 1 / 90
 LONGEST_RECORDED_S = 300.0
-"""Maximum duration of a recorded hand replayed by a page."""
+"""Maximum duration of a recorded hand that a page replays."""
 FINGERS_OF_PAGE = 10
-"""Fingers of two hands, thumb to little finger, the left hand first."""
+"""Number of fingers of two hands, from thumb to little finger with the left hand first."""
 TRACKER = ("working_range", "tolerance", "horizon", "max_speed", "max_acceleration")
-"""Settings of fingers that a page's tracker takes from a scene file."""
+"""Settings of fingers in a scene file that the tracker of a page uses."""
 FRAMED_BY_NOTEBOOKS = "'self' http://localhost:* http://127.0.0.1:*"
 
 

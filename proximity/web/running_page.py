@@ -16,7 +16,8 @@ from proximity.service.hosting.process import STOP_TIMEOUT
 from proximity.web.server.access import open_in_browser
 
 BEGIN_TIMEOUT = 600.0
-"""s. Large parts may have to be read, and once kernels compiled."""
+"""Maximum wait until the page can be opened, s. Large parts may have to be read, and kernels compiled
+once."""
 
 
 class Addresses(NamedTuple):
@@ -41,9 +42,10 @@ def own_addresses() -> Addresses:
 
 
 class RunningPage(RunningService):
-    """A page that can be opened at ``url``; made by `view`, ended by ``stop()`` or with this process.
+    """A page that can be opened at ``url``.
 
-    As the last value of a notebook's cell, it is shown below the cell.
+    It is created by `view` and ends by ``stop()`` or with this process. As the last value of a notebook's
+    cell, it is shown below the cell.
 
     Parameters
     ----------

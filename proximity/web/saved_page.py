@@ -13,13 +13,15 @@ from proximity.web.page_content import scene_page_files
 
 LEVEL = 6  # of the compression
 CHARSET = "windows-1252"
-"""Every byte is a letter: 2 % more than the bytes, instead of a third more for base64."""
+"""Character set in which every byte is a letter. The text is 2 % longer than the bytes, while base64 would be
+a third longer."""
 POLICY = (
     """<meta http-equiv="Content-Security-Policy" content="default-src 'none'; base-uri 'none'; """
     """form-action 'none'; img-src blob: data:; style-src 'nonce-{nonce}'; """
     """script-src 'nonce-{nonce}' 'wasm-unsafe-eval' blob:">"""
 )
-"""Only code of the file runs, and no data leave it: code in a part's name does not run."""
+"""Policy under which only code of the file runs and no data leave it. Code in the name of a part does not
+run."""
 _IMPORTED = re.compile(r"""(\bfrom\s*|\bimport\s*\(?\s*)(["'])([^"']+)\2""")
 _THREE = "page/vendor/three/three.module.js"
 _SCRIPTS = re.compile(r'<script type="(?:importmap|module)".*?</script>\n', re.DOTALL)
@@ -54,7 +56,7 @@ const { nonce } = document.currentScript;
   document.getElementById("cover-text").textContent = `This browser cannot show the page: ${failure.message}`;
 });
 """
-"""Makes modules from the file's contents, and starts the page."""
+"""Code that creates modules from the contents of the file and starts the page."""
 
 
 def save_page(path: Path, shown: dict[str, bytes]) -> int:

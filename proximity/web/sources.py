@@ -22,14 +22,14 @@ from proximity.web.page_content import shown_contents
 from proximity.web.page_inbox import PageInbox
 
 LARGEST_LOG = 2_000_000_000
-"""Bytes of frames, kept in memory while a log is viewed."""
+"""Maximum size of the frames of a log, bytes. They are in memory while the log is shown."""
 SHARED = ("shm://", "zenoh://")
 """Addresses at which any number of programs can listen."""
 _POSE_AT = FRAME_HEADER.fields["pose_ns"][1]  # type: ignore[index]
 
 
 class NewFrame(NamedTuple):
-    """The newest frame, as bytes."""
+    """The newest frame as bytes, and how it differs from the previous frame."""
 
     data: bytes
     is_new_run: bool  # whether the service has restarted

@@ -26,11 +26,13 @@ if TYPE_CHECKING:
     from proximity.cli.service.watch_view import Seen
 
 MIN_IN_TIME, FAIR_IN_TIME = 0.99, 0.9
-"""Shares of frames: smallest of "in time", and of "mostly in time"."""
+"""Minimum shares of frames that are rated as in time and as mostly in time."""
 FARTHEST_TOUCH = 1e-3
-"""m between the predicted and the actual touch: threshold of a fingertip, assumed."""
+"""Maximum distance between the predicted and the actual touch, m. It is the threshold of a fingertip,
+assumed."""
 FORESEEN_S = 0.010
-"""s before a touch: lead of the prediction, for the last millimetres of a drum, assumed."""
+"""Time before a touch at which its prediction is judged, s. A drum needs it for the last millimetres,
+assumed."""
 WINDOW_S, SILENT_S = 1.0, 0.3
 SCALE_MM, MIN_BAR = 60.0, 8  # length of a bar in mm, and its minimum number of cells
 COLUMNS = (
@@ -113,7 +115,7 @@ class TouchWatch:
 
 
 def picture(reading: Reading, seen: "Seen", last: LastSecond, drums: "DrumThread") -> RenderableType:
-    """Return the display for a terminal."""
+    """Return the display of a reading for a terminal."""
     if not len(reading.contacts) or _is_outdated(reading, seen):
         return headline(seen, last)
     words, rows = drums.reported(), []

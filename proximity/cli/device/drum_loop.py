@@ -27,7 +27,7 @@ LOG_TITLES = (
     "now_ns", "finger", "state", "mode", "drum_rad", "force_N", "motor_torque_Nm",
     "target_rad", "target_force_N", "target_torque_Nm", "torque_cap_Nm", "motor_speed_cap_rad_s",
 )  # fmt: skip
-"""State of drum and motor, then targets of the controller."""
+"""Titles for the state of drum and motor, and then for the targets of the controller."""
 COLUMNS = {  # titles and formats
     "finger": "{finger}",
     "drum": "{state}",
@@ -42,7 +42,7 @@ COLUMNS = {  # titles and formats
 LINE = "{finger}: {state}, drum at {drum_mm:.1f} mm ({angle:.1f}°), finger at {finger_mm:.1f} mm"
 LINE_OF_FORCE = LINE + ", {force_n:.2f} N by {torque_mnm:.1f} mNm"
 FOR_PEOPLE = ("angle", "force_n", "torque_mnm")
-"""Fields of an instant, omitted from JSON."""
+"""Fields that are valid for one instant only, which are omitted from JSON."""
 OTHER_LINES = 5  # lines of a terminal besides those of the fingers
 STYLES = {DrumState.RETRACTED: "green", DrumState.APPROACH: "yellow", DrumState.FAULT: "black on red"}
 TOUCHING_STYLE = "bold red"

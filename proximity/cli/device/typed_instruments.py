@@ -21,7 +21,7 @@ class TypedInstruments:
 
     rate = 0.0  # Hz: a chirp cannot be typed
     numbers: Callable[[Sequence[str]], list[float]]
-    """Function that returns a number for each question; set before the first reading."""
+    """Function that returns a number for each question. It is set before the first reading."""
 
     def __init__(self, address: str | None, finger: int) -> None:
         self._finger = finger

@@ -29,7 +29,7 @@ PARTS_SHOWN = 20
 A_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 ALL_OF_RANGE = re.compile(r"(\S+ to \S+) of \1 ")
 DISPENSABLE = ("volume", "manifold3d", "shells", "oriented", "watertight")
-"""Columns omitted, in this order, until the table fits the terminal."""
+"""Columns that are omitted in this order until the table fits the terminal."""
 YES = {True: "yes", False: "no"}
 
 Values = dict[str, Any]

@@ -42,11 +42,11 @@ if TYPE_CHECKING:
 
 EXIT_NEARER = 1
 DIGITS = 6
-"""Significant, of numbers in the table."""
+"""Number of significant digits of numbers in the table."""
 FEW_DIGITS = 4
-"""Significant, of depths, whose bounds are a thousandth apart."""
+"""Number of significant digits of depths, whose bounds differ by a thousandth."""
 DISPENSABLE = ("to", "from", "depth", "overlap")
-"""Columns omitted, in this order, until the table fits the terminal."""
+"""Columns that are omitted in this order until the table fits the terminal."""
 Values = dict[str, Any]
 
 

@@ -15,7 +15,7 @@ from proximity.formats.units import UNIT_NAMES, metres_per_unit, scan_unit
 
 SHARE = 95  # percentile of the deviations
 MAX_KEPT = 20_000_000
-"""Points: the percentile is that of the first ones, which bounds the memory."""
+"""Maximum number of points for the percentile, which limits the memory. Later points do not affect it."""
 DIGITS, PLACE_DIGITS = 5, 9
 MAX_WORST = 10
 MAX_DRAWN = 20_000  # maximum number of points in a picture

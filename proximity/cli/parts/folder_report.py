@@ -26,7 +26,7 @@ Values = dict[str, Any]
 
 SUFFIXES = {*EXTENSIONS, EXTENSION}
 _PARTICULARS = re.compile(r"""'[^']*'|"[^"]*"|\d[\d_.,]*(?:e[+-]?\d+)?""")
-"""Names and numbers, in which sentences of one kind differ."""
+"""Pattern of names and numbers, which are the differences between sentences of one kind."""
 
 
 def check_files(folder: Path, words: Sequence[str], limit: float) -> Iterator[Values]:

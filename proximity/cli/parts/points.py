@@ -21,11 +21,12 @@ STANDARD_INPUT = "-"
 BEGINS_A_NUMBER = tuple("+-.0123456789")
 NO_LETTER = re.compile(r"[\W\d_]")
 BEFORE_COMMENT = re.compile(r'(?:"[^"]*"|[^#]|(?<=\S)#)*')
-"""Text before a # at the start of a line or after white space; others belong to names, as in pin#2."""
+"""Pattern of the text before a comment. A comment begins with # at the start of a line or after white space;
+any other # belongs to a name such as pin#2."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 NAME = "name"  # name of a column, in upper or lower case
 LONGEST_LINE = 1_000_000
-"""Characters: a longer line is not text of points."""
+"""Maximum length of a line, letters. A longer line is not text of points."""
 
 Note = Callable[[str], None]
 
@@ -51,7 +52,7 @@ class Columns(NamedTuple):
 
 
 NORMALS = Columns(kept=(("nx", 3), ("ny", 4), ("nz", 5)), field_count=6)
-"""Of lines with six numbers and no header."""
+"""Columns of lines with six numbers and no header, which are positions and normals."""
 MESHES = (".ply", ".stl", ".obj")
 
 

@@ -23,7 +23,7 @@ HEADER_FIELDS = (
 )  # fmt: skip
 NAMED: dict[str, type[IntEnum]] = {"mode": Mode, "surface": Surface, "source": Source}
 SCALE_MM = 120.0
-"""Default working range of the tracker."""
+"""Largest distance on the scale, which is the default working range of the tracker."""
 MARKS_MM = (0, 30, 60, 90, 120)
 MIN_BAR, MAX_BAR = 25, 60
 EIGHTHS = " ▏▎▍▌▋▊▉"
@@ -50,7 +50,7 @@ FLAG_LETTERS = {
     ContactFlag.ON_PATH: ("W", "on its path"),
     ContactFlag.CONTACT_FOUND: ("C", "contact found"),
 }
-"""The letter of each flag, always in the same position, and its meaning."""
+"""Letter and meaning of each flag. A letter is always in the same position."""
 MODE_STYLES: dict[int, str] = {
     Mode.RETRACT: "green",
     Mode.POSITION: "yellow",

@@ -165,7 +165,7 @@ CLIENTS = {
     "csharp": ("csharp", "Write the client for Unity and .NET, as a package that the engine may share."),
     "js": ("javascript", "Write the client as ES modules, for browsers and Node."),
 }
-"""Languages by the names of their commands."""
+"""Programming languages by the names of their commands."""
 
 library = group_of(
     "library",

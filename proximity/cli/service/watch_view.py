@@ -57,7 +57,7 @@ HELD_MEANINGS = {
 FLAGS = f"Flags: {', '.join(f'{letter} {word}' for letter, word in FLAG_LETTERS.values())}"
 BARS = "Bars: █ certainly free, ▒ between the bounds, ◆ predicted, » farther"
 MAX_NAME_CELLS = 16
-"""Of the name of a part; longer names are truncated."""
+"""Maximum width of the name of a part. Longer names are truncated."""
 COLUMNS = (
     Column("finger", "finger", True, width=6),
     Column("part", "part", True, width=4),

@@ -8,9 +8,9 @@ from proximity.errors import MeshFormatError
 from proximity.formats.gltf.buffers import Document, integer, numbers, shown
 
 INDEX_TYPES = (5121, 5123, 5125)
-"""Unsigned whole numbers of 1, 2 and 4 bytes."""
+"""Component types of indices, which are unsigned whole numbers of 1, 2 and 4 bytes."""
 POSITION_TYPES = (5126, 5120, 5121, 5122, 5123)
-"""Numbers of single precision, and the whole numbers of KHR_mesh_quantization."""
+"""Component types of positions, which are single precision and the whole numbers of KHR_mesh_quantization."""
 
 _DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _COMPONENTS = {"SCALAR": 1, "VEC3": 3, "MAT4": 16}

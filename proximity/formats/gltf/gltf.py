@@ -28,7 +28,7 @@ _LOOKS = re.compile(
     r"interactiv",
     re.IGNORECASE,
 )
-"""Words in names of extensions that change no shape."""
+"""Pattern of the names of extensions that do not change the shape."""
 
 
 def read_glb(source: Source) -> RawFile:

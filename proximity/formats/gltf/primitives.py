@@ -19,7 +19,7 @@ from proximity.system.extras import needed
 
 DRACO = "KHR_draco_mesh_compression"
 _DRACO_SECONDS, _DRACO_BYTES, _DRACO_BYTES_PER_BYTE = 120, 2 << 30, 400
-"""Limits of unpacking: packed meshes seldom grow twentyfold."""
+"""Limits of time and memory for unpacking. Packed meshes seldom grow twentyfold."""
 _TRIANGLES, _TRIANGLE_STRIP, _TRIANGLE_FAN = 4, 5, 6
 
 

@@ -17,7 +17,7 @@ _MAX_NODES = 200_000
 _MAX_LEVELS = 16  # maximum number of assembly names that a part keeps, with 60 letters each
 _JOINT_ROUNDING = 1e-5  # share of the largest entry: joints are written in single precision
 _Above = tuple[np.ndarray, bool, tuple[str, ...]]
-"""State inherited by a node's children: placement, whether it is hidden, names down to it."""
+"""State that the children of a node inherit, which is placement, visibility, and names of the nodes above."""
 _TRANSFORMS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
 
 

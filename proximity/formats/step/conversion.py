@@ -22,20 +22,22 @@ from proximity.formats.worker import NOT_INSTALLED, TOO_MUCH
 from proximity.system.file_cache import FileCache
 
 STEP_ANGLE = 0.25
-"""Maximum angle between neighbouring triangles, radians: keeps fillets round whose radius is hardly larger
+"""Maximum angle between neighbouring triangles, radians. It keeps fillets round whose radius is hardly larger
 than the tolerance (cascadio's default, 0.5, makes them rings of thirteen sides)."""
 MAX_TRIANGLES = 5_000_000
 MAX_FACE_TRIANGLES = 150_000
-"""Maximum number of triangles of one CAD face: OpenCASCADE takes 4 s for 100 000, and 16 s for 200 000."""
+"""Maximum number of triangles of one CAD face. OpenCASCADE takes 4 s for 100 000 and 16 s for 200 000."""
 MAX_SECONDS, MAX_BYTES = 600, 8 << 30
-"""Limits of one conversion."""
+"""Limits of time and memory of one conversion."""
 CACHE = FileCache("step", 1 << 30)
-"""Triangles of files; the least recently used are removed beyond a gigabyte."""
+"""Cache of the triangles of files, with a limit of a gigabyte."""
 _CONVERSION = 1  # to be changed if `worker` converts in another way
 _FIRST_SHARE = 1e-3
-"""Tolerance of the first conversion, as a share of the file's size, if triangles have to be estimated."""
+"""Tolerance of the first conversion as a share of the size of the file, if the number of triangles must be
+estimated."""
 _ROUND_SHARE, _FREE_SHARE = 0.7 * MAX_FACE_TRIANGLES / 10.1, 1e5
-"""Minimum radius and size, in tolerances, for counting. A sphere takes 10.1 triangles a tolerance."""
+"""Minimum radius and minimum size, in tolerances, from which triangles must be estimated. A sphere has 10.1
+triangles for each tolerance of its radius."""
 
 _NUMBER = re.compile(r"(?<![\w.#+-])[-+]?\d+\.\d*(?:E[-+]?\d+)?")
 _ROUND = re.compile(r"\b(?:SPHERICAL|(?:DEGENERATE_)?TOROIDAL)_SURFACE\s*+\(([^)]*+)")

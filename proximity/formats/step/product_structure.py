@@ -23,18 +23,18 @@ _RELATION = "SHAPE_REPRESENTATION_RELATIONSHIP"
 _OF = ("PRODUCT_DEFINITION_SHAPE", "PROPERTY_DEFINITION")
 _BODIES = ("MANIFOLD_SOLID_BREP", "BREP_WITH_VOIDS", "FACETED_BREP", "SHELL_BASED_SURFACE_MODEL")
 _OTHER_PLACEMENTS = ("MAPPED_ITEM", "INVISIBILITY")
-"""Records with which positions are given otherwise, or shapes left out on purpose."""
+"""Records that place shapes in another way, or omit them on purpose."""
 
 _PRODUCT = "PRODUCT_DEFINITION(?:_WITH_ASSOCIATED_DOCUMENTS)?"
 _KINDS = (_USE, _PLACEMENT, _SHAPE, _RELATION, *_OF, *_BODIES, _PRODUCT, r"\w*SHAPE_REPRESENTATION")
 _SHAPE_GIVING = ("SHAPE_DEFINITION_REPRESENTATION", "REPRESENTATION_RELATIONSHIP")
-"""Endings of the names of records that give products shapes; shapes, colours and texts belong to them."""
+"""Ends of the names of records that assign shapes to products. Shapes, colours and texts belong to them."""
 
 _NO_NAME = re.compile(
     r"((SOLID|COMPOUND|COMPSOLID|SHELL|FACE|ASSEMBLY|NAUO)?[_ ]?\d*|=>\[[\d:]*\]|"
     r"Open CASCADE STEP translator.*)"
 )
-"""Default names that programs write."""
+"""Pattern of default names that programs write."""
 
 
 @dataclass(slots=True)

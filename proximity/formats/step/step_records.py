@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 REFERENCE = re.compile(r"#\d+")
 QUOTED = r"'[^']*+(?:'|\Z)|/\*(?s:.*?)(?:\*/|\Z)"
-"""Strings and comments; a doubled quote ends one string and begins the next."""
+"""Pattern of strings and comments. A doubled quote ends one string and begins the next."""
 
 _COMMON = {  # bytes that most of the text beyond ASCII has in an encoding
     "Shift-JIS": (  # kana, and runs or whole strings of kanji

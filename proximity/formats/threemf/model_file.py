@@ -17,13 +17,14 @@ from proximity.formats.threemf.package import XmlFile, part_name, shown
 _UNITS = {"micron": "um", "millimeter": "mm", "centimeter": "cm", "inch": "in", "foot": "ft", "meter": "m"}
 _DEFAULT_UNIT = "millimeter"  # default of the specification
 _CORE = re.compile(r"https?://schemas\.microsoft\.com/3dmanufacturing/(core/|\d{4}/\d{2}/?$)")
-"""Namespaces of the core; those of drafts before 1.0 have only the date."""
+"""Pattern of the namespaces of the core. Those of drafts before 1.0 contain only the date."""
 _STRUCTURE = frozenset({"object", "mesh", "vertices", "triangles", "component", "item"})
 _NAMES = _STRUCTURE | {"model", "vertex", "triangle"}
 _HARMLESS_EXTENSIONS = ("/production/", "/material/", "/trianglesets/", "/slice/")
 """Extensions that spread objects over files, colour them, name sets of triangles, or accompany meshes."""
 _LEFT_OUT_TYPES = ("support", "solidsupport", "other")
-"""Types in the core: supports are broken off after printing, and "other" is never printed."""
+"""Types in the core that are omitted. Supports are broken off after printing, and "other" is never
+printed."""
 _IDENTITY = np.eye(4)
 
 

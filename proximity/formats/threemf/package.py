@@ -14,11 +14,11 @@ from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
 
 _BOMB_RATIO, _BOMB_BYTES = 200, 50_000_000
-"""Ratio of unpacked to packed size beyond which a file has no geometry: XML of real meshes shrinks to a
-tenth."""
+"""Maximum ratio of unpacked to packed size, and unpacked size to which it does not apply. XML of real meshes
+shrinks to a tenth."""
 _CHUNK_BYTES = 1 << 20
 _LEAVES = frozenset({"vertex", "triangle"})
-"""Elements that occur by the million; they declare no prefix."""
+"""Elements that occur millions of times. They declare no prefixes."""
 _RELATIONSHIPS, _USUAL_ROOT = "/_rels/.rels", "/3d/3dmodel.model"
 
 

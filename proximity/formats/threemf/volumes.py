@@ -24,12 +24,12 @@ _KINDS = {
     **dict.fromkeys(("SupportBlocker", "support_blocker"), "support blocker"),
     **dict.fromkeys(("SupportEnforcer", "support_enforcer"), "support enforcer"),
 }
-"""Slicers' names of volumes that are not parts."""
+"""Kinds of volumes that are not parts, by the names that slicers use."""
 _MAX_WORK, _WORK_OF_VOLUME = 5_000_000, 1000
-"""Limits of the subtractions for a file, in faces met, repetitions included: about ten seconds; and the cost
-of a volume in faces."""
+"""Limit of the subtractions for a file in processed faces, including repetitions, which take about ten
+seconds, and the cost of a volume in faces."""
 _ROUNDING = 1e-13
-"""Rounding of a moved volume flush with the part, as a share of the largest coordinate."""
+"""Rounding error of a moved volume that is flush with the part, as a share of the largest coordinate."""
 
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]  # vertices, faces, rows of the faces in the file
 

@@ -142,7 +142,7 @@ def make_tracker(settings: SceneFile, scene: Scene, count: int) -> Tracker:
 
 
 def read_input(settings: SceneFile) -> Recording | None:
-    """Return the recording of the scene file in its original frame, or None if the input is not a recording."""
+    """Read the recording of the scene file, not yet placed. Return None for other inputs."""
     entry = settings.input.recording
     if entry is None:
         return None

@@ -18,16 +18,16 @@ from pathlib import Path
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 MAX_BYTES = 65_536
-"""Maximum size of a message: poses of 10 fingers with their paths are 16 kB."""
+"""Maximum size of a message. Poses of 10 fingers with their paths are 16 kB."""
 MESSAGES_PER_S = 1_000.0
 BYTES_PER_S = 8e6
 BURST_S = 1.0
-"""Time for which unused allowance accumulates."""
+"""Time for which an unused allowance accumulates."""
 HELLO_S = 30.0
-"""Time limit of the token."""
+"""Maximum time until a page sends its token."""
 
 WRONG_TOKEN, UNFIT, TOO_MUCH, HELD_UP = 4403, 4400, 4429, 4408
-"""Codes with which connections are closed."""
+"""Codes with which connections are closed, one for each reason."""
 _REDIRECT = '<!DOCTYPE html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url={url}">\n'
 
 

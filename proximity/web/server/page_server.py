@@ -23,10 +23,11 @@ LIVE = "/live"
 """Path of the live connection."""
 WITHOUT_TOKEN = "The address has no token: open the address that was printed."
 MAX_DIGITS = 20
-"""Maximum length of a whole number in a document, with its sign: 64 bits."""
+"""Maximum length of a whole number in a document, including its sign. It suffices for 64 bits."""
 LOGGER = logging.getLogger("proximity.web")
 QUIET = logging.getLogger("proximity.web.connections")
-"""Logger of the library: browsers open connections without a request, which it reports as failures."""
+"""Logger of the WebSocket library, whose messages are not shown. It reports connections without a request as
+failures, although browsers open such connections."""
 QUIET.addHandler(logging.NullHandler())
 QUIET.propagate = False
 REASONS = {
@@ -37,10 +38,10 @@ REASONS = {
 }
 
 SHOWN = "/shown/"
-"""Path prefix of page contents, which require the token in the header of a request."""
+"""Prefix of the paths of page contents, which require the token in the header of a request."""
 
 Meet = Callable[[ServerConnection, str], Awaitable[None]]
-"""Called with an accepted connection and its token; returns when the connection ends."""
+"""Function that is called with an accepted connection and its token. It returns when the connection ends."""
 
 
 class PageServer:
