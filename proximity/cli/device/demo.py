@@ -1,4 +1,4 @@
-"""Command ``proximity demo``, which shows a sample scene, a recorded hand, a service and drums in a terminal."""
+"""Command ``proximity demo``, which shows a sample scene, a recorded hand, a service and its drums."""
 
 import sys
 import time

@@ -1,4 +1,4 @@
-"""Commands ``proximity record`` and ``export``, which log the frames of a service and convert logs to tables."""
+"""Commands ``proximity record`` and ``export``, which log frames of a service and convert logs to tables."""
 
 import sys
 import time

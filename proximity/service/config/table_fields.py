@@ -130,7 +130,10 @@ class Table:
         )
 
     def _value(self, key: str, default: Any, expected: str, read: Callable[[Any], Any]) -> Any:
-        """Return the converted value of a key, or the default if the key is missing or its value is invalid."""
+        """Return the converted value of a key.
+
+        If the key is missing or its value is invalid, return the default.
+        """
         if key not in self._content:
             if default is REQUIRED and key not in self._meant:
                 path = (*self._path, key)
