@@ -55,7 +55,7 @@ class FileContents:
     with a scene graph they count within the mesh, and for STEP within the product.
     """
 
-    path: str  # as given
+    path: str  # path as given
     format: str  # "STL binary", "STEP" ...
     units: str  # unit of the numbers, a name of UNITS, or several separated by commas
     units_declared: bool  # False if the caller's unit was used, because the file declares none
@@ -68,7 +68,7 @@ class FileContents:
 class RawMesh:
     """One mesh at one pose, in the units of the file."""
 
-    name: str  # as in the file; "" if it has none
+    name: str  # name in the file, or ""
     vertices: np.ndarray  # (V, 3) float64
     faces: np.ndarray  # (F, 3) int64
     source_faces: np.ndarray  # (F,) int32
@@ -93,7 +93,7 @@ class RawFile:
 class Source:
     """Bytes of a file, and its path."""
 
-    path: str  # as given, for messages and neighbouring files
+    path: str  # path as given, for messages and neighbouring files
     data: bytes
 
 

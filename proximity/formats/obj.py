@@ -35,7 +35,7 @@ class _Lines:
         self.vertex_lines: list[int] = []
         self.faces: list[str] = []
         self.face_lines: list[int] = []
-        self.vertices_before: list[int] = []  # for each face; origin of relative references
+        self.vertices_before: list[int] = []  # for each face, as origin of relative indices
         self.objects: list[str] = []
         self.object_starts: list[int] = []  # row of the first face after each line "o"
         self.others: set[str] = set()

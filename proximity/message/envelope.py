@@ -93,8 +93,9 @@ class Message:
     """A message with a fixed number of records. Its header and records are arrays.
 
     Write ``header[field]`` and ``records[field]``, the fields of its kind; ``data`` has the bytes of both.
-    Records of inputs are initially unset: reals are nan, rotations the identity, and all else is zero. The
-    publisher fills in session, sequence and checksum; the other fields of the prefix are already set.
+    Records of inputs are initially unset. Their real numbers are then nan, rotations are the identity, and
+    other fields are zero. The publisher fills in session, sequence and checksum; the other fields of the
+    prefix are already set.
 
     Parameters
     ----------

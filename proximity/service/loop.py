@@ -92,7 +92,7 @@ class Service:
         self._set_outputs()
         self._watch = LoopWatch(self._memory, pose_input.address, self._publishers, self._bridges)
         self._has_run = self._is_running = False
-        self._thread: int | None = None  # of the loop
+        self._thread: int | None = None  # identifier of the loop's thread
         self._failure: BaseException | None = None
         self._outcome = 0
 

@@ -90,13 +90,13 @@ class Report:
     period_ns: int
     ticks: int = 0  # number of frames, except those at the end
     missed: int = 0  # number of ticks skipped because others took too long
-    compute: Histogram = field(default_factory=Histogram)  # from the start of a tick until its frame is sent
-    lateness: Histogram = field(default_factory=Histogram)  # from a tick's due time until its start
+    compute: Histogram = field(default_factory=Histogram)  # time from the start of a tick until its frame is sent
+    lateness: Histogram = field(default_factory=Histogram)  # time from a tick's due time until its start
     states: dict[State, int] = field(default_factory=lambda: dict.fromkeys(State, 0))  # frames by state
     future: int = 0  # number of unused poses of fingers and parts from the future
     backwards: int = 0  # … older than the previous one
     too_old: int = 0  # … too old on arrival
-    publish_failures: dict[str, int] = field(default_factory=dict)  # by address
+    publish_failures: dict[str, int] = field(default_factory=dict)  # failures by address
     log_written: int = 0
     log_lost: int = 0
     notes: list[str] = field(default_factory=list)  # sentences: failures, settings granted or refused

@@ -72,7 +72,7 @@ class Samples:
 
 
 class FingerPoses(Samples):
-    """Poses of fingers."""
+    """Poses of fingers, with optional velocities, paths and bends."""
 
     VALUES = "positions"
     OPTIONAL = ("velocities", "paths", "bends")

@@ -49,12 +49,12 @@ def open_publisher(address: str) -> Publisher:
     Returns
     -------
     Publisher
-        To be closed, or to be used in a ``with`` block.
+        The publisher, which must be closed or used in a ``with`` block.
 
     Raises
     ------
     PublishError
-        If the address is invalid, in use, or cannot be opened; the message has the expected form.
+        If the address is invalid, in use, or cannot be opened. The message states the expected form.
     """
     return Publisher(open_outlet(address), address)
 
@@ -75,7 +75,7 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
     Returns
     -------
     Subscriber
-        To be closed, or to be used in a ``with`` block. It is not an error if there is no publisher yet.
+        The subscriber, which must be closed or used in a ``with`` block. A missing publisher is not an error.
 
     Raises
     ------

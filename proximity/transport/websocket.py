@@ -43,7 +43,7 @@ class _Site:
     lock: ClassVar[threading.Lock] = threading.Lock()
 
     def __init__(self, address: Address, port: int) -> None:
-        self.pages: dict[str, set[ServerConnection]] = {}  # by path
+        self.pages: dict[str, set[ServerConnection]] = {}  # connected pages by path
         self.inlets: dict[str, list[WebSocketInlet]] = {}
         self.end_count, self.origin, self._is_due = 0, address.options.get("origin"), False
         self._port, self._to_send = port, deque[tuple[str, bytes]](maxlen=BUFFER)

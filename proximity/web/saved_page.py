@@ -11,7 +11,7 @@ from pathlib import Path
 from proximity.system.whole_file import whole_file
 from proximity.web.page_content import scene_page_files
 
-LEVEL = 6  # of the compression
+LEVEL = 6  # level of the compression
 CHARSET = "windows-1252"
 """Character set in which every byte is a letter. The text is 2 % longer than the bytes, while base64 would be
 a third longer."""

@@ -230,7 +230,7 @@ def _header(fields: list[str], where: str, units: str) -> Columns | None:
     names = [word.lower() for word in fields]
     words = [NO_LETTER.split(name, maxsplit=1)[0] for name in names]
     axes = (0, 1, 2) if len(fields) == 3 and all(names) and not {*"xyz"} & {*words} else None
-    for spelt in (words, names):  # "x" rather than "x [mm]"
+    for spelt in (words, names):  # first the words before a unit, such as "x" of "x [mm]"
         if all(spelt.count(axis) == 1 for axis in "xyz"):
             axes = spelt.index("x"), spelt.index("y"), spelt.index("z")
     if axes is None:

@@ -204,7 +204,7 @@ def _unpacked(streams: Sequence[tuple[memoryview, int]]) -> list[tuple[np.ndarra
     done = run_library("draco", data, seconds=_DRACO_SECONDS, byte_count=byte_count)
     if done.returncode:
         printed = done.printed.strip().splitlines()
-        if done.returncode in (TOO_MUCH, NOT_INSTALLED):  # installed, but memory is too short
+        if done.returncode in (TOO_MUCH, NOT_INSTALLED):  # installed, but there is not enough memory
             reported = f"it takes more than {_DRACO_SECONDS} s or {byte_count >> 30} GB, expected less"
         elif done.returncode < 0 or not printed:
             reported = f"the decoder crashed, signal {-done.returncode}"

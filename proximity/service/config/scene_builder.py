@@ -50,7 +50,7 @@ class PartFiles:
     def _scene(self, settings: SceneFile) -> Scene:
         kept: _Kept = {}
         parts: list[Part] = []
-        entry_of: dict[str, int] = {}  # by name
+        entry_of: dict[str, int] = {}  # number of the entry of each part, by the part's name
         for index, entry in enumerate(settings.parts):
             try:
                 loaded = self._load(entry, kept)

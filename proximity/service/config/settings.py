@@ -54,7 +54,7 @@ class ServiceSettings:
     """Rate and timing of the loop, and the addresses to which it publishes."""
 
     rate_hz: float = number(Range("Hz", 1.0, 100_000.0), 1000.0)
-    latency: float = number(Range("s", 0.0, 1.0), 0.001)  # from a tick until the controller acts
+    latency: float = number(Range("s", 0.0, 1.0), 0.001)  # time from a tick until the controller acts
     valid_for: float = number(Range("s", 1e-5, 0.1), 0.020)  # time after a pose; 100 ms or more are useless
     publish: tuple[str, ...] = place.addresses(USUAL_PUBLISH)
     log: str | None = place.new_file("the file to write")  # log of all frames
@@ -142,7 +142,7 @@ class RecordingEntry:
 
     file: str
     repeat: bool = truth()
-    fast: bool = truth()  # as fast as possible instead of in real time
+    fast: bool = truth()  # play it as fast as possible instead of in real time
     fit: bool = truth()  # position the hand so that it touches the parts; *position* is ignored then
     position: Vector = _position()  # position of the recording's origin
     turn_degrees: Vector = _turn()

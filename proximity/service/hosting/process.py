@@ -38,9 +38,10 @@ LOGGER = logging.getLogger("proximity.hosting")
 
 
 class RunningService:
-    """A service in a separate process; made by `start_service`, stopped at the end of a ``with`` block.
+    """A service in a separate process.
 
-    ``beginning`` is the report with its first frame: ``publish``, ``rate_hz``, ``finger_count``,
+    It is created by `start_service` and stops at the end of a ``with`` block. It also stops when this process
+    ends. ``beginning`` is the report with its first frame: ``publish``, ``rate_hz``, ``finger_count``,
     ``part_names`` (in the order of a contact's ``part``), ``face_count``, ``pid``, ``notes`` and more.
 
     Parameters
@@ -214,7 +215,7 @@ def start_service(
     path : path
         Scene file; ``meshes/demo.toml`` explains its keys. It may be edited while it is served.
     timeout : float, s
-        Longest wait for the first frame: parts are read, and kernels may be compiled once.
+        Longest wait for the first frame, before which parts are read and kernels may be compiled once.
     say : callable
         Called with messages by another thread: edits that took effect or were refused, and failures.
         Default: they are logged as warnings of "proximity.hosting".
@@ -225,7 +226,7 @@ def start_service(
     Returns
     -------
     RunningService
-        To be stopped, or to be used in a ``with`` block.
+        The service, which must be stopped or used in a ``with`` block.
 
     Raises
     ------

@@ -29,7 +29,7 @@ LOGGER = logging.getLogger("proximity.hosting")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beginning:
-    """Facts about the service at its first frame."""
+    """Facts about a service when its first frame is published."""
 
     settings: SceneFile  # settings in use, including overrides
     finger_count: int
@@ -48,10 +48,10 @@ def serve(
     begun: Callable[[Beginning], None] | None = None,
     **overrides: Any,
 ) -> Report:
-    """Serve a scene file in this process until stopped; ``meshes/demo.toml`` explains such files.
+    """Serve a scene file in this process until stopped. ``meshes/demo.toml`` explains such files.
 
-    While it serves, an edit of the file or of a file of its parts takes effect between two ticks. An
-    invalid edit is reported, and the previous scene stays in use.
+    While it serves, an edit of the file or of a file of its parts takes effect between two ticks. An invalid
+    edit is reported, and the previous scene stays in use.
 
     Parameters
     ----------
