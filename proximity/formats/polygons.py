@@ -29,7 +29,7 @@ def assemble(
     """Sort polygons, check them, and cut them into triangles.
 
     *vertices*: (V, 3). *pieces*: together they contain every polygon once; values after the corners in a row
-    are ignored. *locate*: returns the place of a polygon in the file, by its row.
+    are ignored. *locate*: function that returns the place of a polygon in the file, by its row.
     """
     sizes = np.zeros(polygon_count, dtype=np.int64)
     for row_ids, counts, _ in pieces:
@@ -50,7 +50,7 @@ def check_polygons(
 ) -> None:
     """Raise an error if a polygon has too few or too many corners, or refers to a missing vertex.
 
-    *locate*: returns the place of a polygon in the file, by its row.
+    *locate*: function that returns the place of a polygon in the file, by its row.
     """
     small = np.flatnonzero(sizes < 3)
     if len(small):

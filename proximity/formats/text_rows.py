@@ -42,7 +42,7 @@ def read_rows(rows: list[str], locate: Callable[[int], str]) -> list[tuple[np.nd
 def as_integers(values: np.ndarray, locate: Callable[[int], str]) -> np.ndarray:
     """Return a table of whole numbers (n, k) as int64.
 
-    *locate*: returns the place of a row in the file.
+    *locate*: function that returns the place of a row in the file.
     """
     if values.dtype.kind in "iu" and values.dtype.itemsize < 8:
         return values.astype(np.int64)
@@ -104,9 +104,10 @@ def numbered_lines(text: str, first: int = 1) -> list[tuple[int, str]]:
 def regrouped(
     lines: list[tuple[int, str]], tables: list[tuple[int, list[bool]]]
 ) -> list[tuple[int, str]] | None:
-    """Return tables whose rows span several lines as rows of one line. Return None if the numbers do not fit.
+    """Return the rows of tables as one line each, from tables whose rows span several lines.
 
-    A table is given by its number of rows, and for each column whether it is a list preceded by its length.
+    Return None if the numbers do not fit. A table is given by its number of rows, and for each column whether
+    it is a list preceded by its length.
     """
     words = [(line_id, word) for line_id, line in lines for word in line.split()]
     rows: list[tuple[int, str]] = []

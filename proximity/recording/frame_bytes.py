@@ -51,7 +51,7 @@ def is_known(data: memoryview, offset: int, size: int) -> bool:
 
 
 def last_end(data: memoryview) -> int:
-    """Return the offset at which the last whole frame in a stretch of a log ends, or 0 if there is none.
+    """Return the end of the last whole frame in a stretch of a log, or 0 if there is none.
 
     *data*: the stretch, which may begin in the middle of a frame.
     """

@@ -78,7 +78,7 @@ def frame_columns(frames: np.ndarray) -> dict[str, np.ndarray]:
 
 def with_unit(column: str) -> str:
     """Return the name of a column of contacts with its unit, such as ``velocity_x_m_per_s``."""
-    unit = _UNITS.get(column, _UNITS.get(column[:-2], ""))  # of a vector's coordinate, whose name ends in _x, _y or _z
+    unit = _UNITS.get(column, _UNITS.get(column[:-2], ""))  # a coordinate ends in _x, _y or _z
     suffix = "_" + unit.replace("1/", "per_").replace("/", "_per_").replace(" ", "_")
     return column if not unit or column.endswith(suffix) else column + suffix
 

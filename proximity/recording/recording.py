@@ -18,7 +18,7 @@ GAP_LIMIT_S = 0.05
 """Maximum time between two samples of a finger between which its position is interpolated, s."""
 MIDDLE_SHARE = 0.8
 """Share of all samples along each axis that is inside the box of a hand, so that jumps do not affect it."""
-LARGEST_TICK_COUNT = 10_000_000  # maximum number of ticks of a resampled recording, 2 hours and 46 minutes at 1 kHz
+LARGEST_TICK_COUNT = 10_000_000  # ticks of a resampled recording: 2 hours and 46 minutes at 1 kHz
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 

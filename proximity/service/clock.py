@@ -38,7 +38,7 @@ class SkippingClock:
         return self._now_ns - time.monotonic_ns()
 
     def now_ns(self) -> int:
-        """Return the current instant, ns."""
+        """Return the present instant, ns."""
         return self._now_ns
 
     def sleep_until(self, due_ns: int) -> None:

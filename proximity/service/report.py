@@ -85,12 +85,12 @@ def _shown(duration_ns: int) -> str:
 
 @dataclass(slots=True, eq=False)
 class Report:
-    """Counts and times of one run of a service. During the run they are those until now."""
+    """Counts and times of one run of a service. While it runs, they are those until now."""
 
     period_ns: int
     ticks: int = 0  # number of frames, except those at the end
     missed: int = 0  # number of ticks skipped because others took too long
-    compute: Histogram = field(default_factory=Histogram)  # time from the start of a tick until its frame is sent
+    compute: Histogram = field(default_factory=Histogram)  # start of a tick until its frame is sent
     lateness: Histogram = field(default_factory=Histogram)  # time from a tick's due time until its start
     states: dict[State, int] = field(default_factory=lambda: dict.fromkeys(State, 0))  # frames by state
     future: int = 0  # number of unused poses of fingers and parts from the future

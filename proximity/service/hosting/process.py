@@ -221,7 +221,7 @@ def start_service(
         Default: they are logged as warnings of "proximity.hosting".
     overrides
         Values that replace those of the file's [service]: ``publish``, ``rate_hz``, ``log``, ``real_time``,
-        ``loop``. None: as in the file.
+        ``loop``. None keeps the value of the file.
 
     Returns
     -------

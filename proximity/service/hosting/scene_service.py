@@ -70,7 +70,7 @@ def serve(
         Called by another thread when the first frame is published.
     overrides
         Values that replace those of the file's [service]: ``publish``, ``rate_hz``, ``log``, ``real_time``,
-        … None: as in the file.
+        … None keeps the value of the file.
 
     Returns
     -------

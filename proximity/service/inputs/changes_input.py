@@ -54,8 +54,9 @@ class ChangesInput:
     first reason of each kind is kept.
 
     *requests*: queue of slow changes; the thread that executes them writes ``refusal`` and ``is_over``.
-    *describe*: called when a message requests the description. *refuse*: called with kind and reason of a
-    refused message. *deforming*: context that is entered while a shape changes.
+    *describe*: function that is called when a message requests the description. *refuse*: function that is
+    called with kind and reason of a refused message. *deforming*: context that is entered while a shape
+    changes.
     """
 
     requests: SimpleQueue[Request | None]

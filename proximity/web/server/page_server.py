@@ -47,7 +47,8 @@ Meet = Callable[[ServerConnection, str], Awaitable[None]]
 class PageServer:
     """Serves files and live connections.
 
-    *meet*: called with each accepted live connection. *shown*: contents that require a token, by name.
+    *meet*: function that is called with each accepted live connection. *shown*: contents that require a
+    token, by name.
     """
 
     def __init__(
