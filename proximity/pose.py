@@ -189,7 +189,7 @@ class Pose:
 
     @property
     def is_identity(self) -> bool:
-        """Whether the pose is the identity."""
+        """True if the pose is the identity."""
         return bool(np.array_equal(self.rotation, np.eye(3)) and not self.translation.any())
 
     @property

@@ -33,7 +33,7 @@ class ContactSource(Protocol):
     source: Source
     """Source of the distances."""
     is_ticked_by_loop: bool
-    """Whether the loop itself computes the contacts. Otherwise a thread calls `fill`."""
+    """True if the loop itself computes the contacts. Otherwise a thread calls `fill`."""
 
     @property
     def epoch(self) -> int:
@@ -79,7 +79,7 @@ class TrackedContacts:
 
     source = Source.GEOMETRY
     takes_changes: bool
-    """Whether messages or another thread move or change the parts, so that they are checked regularly."""
+    """True if messages or another thread move or change the parts, so that they are checked regularly."""
     is_ticked_by_loop = True
     is_late = False  # the loop itself detects late parts
 

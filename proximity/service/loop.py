@@ -45,7 +45,7 @@ LOGGER = logging.getLogger("proximity.service")
 LOOK = 0.02
 """Time between two checks of the loop by Python, for descriptions and warnings, s."""
 OPENS_ENDS = sys.platform == "linux"
-"""Whether the loop supports mailboxes and sockets of this system. Otherwise threads serve all addresses."""
+"""True if the loop supports mailboxes and sockets of this system. Otherwise threads serve all addresses."""
 
 
 class Service:

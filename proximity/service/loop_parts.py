@@ -48,7 +48,7 @@ class LoopSources:
 
     @property
     def has_begun(self) -> bool:
-        """Whether the loop has a source."""
+        """True if the loop has a source."""
         return bool(self._loop.source)
 
     @property

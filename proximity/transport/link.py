@@ -27,7 +27,7 @@ class Inlet(Protocol):
     """The receiving end of a transport."""
 
     shares_clock: bool
-    """Whether the sender uses this machine's monotonic clock."""
+    """True if the sender uses this machine's monotonic clock."""
 
     def receive(self, buffer: np.ndarray) -> int:
         """Copy the oldest waiting message into *buffer* (uint8). Return its size, or `NOTHING`.
@@ -41,7 +41,7 @@ class Inlet(Protocol):
     """Number of messages dropped because of their senders."""
 
     is_keyed: bool
-    """Whether only messages that a key verifies are received."""
+    """True if only messages that a key verifies are received."""
 
     unverified: int
     """Number of messages dropped because the key does not verify them."""

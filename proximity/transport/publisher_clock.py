@@ -28,7 +28,7 @@ class ForeignClock:
     """
 
     is_certain: bool
-    """Whether `theirs` is reliable."""
+    """True if `theirs` is reliable."""
 
     def __init__(self) -> None:
         self.reset()

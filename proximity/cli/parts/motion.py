@@ -50,7 +50,7 @@ class Moving:
 
     @property
     def is_given(self) -> bool:
-        """Whether one of the options gives a motion."""
+        """True if one of the options gives a motion."""
         return any(each is not None for each in (self.hinge, self.slide, self.poses))
 
     @property

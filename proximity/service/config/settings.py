@@ -203,7 +203,7 @@ class HeldEntry:
 
 @dataclass(frozen=True, slots=True)
 class WebSettings:
-    """Whether the service starts a web page, and options of the page."""
+    """Settings of the web page that the service may start."""
 
     feed: bool = truth()  # whether the page may send poses and moves
 

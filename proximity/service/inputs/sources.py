@@ -20,7 +20,7 @@ class PoseInput(Protocol):
     """
 
     is_over: bool
-    """Whether no more samples will come."""
+    """True if no more samples will come."""
     address: str
     """Origin of the samples, for messages."""
 
