@@ -128,7 +128,7 @@ class Placement:
             return deformed if factor == 1.0 else deformed * factor
 
     def pose(self, metres_per_number: float) -> Pose:
-        """Return the pose world_from_part, in metres."""
+        """Return the rigid motion as a pose world_from_part, in metres."""
         return Pose(self.rotation, self.translation * metres_per_number)
 
 

@@ -1,4 +1,4 @@
-"""``proximity calibrate``: measure a finger's glove and its drum, step by step, into a calibration."""
+"""Command ``proximity calibrate``, which measures a finger's glove and its drum and writes a calibration."""
 
 import sys
 from contextlib import AbstractContextManager, nullcontext, redirect_stdout

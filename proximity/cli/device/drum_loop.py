@@ -52,7 +52,7 @@ class DrumThread:
     """Thread that controls drums with a separate subscriber.
 
     An exception in the thread turns the motors off, and is raised at the end of the ``with`` block. Missed
-    samples are skipped, not made up for.
+    samples are skipped.
 
     *bench*: drums of all fingers, which other threads only read. *look*: function that the thread calls with
     the reading after each step.

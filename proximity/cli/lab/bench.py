@@ -1,4 +1,4 @@
-"""Command ``proximity bench``, which measures whether the ticks of a scene fit a period."""
+"""Command ``proximity bench``, which tests whether the ticks of a scene fit a period."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Read accessors of a glTF document, which are arrays, and check them against the available bytes."""
+"""Read arrays of a glTF document, which it calls accessors, and check them against the available bytes."""
 
 from typing import Any
 

@@ -65,7 +65,7 @@ def read_document(
 def _check_extensions(document: Document) -> None:
     """Raise an error if an extension stores geometry.
 
-    It would be missing, or be read as zeros.
+    The geometry would be missing, or be read as zeros.
     """
     used, required = (list(map(str, buffers.entries(document.json, key))) for key in _EXTENSION_LISTS)
     refused = "its geometry is stored by {}, which is not supported; export it without"

@@ -75,7 +75,7 @@ def walk(document: Document) -> list[Node]:
 def _skin_placement(document: Document, index: int, joints: dict[int, np.ndarray]) -> tuple[np.ndarray, bool]:
     """Return the matrix of a skin's first joint, and whether those of other joints differ.
 
-    It places a mesh instead of the matrix of its node.
+    The mesh is placed by this matrix instead of that of its node.
     """
     skin, place = document.entry("skins", index), f"skin {index}"
     given = [integer(joint, f"the joints of {place}") for joint in entries(skin, "joints")]
@@ -122,7 +122,7 @@ def _node(document: Document, entry: dict[str, Any], index: int, world_from_pare
 
 
 def _local_matrix(given: dict[str, list[float]]) -> np.ndarray:
-    """Return the matrix parent from node.
+    """Return the matrix that transforms from a node to its parent.
 
     It is given, or composed of scale, then rotation, then translation.
     """
