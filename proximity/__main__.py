@@ -1,10 +1,10 @@
-"""The command line, as ``proximity`` and as ``python -m proximity``."""
+"""Run the command line, as ``proximity`` or as ``python -m proximity``."""
 
 import sys
 
 
 def main() -> None:
-    """Run the command line; Ctrl-C is quiet during its import, too."""
+    """Run the command line. Ctrl-C prints no traceback, even during the import."""
     try:
         from proximity import cli
     except KeyboardInterrupt:

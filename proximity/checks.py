@@ -1,8 +1,8 @@
-"""Validation of numbers and arrays from callers, at the public interface; every error has the expected value.
+"""Validate numbers and arrays that callers pass to the public interface.
 
-Internal code relies on dtype, shape and order. Lossless conversions are silent (integers, float32,
-big-endian, strided, read-only input); an error gives the reason if a value cannot be converted. Booleans and
-text are not numbers here; NumPy's scalars are.
+Every error states the expected value. Internal code relies on dtype, shape and order. Lossless conversions
+are silent (integers, float32, big-endian, strided and read-only arrays). If a value cannot be converted, the
+error gives the reason. Booleans and text are not numbers here; NumPy's scalars are.
 """
 
 import math
@@ -17,15 +17,15 @@ FLOAT64 = np.dtype(np.float64)
 _ROW = (3,)
 
 COPIED_AT_ONCE = 1 << 20
-"""Rows, about 10 ms."""
+"""Number of rows that are copied together, which takes about 10 ms."""
 FEW_SHOWN, LONGEST_SHOWN = 4, 200
-"""Numbers of an array, and characters of any other value, in a message."""
+"""Maximum numbers of an array, and maximum characters of any other value, in a message."""
 DIGITS_SHOWN = 9
-"""Of a number: nanometres of a length of a metre."""
+"""Number of digits of a number in a message, which show nanometres of a length of a metre."""
 
 
 def as_float64(values: Any, name: str, *, expected: str = "numbers") -> np.ndarray:
-    """Return *values* as a writeable C-ordered float64 array, without a copy if it already is one.
+    """Return *values* as a writeable C-ordered float64 array. If it already is one, it is not copied.
 
     Kernels are compiled for such arrays only: a read-only one would make numba compile again.
 
@@ -57,9 +57,9 @@ def as_float64(values: Any, name: str, *, expected: str = "numbers") -> np.ndarr
 
 
 def copied(array: np.ndarray) -> np.ndarray:
-    """Return a C-ordered float64 copy, made in blocks, so that Ctrl-C takes effect soon.
+    """Return a C-ordered float64 copy of an array.
 
-    *array*: (N, ...) array.
+    It is copied in blocks, so that Ctrl-C takes effect soon. *array*: (N, ...).
     """
     copy = np.empty(array.shape)
     for first in range(0, len(array), COPIED_AT_ONCE):
@@ -68,7 +68,7 @@ def copied(array: np.ndarray) -> np.ndarray:
 
 
 def is_ready(values: Any, shape: tuple[int, ...]) -> bool:
-    """Return whether *values* needs no conversion by `as_float64`, and has that shape."""
+    """Return whether *values* has the given shape and needs no conversion by `as_float64`."""
     return _is_float64(values) and values.shape == shape
 
 
@@ -78,14 +78,14 @@ def _is_float64(values: Any) -> bool:
 
 
 def _check_numbers(array: np.ndarray, name: str, expected: str) -> None:
-    """Raise an error for text and None, which NumPy would read as numbers and as nan."""
+    """Raise an error for text and None, which NumPy would convert to numbers and to nan."""
     for value in array.flat:
         if value is None or isinstance(value, (str, bytes)):
             raise ArgumentError(f"{name} hold {value!r}, which is not a number, expected {expected}")
 
 
 def shown(value: Any) -> str:
-    """Return a value as one line for a message; an array of many values by its dtype and shape."""
+    """Return a value as one line for a message. A large array is represented by its dtype and shape."""
     if isinstance(value, np.ndarray) and value.size > FEW_SHOWN:
         return f"an array of {value.dtype}, shape {value.shape}"
     text = " ".join(repr(value).split())
@@ -93,9 +93,9 @@ def shown(value: Any) -> str:
 
 
 def shown_number(value: Any) -> str:
-    """Return a number for the representation of a record, with at most nine digits.
+    """Return a number with at most nine digits, for the representation of a record.
 
-    *value*: of Python or NumPy; or an array of them, shown as lists.
+    *value*: number of Python or NumPy, or an array of numbers, which is shown as lists.
     """
     value = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
     if isinstance(value, list):
@@ -104,7 +104,10 @@ def shown_number(value: Any) -> str:
 
 
 def trimesh_kind(value: Any) -> str | None:
-    """Return "Trimesh" or "Scene" of an object of trimesh, else None; trimesh itself is not imported."""
+    """Return "Trimesh" or "Scene" for an object of trimesh, else None.
+
+    trimesh itself is not imported.
+    """
     for kind in type(value).__mro__:
         if kind.__module__.split(".")[0] == "trimesh" and kind.__name__ in ("Trimesh", "Scene"):
             return kind.__name__
@@ -112,7 +115,7 @@ def trimesh_kind(value: Any) -> str | None:
 
 
 def refuse_trimesh(value: Any) -> None:
-    """Raise an error that names the conversion, if *value* is an object of trimesh."""
+    """Raise an error if *value* is an object of trimesh. Its message names the conversion."""
     if kind := trimesh_kind(value):
         raise ArgumentError(f"a trimesh.{kind} was given: proximity.from_trimesh makes a scene of it")
 
@@ -123,7 +126,7 @@ def as_points(values: Any, name: str = "points") -> np.ndarray:
     *values*: (..., 3) array-like; points or directions. Rows that are not finite are kept. An empty list has
     no rows: (0, 3).
     """
-    # The usual case takes a fifth of a microsecond.
+    # The most frequent case takes a fifth of a microsecond.
     if _is_float64(values) and values.shape[-1:] == _ROW:
         return values
     points = as_float64(values, name, expected="numbers of shape (..., 3)")
@@ -151,7 +154,7 @@ def positive(
     *,
     may_be_infinite: bool = False,
 ) -> float:
-    """Return *value* as a float above zero.
+    """Return *value* as a float. Raise an error unless it is above zero.
 
     *may_be_infinite*: whether inf is allowed, as for a rigid wall.
     """
@@ -169,7 +172,7 @@ def not_negative(
     most: float = math.inf,
     may_be_infinite: bool = False,
 ) -> float:
-    """Return *value* as a float of zero or more."""
+    """Return *value* as a float. Raise an error unless it is zero or more."""
     number = as_number(value)
     if not (number >= 0.0 and (may_be_infinite or number < math.inf)):
         raise ArgumentError(f"{name} is {shown(value)}, expected a number of {unit} of 0 or more")
@@ -179,7 +182,7 @@ def not_negative(
 
 
 def finite(name: str, value: Any, unit: str) -> float:
-    """Return *value* as a float of either sign."""
+    """Return *value* as a float of either sign. Raise an error unless it is finite."""
     number = as_number(value)
     if not math.isfinite(number):
         raise ArgumentError(f"{name} is {shown(value)}, expected a number of {unit}")
@@ -187,7 +190,7 @@ def finite(name: str, value: Any, unit: str) -> float:
 
 
 def is_whole(value: Any, least: float = -math.inf) -> bool:
-    """Return whether *value* is a whole number, Python's or NumPy's, of at least *least*."""
+    """Return whether *value* is a whole number of Python or NumPy that is at least *least*."""
     try:
         return not isinstance(value, bool) and operator.index(value) >= least
     except TypeError:
@@ -195,7 +198,7 @@ def is_whole(value: Any, least: float = -math.inf) -> bool:
 
 
 def whole(name: str, value: Any, least: int = 1) -> int:
-    """Return *value* as an int of at least *least*."""
+    """Return *value* as an int. Raise an error unless it is a whole number of at least *least*."""
     if not is_whole(value, least):
         raise ArgumentError(f"{name} is {shown(value)}, expected a whole number of {least} or more")
     return operator.index(value)

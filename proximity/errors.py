@@ -32,11 +32,11 @@ class MeshError(ProximityError, ValueError):
 
 
 class MeshFormatError(MeshError):
-    """The file is not of its declared format, or could not be read completely."""
+    """The file is not of the format that its name declares, or it could not be read completely."""
 
 
 class FileVersionError(MeshFormatError):
-    """A compiled scene is of another version."""
+    """A compiled scene was saved by another version."""
 
 
 class NotWatertightError(MeshError):
@@ -48,7 +48,7 @@ class ArgumentError(ProximityError, ValueError):
 
 
 class PoseError(ArgumentError):
-    """Not a rigid transform."""
+    """A pose is not a rigid transform."""
 
 
 class FileError(ProximityError, OSError):
@@ -60,15 +60,15 @@ class MissingLibraryError(ProximityError, ImportError):
 
 
 class SceneError(ProximityError, ValueError):
-    """The parts of a scene contradict each other, a part does not exist, or a scene cannot be saved."""
+    """Parts of a scene contradict each other, a part does not exist, or a scene cannot be saved."""
 
 
 class RecordingError(ProximityError, ValueError):
-    """A recording cannot be read or used, or a log of contacts not written."""
+    """A recording cannot be read or used, or a log of contacts cannot be written."""
 
 
 class PublishError(ProximityError, OSError):
-    """An address cannot be opened, or a message not be published or received there."""
+    """An address cannot be opened, or a message cannot be published or received there."""
 
 
 class ServiceError(ProximityError, ValueError):
@@ -84,4 +84,4 @@ class MotorError(ProximityError, RuntimeError):
 
 
 class UnitsWarning(UserWarning):
-    """Points are far enough from a scene to be in millimetres."""
+    """Points are so far from a scene that they are probably in millimetres."""

@@ -1,7 +1,7 @@
-"""Rigid transforms, named ``target_from_source``.
+"""Rigid transforms, which are named ``target_from_source``.
 
-A pose rotates and translates; it never scales, shears or mirrors. Chained names match:
-``world_from_solid @ solid_from_tool`` is ``world_from_tool``.
+A pose rotates and translates; it never scales, shears or mirrors. Adjacent names in a product match, as in
+``world_from_tool = world_from_solid @ solid_from_tool``.
 """
 
 from typing import Any
@@ -12,21 +12,23 @@ from proximity.checks import as_float64, as_points, shown_number
 from proximity.errors import PoseError
 
 ORTHONORMAL_TOLERANCE = 1e-9
-"""Largest deviation of rotation times its transpose from the identity: the error of a quaternion in float64,
-or of a product of many matrices. One step towards the nearest exact rotation removes it."""
+"""Maximum difference of a rotation times its transpose from the identity. It permits the error of a
+quaternion in float64 or of a product of many matrices. One step towards the nearest exact rotation removes
+it."""
 SINGLE_TOLERANCE = 1e-5
-"""The same for a rotation in single precision, whose error is about a millionth. Up to here the nearest
-rotation is used; a larger deviation is a scale or shear."""
+"""Maximum difference for a rotation in single precision, whose error is about a millionth. Up to here the
+nearest rotation is used; a larger difference is a scale or shear."""
 QUATERNION_TOLERANCE = 0.01
-"""Largest deviation of the norm of a quaternion from 1: more than the error of three decimal places."""
+"""Maximum difference of the norm of a quaternion from 1, which exceeds the error of three decimal places."""
 LONGEST_STEP = 0.1
-"""Longest time, s, between two poses from which a velocity is computed."""
+"""Maximum time between two poses from which a velocity is computed, s."""
 ROUNDING = 8.0 * 2.0**-52
-"""Error of the nearest exact rotation in float64: a pose of a pose's matrix is equal to that pose."""
+"""Error of the nearest exact rotation in float64. Within it a pose of a pose's matrix is equal to that
+pose."""
 
 
 def _for_all(array: np.ndarray) -> np.ndarray:
-    """Return a view that cannot be made writeable again."""
+    """Return a read-only view of an array that cannot be made writeable again."""
     array.flags.writeable = False
     return array.view()
 
@@ -35,16 +37,19 @@ _UNTURNED, _UNMOVED = _for_all(np.eye(3)), _for_all(np.zeros(3))
 
 
 def quaternion_hint(array: np.ndarray) -> str:
-    """Return advice on quaternions given instead of poses, for the end of a message; "" for other arrays.
+    """Return advice for an error message if quaternions were given instead of poses, else "".
 
-    *array*: given as a pose, or as poses.
+    *array*: the value given as a pose or as poses.
     """
     is_quaternion = array.shape[-1:] in ((4,), (7,)) and array.shape[-2:] != (4, 4)
     return "; Pose.from_quaternion(xyzw, translation) makes a pose of a quaternion" if is_quaternion else ""
 
 
 def nearest_rotations(rotations: np.ndarray) -> np.ndarray:
-    """Return rotations (K, 3, 3), with those of single precision replaced by the nearest exact ones."""
+    """Return rotations in which those of single precision are replaced by the nearest exact ones.
+
+    *rotations*: (K, 3, 3). Other matrices are unchanged.
+    """
     with np.errstate(over="ignore", invalid="ignore"):  # values from a sender are arbitrary
         off = np.abs(rotations @ rotations.transpose(0, 2, 1) - _UNTURNED).max(axis=(1, 2), initial=0.0)
     rows = (off > ORTHONORMAL_TOLERANCE) & (off <= SINGLE_TOLERANCE)
@@ -56,13 +61,13 @@ def nearest_rotations(rotations: np.ndarray) -> np.ndarray:
 
 
 class Pose:
-    """A rotation and a translation that take points of the source frame to the target frame.
+    """A rotation and a translation that transform points of the source frame to the target frame.
 
     Parameters
     ----------
     rotation : (3, 3) float64
-        Orthonormal, determinant +1; one in single precision, off by at most 1e-5, is replaced by the nearest.
-        Default: the identity.
+        Orthonormal matrix with determinant +1. If it differs by at most 1e-5, as in single precision, the
+        nearest rotation replaces it. Default: the identity.
     translation : (3,) float64, m
         Default: zero.
 
@@ -143,7 +148,7 @@ class Pose:
 
     @classmethod
     def known(cls, rotation: np.ndarray, translation: np.ndarray) -> "Pose":
-        """Return the pose of a known rigid transform: arrays are copied, not validated.
+        """Return the pose of a transform that is known to be rigid. Arrays are copied, not validated.
 
         Parameters
         ----------
@@ -176,7 +181,7 @@ class Pose:
 
     @property
     def matrix(self) -> np.ndarray:
-        """The homogeneous (4, 4) matrix."""
+        """Homogeneous (4, 4) matrix of the pose."""
         matrix = np.eye(4)
         matrix[:3, :3] = self.rotation
         matrix[:3, 3] = self.translation
@@ -184,16 +189,16 @@ class Pose:
 
     @property
     def is_identity(self) -> bool:
-        """Whether rotation and translation are the identity."""
+        """True if the pose is the identity."""
         return bool(np.array_equal(self.rotation, np.eye(3)) and not self.translation.any())
 
     @property
     def inverse(self) -> "Pose":
-        """The inverse pose."""
+        """Inverse pose, ``source_from_target``."""
         return Pose(self.rotation.T, -(self.rotation.T @ self.translation))
 
     def point(self, points: Any) -> np.ndarray:
-        """Return points (..., 3), m, of the source frame in the target frame.
+        """Transform points (..., 3), m, from the source frame to the target frame.
 
         Parameters
         ----------
@@ -208,7 +213,7 @@ class Pose:
         return as_points(points) @ self.rotation.T + self.translation
 
     def direction(self, directions: Any) -> np.ndarray:
-        """Return directions (..., 3) of the source frame in the target frame: rotated, not translated.
+        """Rotate directions (..., 3) from the source frame to the target frame, without translating them.
 
         Parameters
         ----------
@@ -266,7 +271,7 @@ def _checked_translation(translation: Any) -> np.ndarray:
 def velocities_between(
     last: tuple[int, Pose] | None, pose: Pose, pose_ns: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return velocity and angular velocity between two poses; None if they are too far apart in time."""
+    """Return velocity and angular velocity between two poses, or None if they are too far apart in time."""
     if last is None or not 0 < pose_ns - last[0] <= 1e9 * LONGEST_STEP:
         return None
     seconds = 1e-9 * (pose_ns - last[0])

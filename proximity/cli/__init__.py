@@ -1,8 +1,9 @@
-"""The command line ``proximity``: ``query``, ``check``, ``compile``, ``serve``, …
+"""The command line ``proximity``, with commands such as ``query``, ``check`` and ``serve``.
 
 The command line converts between the units of the user and the library's metres, and computes nothing else.
-The module of a command is imported when the command is called or listed, and imports NumPy, Rich and the
-library only in the command, so that ``--help``, ``--version`` and errors in the arguments take no time.
+The module of a command is imported when the command is called or listed. It imports NumPy, Rich and the
+library only when the command runs, so that ``--help``, ``--version`` and errors in the arguments take no
+time.
 """
 
 import io
@@ -53,10 +54,10 @@ PANELS = {
     },
     "demo": {"demo": ("device.demo", "a service, its drums and a recorded hand, without setup")},
 }
-"""Commands in the order of the help: module and summary."""
+"""Module and summary of each command, in the order of the help."""
 COMMANDS = {name: where for panel in PANELS.values() for name, where in panel.items()}
 RUN_BARE = ("demo", "figures", "claims", "simulate")
-"""Commands that run without arguments; the others print their help."""
+"""Commands that run without arguments. Other commands print their help then."""
 MEANT = {
     **dict.fromkeys(("distance", "distances", "measure", "closest", "nearest", "ray", "sdf"), "query"),
     **dict.fromkeys(("gap", "gaps", "collision", "collide", "interference", "overlap"), "clearance"),
@@ -73,11 +74,11 @@ MEANT = {
     "header": "client header", "key": "client key",
     "sdk": "library", "engine": "library", "sweep": "study", "press": "simulate",
 }  # fmt: skip
-"""Other words for a command, suggested for an unknown one."""
+"""Other words for commands. If one is used, the command is suggested."""
 
 
 class Commands(Mapping[str, Any]):
-    """The commands by name, each created at its first use."""
+    """Mapping from names to commands, which are created when they are first used."""
 
     _made: ClassVar[dict[str, Any]] = {}
 
@@ -97,7 +98,7 @@ class Commands(Mapping[str, Any]):
 
 
 class Program(Group):
-    """The group of all commands."""
+    """Command group that contains all commands."""
 
     meant: ClassVar[dict[str, str]] = MEANT
 
@@ -106,7 +107,7 @@ class Program(Group):
         self.commands: Any = Commands()
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write one line per command, in panels that fit one screen."""
+        """Write one line for each command, in panels that fit one screen."""
         formatter.write(f"{HELP}\n\n")
         for panel, commands in PANELS.items():
             for row, (name, (_, words)) in enumerate(commands.items()):

@@ -23,21 +23,21 @@ if TYPE_CHECKING:
 LARGEST = sys.float_info.max
 LONGEST_S = 1e9
 SLOW_S = 2.0
-"""Reading time above which a faster command is suggested."""
+"""Reading time above which a faster command is suggested, s."""
 SOFTEST_CABLE, STIFFEST_CABLE = 10.0, 1e6  # N/m at the fingertip
 
 
 def _complete_units(incomplete: str) -> list[str]:
-    from proximity.formats import UNITS as known  # slow, and only needed for completion
+    from proximity.formats import UNITS as known  # slow to import, and only needed for completion
 
     return [name for name in known if name.startswith(incomplete)]
 
 
 def _unit_name(text: str | None) -> str | None:
-    """Return the library's name of a unit, also for MM, inch or metres."""
+    """Return the library's name of a unit, which may be given as MM, inch or metres."""
     if text in ("mm", "m", None):
         return text
-    from proximity.formats import unit_name  # slow
+    from proximity.formats import unit_name  # slow to import
 
     return unit_name(text)
 
@@ -45,7 +45,10 @@ def _unit_name(text: str | None) -> str | None:
 def check_range(
     value: float, option: str, lower: float, upper: float = LARGEST, unit: str = "", *, is_open: bool = False
 ) -> None:
-    """Reject a number out of range, and nan; *is_open*: also *lower* itself."""
+    """Reject nan and a number that is out of range.
+
+    *is_open*: whether *lower* itself is also rejected.
+    """
     if not (lower < value if is_open else lower <= value) or not value <= upper:
         above = f"more than {lower:g}" + (f", up to {upper:g}" if upper < LARGEST else "")
         expected = above if is_open else f"{lower:g} to {upper:g}"
@@ -53,7 +56,7 @@ def check_range(
 
 
 def within(*ends: Any, **options: Any) -> Callable[[Any, typer.CallbackParam], Any]:
-    """Return the callback of an option that checks a given number by `check_range`."""
+    """Return a callback of an option that checks the given number by `check_range`."""
 
     def check(value: Any, param: typer.CallbackParam) -> Any:
         if value is not None:
@@ -64,7 +67,10 @@ def within(*ends: Any, **options: Any) -> Callable[[Any, typer.CallbackParam], A
 
 
 def milliseconds(text: str) -> float:
-    """Return a duration in ms, given in ms or with a unit: 10, 10ms, 0.01s or 500us."""
+    """Return a duration in ms from a text such as 10, 10ms, 0.01s or 500us.
+
+    A number without a unit is in ms.
+    """
     number = text.strip().replace("µ", "u")
     unit = next((each for each in ("ms", "us", "s") if number.endswith(each)), "")
     try:
@@ -76,29 +82,32 @@ def milliseconds(text: str) -> float:
 
 
 def refuse(*cases: tuple[object, str, str]) -> None:
-    """Reject options by the first true case; a case is a condition, an option and a reason."""
+    """Reject an option if one of the cases applies.
+
+    A case has a condition, an option and a reason; the first true one is reported.
+    """
     for is_true, name, why in cases:
         if is_true:
             raise typer.BadParameter(why, param_hint=name)
 
 
 def option(metavar: str, help: str, *names: str, **more: Any) -> Any:
-    """Return an option with a value, as Typer takes it."""
+    """Return an option with a value, for Typer."""
     return typer.Option(*names, metavar=metavar, help=help, **more)
 
 
 def flag(name: str, help: str, **more: Any) -> Any:
-    """Return an option without a value."""
+    """Return an option without a value, for Typer."""
     return typer.Option(name, help=help, **more)
 
 
 def argument(metavar: str, help: str, **more: Any) -> Any:
-    """Return an argument."""
+    """Return an argument, for Typer."""
     return typer.Argument(metavar=metavar, help=help, **more)
 
 
 def _check_gear(name: str | None, param: typer.CallbackParam) -> str | None:
-    """Reject an unknown gear."""
+    """Reject a gear whose name is unknown."""
     if name is not None:
         from proximity.decaff.drum.drum_model import gear_named
         from proximity.errors import ArgumentError
@@ -197,11 +206,14 @@ GLOVES = Annotated[
 
 @contextmanager
 def _conversions(files: tuple[Path, ...]) -> Iterator[Callable[[], int]]:
-    """Share one process for all STEP files; yield a function that counts the results stored in the cache."""
+    """Convert all STEP files of the block in one process.
+
+    Yield a function that returns the number of results stored in the cache.
+    """
     if not any(file.suffix.lower() in MAY_CONVERT for file in files):
         yield lambda: 0
         return
-    from proximity.formats.step.conversion import CACHE, converter  # 12 modules, unused for other files
+    from proximity.formats.step.conversion import CACHE, converter  # imports 12 modules
 
     before = CACHE.kept_count
     with converter():
@@ -237,7 +249,10 @@ class Reading:
     ] = False
 
     def load(self, *files: Path, doing: str = "reading") -> "proximity.Scene":
-        """Return the scene of the files; show a spinner, and compile kernels first if needed."""
+        """Read the files and return them as one scene.
+
+        A spinner shows the progress, and kernels are compiled first if needed.
+        """
         progress.prepare_kernels()
         started, scenes = time.monotonic(), []
         with _conversions(files) as kept_count:
@@ -283,7 +298,7 @@ WIDTH = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class Printing:
-    """Options for printing a figure."""
+    """Options for the layout of a figure."""
 
     width: WIDTH = None
     caption: Annotated[
@@ -291,16 +306,16 @@ class Printing:
     ] = True
 
     def sheet(self) -> "Sheet":
-        """Return the settings for the library."""
+        """Return the options in the form that the library takes."""
         from proximity.lab.figures.style import Sheet
 
         return Sheet(None if self.width is None else self.width / 1e3, self.caption)
 
 
 def cable_stiffness(text: str, max_age: float | None = None) -> float:
-    """Return the stiffness of a cable at the fingertip, half bent, N/m.
+    """Return the stiffness of a cable at the fingertip of a half bent finger, N/m.
 
-    *text*: a number, or the file of a glove's calibration. *max_age*: largest age of a calibration; None:
+    *text*: a number, or the file of a glove's calibration. *max_age*: maximum age of a calibration; None:
     that of `check_age`.
     """
     try:
@@ -319,7 +334,7 @@ def cable_stiffness(text: str, max_age: float | None = None) -> float:
 
 
 def designed(worn: "Glove | CalibratedGlove") -> "Glove":
-    """Return the parts of a glove, as measured if it was calibrated, else as designed."""
+    """Return the parts of a glove. They are as measured if it was calibrated, else as designed."""
     from proximity.decaff.glove.glove import Glove
 
     return worn if isinstance(worn, Glove) else worn.glove
@@ -328,7 +343,7 @@ def designed(worn: "Glove | CalibratedGlove") -> "Glove":
 def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command in which every field of its dataclass parameters is a separate option.
 
-    *command*: its annotations, and those of the dataclasses, are Typer's.
+    *command*: function whose annotations, and those of the dataclasses, are in the form that Typer takes.
     """
     hints = get_type_hints(command, include_extras=True)
     groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
@@ -362,7 +377,10 @@ def with_option_groups(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def sample(name: str) -> Path:
-    """Return the path of a sample file, next to the package in a checkout, else inside the package."""
+    """Return the path of a sample file.
+
+    In a checkout it is next to the package, otherwise inside the package.
+    """
     package = Path(proximity.__file__).parent
     for folder in (package / "samples", package.parent / "meshes"):
         if (folder / name).is_file():

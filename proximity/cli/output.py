@@ -1,7 +1,7 @@
-"""Output of commands: JSON documents for programs, numbers, words and labelled lines for people.
+"""Output of commands, as JSON documents for programs or as numbers and labelled lines for people.
 
-The result of a command is nested values in the user's units, written as JSON or formatted as text. nan and
-infinity become null in JSON.
+The result of a command is a tree of values in the user's units, which is written as JSON or formatted as
+text. nan and infinity become null in JSON.
 """
 
 import io
@@ -21,25 +21,26 @@ if TYPE_CHECKING:
     import numpy as np
 
 DIGITS = 15
-"""Significant decimal digits that every float64 keeps; the next two are rounding errors of the conversion."""
-WIDTH, LABEL_WIDTH = 100, 15  # columns without a terminal, and of labels
+"""Number of significant decimal digits that every float64 keeps. The next two are rounding errors of the
+conversion."""
+WIDTH, LABEL_WIDTH = 100, 15  # width in columns without a terminal, and width of labels
 MM_PER_M = 1e3
 MISSING = "-"
 STDOUT = Path("-")
-FEW_DIGITS = 6  # significant, for summaries
+FEW_DIGITS = 6  # number of significant digits in summaries
 NO_LENGTH = 1e-12
-"""Largest rounding error of a length, in any unit."""
+"""Maximum rounding error of a length in any unit."""
 
 
 def write_document(result: Any, *, indent: int | None = 1) -> None:
-    """Write one JSON document to stdout, and flush it."""
+    """Write a JSON document to stdout and flush it."""
     sys.stdout.write(json.dumps(plain(result), allow_nan=False, indent=indent) + "\n")
     sys.stdout.flush()
 
 
 @contextmanager
 def text_output(path: Path) -> Iterator[TextIO]:
-    """Open a text stream for a file, which is replaced at the end; ``-`` is standard output."""
+    """Open a text stream that replaces a file at the end of the block. ``-`` is standard output."""
     if path == STDOUT:
         yield sys.stdout
         return
@@ -50,7 +51,7 @@ def text_output(path: Path) -> Iterator[TextIO]:
 
 
 def plain(value: Any) -> Any:
-    """Return *value* with None for nan and infinity, which JSON lacks."""
+    """Return *value* in which nan and infinity are replaced by None, since JSON lacks them."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
@@ -61,7 +62,7 @@ def plain(value: Any) -> Any:
 
 
 def print_block(rows: Iterable[tuple[str, str]]) -> None:
-    """Print labels and values, one pair per line; longer values are wrapped and aligned."""
+    """Print labels and values, one pair per line. Long values are wrapped and aligned."""
     width = shutil.get_terminal_size((WIDTH, 1)).columns - LABEL_WIDTH - 1
     for label, value in rows:
         first, *more = _wrap(printable(value), width)
@@ -73,34 +74,40 @@ def print_block(rows: Iterable[tuple[str, str]]) -> None:
 
 
 def _wrap(text: str, width: int) -> list[str]:
-    """Return the lines of a text; a single line is unchanged."""
+    """Return the lines of a text. A text that fits one line is unchanged."""
     if len(text) <= width:
         return [text]
     return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def number(value: float, digits: int = 9) -> str:
-    """Return *value* with *digits* significant digits, without trailing zeros; zero has no sign."""
+    """Return *value* with *digits* significant digits as text.
+
+    It has no trailing zeros, and zero has no sign.
+    """
     return f"{value + 0.0:.{digits}g}"
 
 
 def short(*values: float) -> str:
-    """Return numbers with four significant digits."""
+    """Return numbers as text with four significant digits."""
     return "  ".join(number(value, 4) for value in values)
 
 
 def length(value: float, digits: int = 9) -> str:
-    """Return a length as `number`; a rounding error is zero."""
+    """Return a length as text like `number`, with rounding errors as zero."""
     return number(0.0 if abs(value) < NO_LENGTH else value, digits)
 
 
 def counted(count: int, noun: str, plural: str = "") -> str:
-    """Return a number with its noun; *plural*: an irregular one."""
+    """Return a count and its noun, such as "2 parts". *plural*: irregular plural of the noun."""
     return f"{count} {noun if count == 1 else plural or noun + 's'}"
 
 
 def printable(text: str) -> str:
-    """Return *text* with unprintable characters replaced, which could move a terminal's cursor."""
+    """Return *text* in which unprintable characters are replaced.
+
+    They could move the cursor of a terminal.
+    """
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
@@ -110,11 +117,12 @@ def report(sentence: str) -> None:
 
 
 def in_units(lengths: "np.ndarray", metres: float, *points: "np.ndarray") -> "np.ndarray":
-    """Return *lengths* in the unit, rounded to 15 significant digits; zero has no sign, nan and inf stay.
+    """Convert lengths to a unit and round them to 15 significant digits.
 
-    *lengths*: (N, ...) m; also areas or volumes, with the corresponding power of *metres*. *points*: (N, 3)
-    m, ends of the distances *lengths*: digits count from the largest coordinate of a row. From -11 to -10 the
-    distance is 1, while the difference alone would give 0.999999999999999.
+    Zero has no sign; nan and infinities are unchanged. *lengths*: (N, ...) m, or areas or volumes with the
+    corresponding power of *metres*. *points*: (N, 3) m, ends of the distances *lengths*. Digits then count
+    from the largest coordinate of a row. For example, the distance from -11 to -10 is 1, while the difference
+    alone would give 0.999999999999999.
     """
     import numpy as np
 
@@ -136,5 +144,5 @@ def in_units(lengths: "np.ndarray", metres: float, *points: "np.ndarray") -> "np
 
 
 def in_unit(length: float, metres: float) -> float:
-    """Return one length in the unit, as `in_units`."""
+    """Convert one length to a unit, like `in_units`."""
     return float(in_units([length], metres)[0])  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Progress display: a spinner or a bar on stderr, after a second, and only on a terminal."""
+"""Show progress by a spinner or a bar on stderr, after a second, and only on a terminal."""
 
 import os
 import sys
@@ -18,15 +18,15 @@ T = TypeVar("T")
 
 
 def is_terminal() -> bool:
-    """Whether Rich would draw on stderr, without importing Rich."""
+    """Return whether Rich would draw on stderr. Rich is not imported for this."""
     return sys.stderr.isatty() or bool(os.environ.get("FORCE_COLOR"))
 
 
 @contextmanager
 def spinner(doing: str) -> Iterator[Callable[..., None]]:
-    """Show *doing* and the elapsed time, if the block takes long and stderr is a terminal.
+    """Show *doing* and the elapsed time if the block takes long and stderr is a terminal.
 
-    Yield a function that shows words, or a count with its total (None: unknown).
+    Yield a function that shows words, or a count and its total (None: unknown).
     """
     if not is_terminal():
         yield lambda done, total=None: None
@@ -61,7 +61,7 @@ def counted(
     count_of: Callable[[Any], int] = len,
     total: int | None = None,
 ) -> Iterator[T]:
-    """Yield *chunks*, and show the number of their items so far."""
+    """Yield *chunks*, and show the number of items in them until now."""
     done = 0
     for chunk in chunks:
         yield chunk
@@ -73,8 +73,8 @@ def counted(
 def bar(doing: str) -> Iterator[Callable[[float, float | None, str], None]]:
     """Show a bar on stderr, if the block takes long and stderr is a terminal.
 
-    Yield a function of progress, total (None: unknown) and words after the bar. Only its calls draw the bar:
-    a drawing thread would disturb measurements.
+    Yield a function of the progress, the total (None: unknown) and words after the bar. Only calls of this
+    function draw the bar, since a drawing thread would disturb measurements.
     """
     if not is_terminal():
         yield lambda done, total, words: None
@@ -101,7 +101,7 @@ def bar(doing: str) -> Iterator[Callable[[float, float | None, str], None]]:
 
 
 def prepare_kernels() -> None:
-    """Compile the kernels, with a note on stderr, if they are not compiled on this machine yet."""
+    """Compile the kernels if they are not compiled on this machine yet. A note on stderr reports it."""
     if proximity.kernels_are_cached():
         return
     report("compiling the kernels for this processor; this happens once and takes a minute or two")

@@ -1,4 +1,4 @@
-"""Tables on a terminal, and a live display, by Rich."""
+"""Tables and a live display on a terminal, drawn by Rich."""
 
 import sys
 import time
@@ -18,33 +18,37 @@ from proximity.cli.output import report
 UNBOUNDED = 10_000  # columns: wider than any table
 DRAWN_EVERY_S = 0.05
 LINE_EVERY_S = 1.0
-FIRST_AFTER_S = 0.1  # within which the first frame of a running service arrives
+FIRST_AFTER_S = 0.1  # time within which the first frame of a running service arrives
 
 
 class Console(rich.console.Console):
-    """Rich's console; on a closed pipe it raises BrokenPipeError, as other files do."""
+    """Rich's console, which raises BrokenPipeError on a closed pipe as other files do."""
 
     def on_broken_pipe(self) -> None:
-        """Raise BrokenPipeError; Rich would exit with 1."""
+        """Raise BrokenPipeError, while Rich would exit with code 1."""
         raise BrokenPipeError
 
 
 def results_console() -> Console:
-    """Return the console of stdout; lines are folded on a terminal only."""
+    """Return the console for stdout. It folds lines only on a terminal."""
     console = Console()
     return console if console.is_terminal else Console(width=UNBOUNDED)
 
 
 def table(left: Iterable[str], right: Iterable[str] = (), rows: Iterable[Iterable[str]] = ()) -> Table:
-    """Return a table without lines between its cells; text in square brackets is not markup.
+    """Return a table without lines between its cells.
 
-    *left*, *right*: titles of the columns of words, and of the following columns of numbers.
+    Text in square brackets is not markup. *left*: titles of the columns of words. *right*: titles of the
+    columns of numbers after them.
     """
     return table_of([(title, False) for title in left] + [(title, True) for title in right], rows)
 
 
 def table_of(columns: Iterable[tuple[str, bool]], rows: Iterable[Iterable[str]] = ()) -> Table:
-    """Return a table as `table`; *columns*: titles, and whether they are aligned to the right."""
+    """Return a table like `table`.
+
+    *columns*: title of each column, and whether it is aligned to the right.
+    """
     made = Table(box=None, pad_edge=False, header_style="bold")
     for title, is_right in columns:
         Column("", title, is_right).add_to(made)
@@ -54,7 +58,10 @@ def table_of(columns: Iterable[tuple[str, bool]], rows: Iterable[Iterable[str]] 
 
 
 class Drawn:
-    """A cell, or a line, that is drawn as wide as its column: at least *least* cells, at most *most*."""
+    """A cell or a line that is drawn as wide as its column.
+
+    It has at least *least* and at most *most* cells.
+    """
 
     def __init__(self, draw: Callable[[int], str | Text], least: int = 1, most: int = UNBOUNDED) -> None:
         self._draw, self.least, self.most = draw, least, most
@@ -75,17 +82,20 @@ class Column(NamedTuple):
     title: str | Drawn
     is_right: bool
     cells: Sequence[str | Text | Drawn] = ()
-    width: int | None = None  # of a table that is drawn again and again; None: that of the widest cell
-    legend: str = ""  # of the letters and signs in the cells
+    width: int | None = None  # width in a table that is drawn repeatedly; None: that of the widest cell
+    legend: str = ""  # meaning of the letters and signs in the cells
 
     @property
     def space(self) -> int:
-        """The width that the column needs."""
+        """Width that the column needs."""
         each = [self.title, *self.cells]
         return self.width or max(cell.least if isinstance(cell, Drawn) else _width(cell) for cell in each)
 
     def add_to(self, table: Table) -> None:
-        """Add the column to a table, without its cells. A number is never broken: half looks complete."""
+        """Add the column to a table without its cells.
+
+        A number is never broken across lines, since half of it would look complete.
+        """
         title = Text(self.title) if isinstance(self.title, str) else self.title
         is_whole = self.is_right or self.width is not None
         table.add_column(
@@ -102,16 +112,16 @@ def _width(cell: str | Text) -> int:
 
 
 class FittingTable(NamedTuple):
-    """A table without the columns for which a terminal is too narrow, which Rich draws."""
+    """Table that Rich draws without the columns that do not fit the terminal."""
 
     columns: Sequence[Column]
-    dispensable: Sequence[str]  # names of columns to leave out, in this order
-    styles: Sequence[str] = ()  # of rows, the last of them of the last row
-    gap: int = 2  # between columns
-    below: Sequence[Text] = ()  # between the table and the legends
+    dispensable: Sequence[str]  # names of columns that may be omitted, in this order
+    styles: Sequence[str] = ()  # styles of the last rows
+    gap: int = 2  # cells between columns
+    below: Sequence[Text] = ()  # lines between the table and the legends
 
     def kept(self, width: int) -> list[Column]:
-        """Return the columns that fit."""
+        """Return the columns that fit into the width."""
         for count in range(len(self.dispensable) + 1):
             kept = [column for column in self.columns if column.name not in self.dispensable[:count]]
             if sum(column.space + self.gap for column in kept) - self.gap <= width:
@@ -143,9 +153,9 @@ def print_fitting(
     *,
     styles: Sequence[str] = (),
 ) -> None:
-    """Print columns; omit some on a narrow console, with a note.
+    """Print a table of columns. On a narrow console some are omitted, and a note reports it.
 
-    *elsewhere*: an output with all columns. *styles*: of the last rows.
+    *elsewhere*: name of an output that shows all columns. *styles*: styles of the last rows.
     """
     table = FittingTable(columns, dispensable, styles)
     console.print(table)
@@ -155,7 +165,7 @@ def print_fitting(
 
 
 class Screen:
-    """Live display on a terminal, or lines of text without one."""
+    """Live display on a terminal. Otherwise it writes lines of text."""
 
     def __init__(self, console: rich.console.Console, *, is_silent: bool = False) -> None:
         self._console, self._is_silent = console, is_silent
@@ -164,7 +174,7 @@ class Screen:
         self._due = time.monotonic() + FIRST_AFTER_S
 
     def show(self, words: Callable[[], str], picture: Callable[[ConsoleDimensions], RenderableType]) -> None:
-        """Show a picture or words, if the display is due."""
+        """Show a picture or words if the display is due for an update."""
         now = time.monotonic()
         if self._is_silent or now < self._due:
             return

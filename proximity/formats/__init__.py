@@ -1,8 +1,8 @@
-"""Readers of mesh files: the only package that knows formats, units and scene graphs.
+"""Readers of mesh files. No other package knows formats, units and scene graphs.
 
-`read_geometries` returns every mesh of a file, only scaled to metres and cut into triangles, without merging,
-dropping or repairs; holes declared in a 3MF are cut out. Partly readable files are refused: the counts and
-sizes that a file declares are compared with its contents, in every format.
+`read_geometries` returns every mesh of a file, scaled to metres and cut into triangles, without merging,
+dropping or repairs. Holes that a 3MF file declares are cut out. Partly readable files are refused: the counts
+and sizes that a file declares are compared with its contents, in every format.
 
 STL, PLY, OFF, OBJ and 3MF are read here: trimesh keeps no rows of polygons, cuts concave ones wrongly,
 reorders OBJ faces by material, takes damaged files for empty ones and loses placements of 3MF objects. It

@@ -1,10 +1,11 @@
-"""Dialects of STL, PLY and OBJ that the readers of this package refuse, read by trimesh.
+"""Read dialects of STL, PLY and OBJ that the readers of this package do not support, by trimesh.
 
 trimesh ignores much that it does not know: of 56 damaged files that the tests expect to be refused, it reads
-19 with other contents (5.2, November 2026). A reader therefore passes on a file for its grammar alone, never
-for missing or contradictory numbers, with the number of faces that trimesh has to find.
+19 with other contents (5.2, November 2026). A reader therefore passes on a file only because of its grammar,
+never because of missing or contradictory numbers. It also passes on the number of faces that trimesh has to
+find.
 
-On some files its time grows with the square of their size.
+On some files the time that trimesh takes grows with the square of their size.
 """
 
 import io
@@ -18,13 +19,17 @@ _MAX_SECONDS, _MAX_BYTES = 60, 4 << 30
 
 
 def read_dialect(data: bytes, kind: str, refusal: DialectError) -> RawFile:
-    """Read a refused file, of *kind* stl, ply or obj, or raise the refusal if trimesh misses a face."""
+    """Read a file that the reader of this package refused.
+
+    *kind*: "stl", "ply" or "obj". *refusal*: error of the reader, which is raised if trimesh does not find
+    the same number of faces.
+    """
     try:
         vertices, faces = _read(data, kind)
-    except Exception:  # any failure: the file was not read
+    except Exception:  # trimesh did not read the file, for any reason
         raise MeshFormatError(str(refusal)) from None
     is_mesh = faces.shape == (refusal.face_count, 3) and 0 <= faces.min() <= faces.max() < len(vertices)
-    # The facets of STL were counted corner by corner; the other formats offer no further check.
+    # The corners of STL facets were counted. In the other formats the mesh must be closed.
     if not is_mesh or not (kind == "stl" or _is_closed(vertices, faces)):
         raise MeshFormatError(str(refusal))
     rows = np.arange(len(faces), dtype=np.int32)
@@ -33,7 +38,7 @@ def read_dialect(data: bytes, kind: str, refusal: DialectError) -> RawFile:
 
 
 def _read(data: bytes, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    from proximity.formats.libraries import run_library  # few files need a process
+    from proximity.formats.libraries import run_library  # imported here, since few files need a process
 
     done = run_library("trimesh", data, seconds=_MAX_SECONDS, byte_count=_MAX_BYTES, kind=kind)
     arrays = np.load(io.BytesIO(done.output))

@@ -1,4 +1,7 @@
-"""Read a file into geometries in metres: choose the reader, scale, place and name."""
+"""Read a file into geometries in metres.
+
+Its reader is chosen here, and parts are scaled, placed and named.
+"""
 
 import math
 import os
@@ -31,11 +34,15 @@ from proximity.formats.units import UNITS, metres_per_unit, unit_name
 from proximity.system.regular_file import NotRegularFileError, open_regular
 
 _LARGE_BYTES, _HEAD_BYTES = 1 << 26, 1 << 20
-"""File size from which the header is compared with the size first, and the number of bytes read for that."""
+"""Minimum size of a file whose header is checked before the rest is read, and the number of bytes read for
+that."""
 
 
 def _imported(module: str, name: str) -> Callable[..., Any]:
-    """Return a function of a reader that is imported on its first call: importing all of them takes 40 ms."""
+    """Return a function of a reader that is imported on its first call.
+
+    Importing all readers takes 40 ms.
+    """
 
     def function(*arguments: Any, **options: Any) -> Any:
         return getattr(import_module(f"proximity.formats.{module}"), name)(*arguments, **options)
@@ -69,16 +76,16 @@ def read_geometries(
     unpacked_limit: float = UNPACKED_LIMIT,
     cache: bool = True,
 ) -> FileContents:
-    """Read every mesh of a file, in metres, at its pose.
+    """Read every mesh of a file in metres, with its pose.
 
-    *path*: a file with one of the extensions of `EXTENSIONS`. *units*: the unit of files that do not declare
-    one (STL, OBJ, PLY, OFF); a key of `UNITS`. Files with a unit (glTF, 3MF, STEP) are read in their own.
+    *path*: a file with one of the extensions of `EXTENSIONS`. *units*: unit of files that do not declare one
+    (STL, OBJ, PLY, OFF), a key of `UNITS`. Files that declare a unit (glTF, 3MF, STEP) are read in it.
     *scale*: factor of all lengths. *step_tolerance*: maximum distance of triangles from the curved surfaces
-    of a STEP file. *unpacked_limit*: maximum unpacked size of a 3MF file, which is an archive. *cache*: read
-    the triangles of a STEP file from the user's cache, or store them there.
+    of a STEP file. *unpacked_limit*: maximum unpacked size of a 3MF file, which is an archive. *cache*:
+    whether the triangles of a STEP file are read from the user's cache, or stored there.
 
-    Returns at least one geometry, without merging, dropping or repairs. Identical instances share their
-    arrays.
+    At least one geometry is returned. Meshes are not merged, dropped or repaired. Identical instances share
+    their arrays.
     """
     units = unit_name(units)
     metres = metres_per_unit(units)
@@ -125,9 +132,9 @@ def read_geometries(
 
 
 def read_vertices(path: str) -> np.ndarray:
-    """Return the vertices of a PLY, OBJ or STL file, with or without faces, (N, 3), in the file's numbers.
+    """Return the vertices of a PLY, OBJ or STL file, (N, 3), in the units of the file.
 
-    STL repeats them for each face; they are returned once.
+    The file may have no faces. STL files repeat a vertex for each face; it is returned once.
     """
     reader = _POINT_READERS.get(Path(path).suffix.lower())
     if reader is None:
@@ -147,7 +154,7 @@ def _read(reader: Callable[[Source], RawFile], source: Source) -> RawFile:
     except ProximityError:
         raise
     except (TypeError, AttributeError, LookupError, ArithmeticError, RecursionError, ValueError) as reason:
-        # an error that no check of the reader foresaw
+        # an error that the reader does not check for
         raise MeshFormatError(f"it cannot be read ({text_rows.in_one_line(reason)})") from reason
 
 
@@ -159,7 +166,7 @@ def _read_bytes(path: str, unpacked_limit: float) -> bytes:
                 _check_large(file.read(_HEAD_BYTES), size, Path(path).suffix.lower(), unpacked_limit)
                 file.seek(0)
             data = file.read()
-    except MeshFormatError as reason:  # a ValueError, too; a large file is not passed to trimesh
+    except MeshFormatError as reason:  # a subclass of ValueError; a large file is not passed to trimesh
         raise MeshFormatError(str(reason)) from None
     except FileNotFoundError:
         raise MeshFormatError("there is no such file") from None
@@ -176,10 +183,13 @@ def _read_bytes(path: str, unpacked_limit: float) -> bytes:
 
 
 def _check_large(head: bytes, size: int, extension: str, unpacked_limit: float) -> None:
-    """Raise if the header of a large file contradicts its size, before gigabytes are read in vain."""
+    """Raise an error if the header of a large file contradicts its size.
+
+    Otherwise gigabytes would be read in vain.
+    """
     format_detection.check_size(head, size, extension)
     if extension == ".ply":
-        from proximity.formats.ply import ply_header  # of this format only
+        from proximity.formats.ply import ply_header  # imported for this format only
 
         ply_header.check_size(ply_header.read_header(head), size)
     if extension == ".3mf" and size > unpacked_limit:
@@ -246,7 +256,10 @@ def _check_finite(mesh: RawMesh, vertices: np.ndarray, name: str) -> None:
 
 
 def _with_assemblies(meshes: list[RawMesh], names: list[str]) -> list[str]:
-    """Prefix names that several meshes share with those of their assemblies, without a common root."""
+    """Prepend the names of assemblies to names that several meshes share.
+
+    Assemblies that contain all meshes are omitted.
+    """
     levels = zip(*(mesh.above for mesh in meshes), strict=False)
     common = sum(1 for _ in takewhile(lambda level: len(set(level)) == 1, levels))
     counts = Counter(names)
@@ -257,13 +270,13 @@ def _with_assemblies(meshes: list[RawMesh], names: list[str]) -> list[str]:
 
 
 def unique_names(names: list[str]) -> tuple[list[str], list[str]]:
-    """Return unique names, and notes about the changed ones.
+    """Make names unique. Return them, and notes about the changed ones.
 
-    *names*: as in the file. The first mesh of a name keeps it; the others get the first free number.
+    *names*: names in the file. The first mesh of a name keeps it; a number is appended to the others.
     """
     taken = set(names)
     unique: list[str] = []
-    last: dict[str, int] = {}  # number given to a name
+    last: dict[str, int] = {}  # last number appended to each name
     for name in names:
         if name not in last:
             last[name] = 1

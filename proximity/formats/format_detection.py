@@ -1,4 +1,4 @@
-"""Detection of a file's format from its contents, independently of its name."""
+"""Detect the format of a file from its contents, independently of its name."""
 
 import re
 
@@ -16,7 +16,7 @@ EXTENSIONS: dict[str, str] = {
     ".step": "STEP",
     ".stp": "STEP",
 }
-"""Extension, lower case -> format."""
+"""Format by extension in lower case."""
 
 STL_HEADER_BYTES = 84
 STL_FACET_BYTES = 50
@@ -26,7 +26,7 @@ _SIGNATURES: tuple[tuple[bytes, str], ...] = (
     (rb"PK(\x03\x04|\x05\x06)", "a zip archive"),
     (rb"ply\s", "PLY"),
     (rb"\s*ISO-10303-21\s*;", "STEP"),
-    (rb"(#[^\n]*\n|\s)*(?i:(ST)?C?N?4?n?OFF)(?![a-zA-Z_])", "OFF"),  # some join it with the counts
+    (rb"(#[^\n]*\n|\s)*(?i:(ST)?C?N?4?n?OFF)(?![a-zA-Z_])", "OFF"),  # counts may follow on the same line
     (rb"\s*\{[\s\S]*\"asset\"", "glTF"),
     (rb"version https://git-lfs", "a Git LFS pointer (the file itself was not fetched)"),
     (rb"\s*(<!doctype html|<html)", "a web page"),
@@ -43,7 +43,7 @@ _TEXT_EXTENSIONS = frozenset([".obj", ".off", ".gltf", ".step", ".stp"])
 
 
 def find_format(source: Source, extension: str) -> str:
-    """Return the format of a file by its extension; raise if the content contradicts it."""
+    """Return the format that a file has by its extension. Raise an error if its content contradicts it."""
     looks_like = describe_content(source.data)
     if extension == ".toml":
         raise MeshFormatError(
@@ -60,7 +60,7 @@ def find_format(source: Source, extension: str) -> str:
 
 
 def describe_content(data: bytes) -> str | None:
-    """Return the format of *data*: one of `EXTENSIONS`, the name of another format, or None."""
+    """Return the format of *data*, which may be one that is not in `EXTENSIONS`, or None if unknown."""
     head = data[:_SNIFFED_BYTES]
     if head.startswith(b"\xef\xbb\xbf"):
         head = head[3:]
@@ -78,24 +78,27 @@ def describe_content(data: bytes) -> str | None:
 
 
 def is_binary_stl(data: bytes) -> bool:
-    """Return whether a file has the length required by its face count, with or without a leading "solid"."""
+    """Return whether data have the length that the face count of a binary STL file requires.
+
+    A leading "solid" is ignored, since some writers put it into the header.
+    """
     if len(data) <= STL_HEADER_BYTES:
         return False
     return len(data) == STL_HEADER_BYTES + STL_FACET_BYTES * stl_face_count(data)
 
 
 def stl_face_count(data: bytes) -> int:
-    """Return the face count that a binary STL file claims."""
+    """Return the face count in the header of a binary STL file."""
     return int.from_bytes(data[STL_HEADER_BYTES - 4 : STL_HEADER_BYTES], "little")
 
 
 def is_ascii_stl(data: bytes) -> bool:
-    """Return whether the file begins with "solid", comments aside, and continues as text."""
+    """Return whether data begin with "solid", after any comments, and continue as text."""
     return _ASCII_STL.match(data[:_SNIFFED_BYTES]) is not None and b"\0" not in data[:1024].rstrip(b"\0")
 
 
 def check_size(head: bytes, size: int, extension: str) -> None:
-    """Refuse a large file whose first bytes contradict its size in bytes, before the rest is read."""
+    """Raise an error if the first bytes of a large file contradict its size, before the rest is read."""
     held = f"bytes, but the file has {size:,}"
     if extension == ".stl" and not is_ascii_stl(head):
         claimed = STL_HEADER_BYTES + STL_FACET_BYTES * stl_face_count(head)

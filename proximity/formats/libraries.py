@@ -1,7 +1,7 @@
-"""Libraries that read files in a separate process, within limits of time and memory.
+"""Run libraries that read files in a separate process, with limits of time and memory.
 
-Damaged files can crash them or take hours, and their output can only be captured by exchanging file
-descriptors, which would swallow the output of other threads.
+Damaged files can crash them or take hours. Their output can only be captured by exchanging file descriptors,
+which in this process would swallow the output of other threads.
 """
 
 import json
@@ -17,22 +17,23 @@ from typing import Any
 from proximity.formats import worker
 
 _LARGE_BYTES = 1 << 24
-"""The process ends after a larger input: importing is cheap compared with it, and frees the memory."""
+"""Size of an input after which the process ends to free memory. Importing the library again is then
+comparatively cheap."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Exit code of a library and its output."""
+    """Exit code, printed text and output of a library."""
 
-    returncode: int  # of `worker`; negative: the signal that it crashed by
+    returncode: int  # code of `worker`, or the negative signal that ended it
     printed: str
-    output: bytes  # empty without output
+    output: bytes  # empty if there is none
 
 
 class Library:
-    """A library in a process that performs one of `worker.TASKS` repeatedly; the first task starts it.
+    """A process that performs one of `worker.TASKS` repeatedly. The first call starts it.
 
-    *seconds*: of one task.
+    *seconds*: time limit of one call.
     """
 
     def __init__(self, task: str, seconds: int, byte_count: int) -> None:
@@ -41,7 +42,7 @@ class Library:
         self._folder: tempfile.TemporaryDirectory[str] | None = None
 
     def run(self, data: bytes, **settings: Any) -> Outcome:
-        """Run the task on *data*; raise OSError if the system has no space for it."""
+        """Run the task on *data*. Raise OSError if the disk has not enough space for its files."""
         self._folder = self._folder or tempfile.TemporaryDirectory(prefix="proximity-")
         folder = Path(self._folder.name)
         process = self._process = self._process or self._started(folder)
@@ -50,7 +51,7 @@ class Library:
         printed_before = log.stat().st_size
         request = {"input": str(source), "output": str(target), **settings}
         assert process.stdin is not None and process.stdout is not None, "they are pipes"
-        with suppress(BrokenPipeError):  # it has ended, and its code says why
+        with suppress(BrokenPipeError):  # the process has ended, and its exit code gives the reason
             process.stdin.write(json.dumps(request).encode() + b"\n")
             process.stdin.flush()
         answer = process.stdout.readline()
@@ -63,23 +64,26 @@ class Library:
         return outcome
 
     def _started(self, folder: Path) -> "subprocess.Popen[bytes]":
-        """Start the worker; it sees the end of the pipe when this process ends for any reason."""
+        """Start the worker process.
+
+        The worker detects the end of this process by the end of the pipe.
+        """
         # No -m: the worker must not import this package. Threads of BLAS would use up its memory.
         command = [sys.executable, "-P", worker.__file__]
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
         with (folder / "log").open("wb") as log:
             pipe = subprocess.PIPE
             process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=log, env=environment)
-        first = {**self._limits, "folder": str(folder), "path": sys.path}  # imports as in this process
+        first = {**self._limits, "folder": str(folder), "path": sys.path}  # same paths as here
         assert process.stdin is not None, "it is a pipe"
         process.stdin.write(json.dumps(first).encode() + b"\n")
         return process
 
     def close(self) -> None:
-        """End the process, if there is one, and remove its folder."""
+        """End the process, if it runs, and remove its folder."""
         if self._process is not None:
             with suppress(BrokenPipeError), self._process:
-                pass  # closes the pipes and waits
+                pass  # the exit closes the pipes and waits
         if self._folder is not None:
             self._folder.cleanup()
         self._process = self._folder = None
@@ -92,6 +96,9 @@ class Library:
 
 
 def run_library(task: str, data: bytes, *, seconds: int, byte_count: int, **settings: Any) -> Outcome:
-    """Run one of `worker.TASKS` on *data*; raise OSError if the system has no space for it."""
+    """Run one of `worker.TASKS` once on *data*.
+
+    Raise OSError if the disk has not enough space for its files.
+    """
     with Library(task, seconds, byte_count) as library:
         return library.run(data, **settings)

@@ -1,8 +1,8 @@
-"""Wavefront OBJ: vertices, polygons that refer to them, names of objects; no units.
+"""Read Wavefront OBJ, which has vertices, polygons that refer to them, and names of objects, but no units.
 
-Objects (lines ``o``) become geometries of separate geometries; groups and materials do not, as they colour
-pieces of one body. OBJ has no counts: a file truncated between two lines is only detected if a face refers to
-a missing vertex.
+Each object (line ``o``) becomes a separate geometry. Groups and materials do not, as they only colour pieces
+of one body. OBJ has no counts: if a file is truncated between two lines, this is only detected if a face
+refers to a missing vertex.
 """
 
 import re
@@ -22,23 +22,24 @@ _LOWER_DIMENSIONS = frozenset(["l", "p"])
 _NAMING = frozenset(("g", "o", "usemtl", "mtllib", "usemap", "maplib", "shadow_obj", "trace_obj"))
 _STRAY_SLASH = re.compile(r"\s/")
 _UNKNOWN = re.compile(r"(?!(?:call|csh)$|[vf][-+.\d])[a-zA-Z$!%&@/;*_][!-~]*")
-"""Statements to ignore; not those that include other files, nor a vertex or face without its blank."""
+"""Pattern of unknown statements that are ignored. It excludes those that include other files, and a vertex or
+face without a blank after its keyword."""
 _FREE_FORM = frozenset(["curv", "curv2", "surf", "bsp", "bzp", "cdc", "cdp", "res"])
 
 
 class _Lines:
-    """The relevant lines by kind."""
+    """Relevant lines of the file, sorted by kind."""
 
     def __init__(self, data: bytes) -> None:
         self.vertices: list[str] = []
         self.vertex_lines: list[int] = []
         self.faces: list[str] = []
         self.face_lines: list[int] = []
-        self.vertices_before: list[int] = []  # for each face: relative references count back from here
+        self.vertices_before: list[int] = []  # for each face, as origin of relative indices
         self.objects: list[str] = []
         self.object_starts: list[int] = []  # row of the first face after each line "o"
         self.others: set[str] = set()
-        self.unknown: list[str] = []  # where and what
+        self.unknown: list[str] = []  # place and reason of the first defect
         text = text_rows.as_text(data)
         lines = enumerate(text.split("\n"), 1)
         for line_id, line in _joined(lines) if "\\\n" in text else lines:
@@ -58,7 +59,7 @@ class _Lines:
 
     def _sort_rare(self, line_id: int, line: str) -> None:
         key, *rest = line.split("#", 1)[0].split(maxsplit=1)[:2] or ("",)
-        if key in ("v", "f", "V", "F", "fo"):  # indented, with a tab, in capitals, or of the first version
+        if key in ("v", "f", "V", "F", "fo"):  # indented, tabs, capitals, or first version
             self._sort(line_id, f"{key[0].lower()} {rest[0] if rest else ''}")
         elif key == "o":
             # A name may contain a #; a comment begins after blank space.
@@ -79,7 +80,7 @@ class _Lines:
 
 
 def _joined(lines: Iterable[tuple[int, str]]) -> Iterator[tuple[int, str]]:
-    """Join lines of numbers that a backslash continues; comments and names may end in one."""
+    """Join lines of numbers that a backslash continues. Comments and names may end in a backslash."""
     pieces: list[str] = []
     for line_id, line in lines:
         continues = line.endswith("\\") and "#" not in line
@@ -113,12 +114,12 @@ def read_obj(source: Source) -> RawFile:
 
 
 def read_obj_points(data: bytes) -> np.ndarray:
-    """Return the vertices of an OBJ file with or without faces, (N, 3), in the file's unit."""
+    """Return the vertices of an OBJ file, (N, 3), in the unit of the file. The file may have no faces."""
     return _read_vertices(_Lines(data))
 
 
 def _read_vertices(lines: _Lines) -> np.ndarray:
-    """Return positions; weights and colours may follow them."""
+    """Return the positions of the vertices. Weights and colours may follow them in a line."""
 
     def locate(row: int) -> str:
         return f"line {lines.vertex_lines[row]} (vertex {row + 1})"
@@ -142,7 +143,7 @@ def _read_faces(lines: _Lines, vertices: np.ndarray) -> tuple[np.ndarray, np.nda
         return f"line {lines.face_lines[row]} (face {row})"
 
     rows = _without_comments(lines.faces)
-    if any("/" in row for row in rows):  # texture and normal of each corner
+    if any("/" in row for row in rows):  # remove texture and normal of each corner
         text = "\n".join(["", *rows])
         dynamic = _STRAY_SLASH.search(text)
         if dynamic is not None:
@@ -170,7 +171,10 @@ def _read_faces(lines: _Lines, vertices: np.ndarray) -> tuple[np.ndarray, np.nda
 def _split_objects(
     lines: _Lines, vertices: np.ndarray, faces: np.ndarray, source_faces: np.ndarray
 ) -> list[RawMesh]:
-    """Return one mesh for each object with faces; lines of one name belong together."""
+    """Return one mesh for each object that has faces.
+
+    Lines with the same name continue the same object.
+    """
     names = ["", *lines.objects]
     ids = {name: k for k, name in enumerate(dict.fromkeys(names))}
     lengths = np.diff([0, *lines.object_starts, len(lines.faces)])
@@ -185,7 +189,7 @@ def _split_objects(
     ends = np.searchsorted(face_names[order], present, side="right")
     meshes = []
     for k, rows in zip(present, np.split(order, ends[:-1]), strict=True):
-        # Each object keeps only its own vertices, else a file of many objects would be copied many times.
+        # Each object keeps only its own vertices. Otherwise all vertices would be copied for each object.
         used, local = np.unique(faces[rows], return_inverse=True)
         meshes.append(RawMesh(_decoded(known[k]), vertices[used], local.reshape(-1, 3), source_faces[rows]))
     return meshes

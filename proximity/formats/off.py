@@ -1,7 +1,7 @@
-"""OFF: counts of vertices and polygons, then one row of each, as text or binary; no units.
+"""Read OFF, which has counts of vertices and polygons, then a row of each, as text or binary, but no units.
 
-Rows are lines in nearly every file, though the format lets them run over lines: then colours must not follow
-polygons, as their end would be unknown.
+A row is a line in nearly every file, although the format permits rows over several lines. Then colours must
+not follow polygons, because their end would be unknown.
 """
 
 import re
@@ -17,9 +17,10 @@ from proximity.formats.ply import rows as binary_rows
 from proximity.formats.ply.ply_header import Element, Property
 
 _KEYWORD = re.compile(r"(?![A-Z]*nOFF)(?i:(ST)?(C)?(N)?OFF(?![a-z_])|(?=\d+\s))\s*(.*)")
-"""Texture, colour and normal may follow each position; four- and n-dimensional variants are not solids."""
+"""Pattern of the first line. Texture, colour and normal may follow each position. Four- and n-dimensional
+variants are not solids and do not match."""
 _BINARY = re.compile(rb"(?:#[^\n]*\n|\s)*(ST)?(C)?(N)?OFF[ \t]+BINARY[^\n]*\n")
-_WIDTHS = (2, 4, 3)  # of texture, colour and normal
+_WIDTHS = (2, 4, 3)  # number of values of texture, colour and normal
 _INT, _FLOAT = np.dtype(">i4"), np.dtype(">f4")
 
 
@@ -52,18 +53,18 @@ def read_off(source: Source) -> RawFile:
 
 
 def _content_lines(data: bytes) -> list[tuple[int, str]]:
-    """Return the lines that are not blank, comments removed, with their numbers from 1."""
+    """Return the lines that are not blank and their numbers from 1. Comments are removed."""
     text = text_rows.as_text(data)
     return text_rows.numbered_lines(re.sub(r"#[^\n]*", "", text) if "#" in text else text)
 
 
 def _width(extras: Sequence[str | bytes | None]) -> int:
-    """Return the count of numbers of a vertex, by the letters of the keyword."""
+    """Return the number of values of a vertex, according to the letters of the keyword."""
     return 3 + sum(width for width, extra in zip(_WIDTHS, extras, strict=True) if extra)
 
 
 def _read_binary(data: bytes, start: int, width: int) -> RawMesh:
-    """Read big-endian data; colours of any length follow the corners of each polygon."""
+    """Read big-endian data, in which colours of any length follow the corners of each polygon."""
     if len(data) < start + 12:
         raise MeshFormatError("it ends within its counts of vertices, faces and edges: it is cut off")
     vertex_count, face_count = np.frombuffer(data, _INT, 2, start).tolist()
@@ -81,7 +82,7 @@ def _read_binary(data: bytes, start: int, width: int) -> RawMesh:
 
 
 def _counts(lines: list[tuple[int, str]]) -> tuple[int, int, list[tuple[int, str]]]:
-    """Return the numbers of vertices and faces, and the words after the counts if those share a line."""
+    """Return the numbers of vertices and faces, and any words after the counts on the same line."""
     words = [(lines[0][0], word) for word in lines[0][1].split()] if lines else []
     behind: list[tuple[int, str]] = []
     if len(words) not in (2, 3):
@@ -102,7 +103,7 @@ def _read_vertices(rows: list[str], line_ids: list[int]) -> np.ndarray:
         if table.shape[1] < 3:
             raise MeshFormatError(f"{locate(row_ids[0])} has {table.shape[1]} numbers, expected 3 or more")
     if len(groups) > 1:
-        # A polygon among the vertices, or a number split in two.
+        # A row is a polygon among the vertices, or has a number split in two.
         groups.sort(key=lambda group: len(group[0]))
         (odd_ids, odd), (_, usual) = groups[0], groups[-1]
         raise MeshFormatError(

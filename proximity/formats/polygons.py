@@ -1,10 +1,10 @@
-"""Polygons to triangles, each with the row of the polygon that it came from.
+"""Cut polygons into triangles, each with the row of the polygon that it came from.
 
 A polygon of n corners, convex or concave, always gives n - 2 triangles that use its corners and keep its
 orientation. Corners on a straight side are legal and never cut into a triangle without area if that can be
 avoided: such a triangle would be dropped later and leave a hole.
 
-Quadrilaterals are cut here, all together; larger polygons by `manifold3d`, in the plane.
+Quadrilaterals are cut here, all together. Larger polygons are projected to a plane and cut by `manifold3d`.
 """
 
 from collections.abc import Callable
@@ -15,11 +15,12 @@ from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
 
 MAX_CORNERS = 20_000
-"""Maximum size of a polygon. Cutting takes up to the square of it: a second for a star of this size."""
-_LARGE, _MAX_IN_LARGE = 1000, 10 * MAX_CORNERS  # corners: of a large one, and of all of them
+"""Maximum number of corners of a polygon. The time to cut it may grow with the square, to a second for a star
+of this size."""
+_LARGE, _MAX_IN_LARGE = 1000, 10 * MAX_CORNERS  # corners of a large polygon, and of all
 
 Piece = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Polygons of rows of one width: polygon rows (n,), corner counts (n,), the rows (n, width)."""
+"""Polygons from rows of one width, as polygon rows (n,), corner counts (n,) and the rows (n, width)."""
 
 
 def assemble(
@@ -27,8 +28,8 @@ def assemble(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sort polygons, check them, and cut them into triangles.
 
-    *vertices*: (V, 3). *pieces*: together every polygon once; values after the corners in a row are ignored.
-    *locate*: polygon row -> its place in the file.
+    *vertices*: (V, 3). *pieces*: together they contain every polygon once; values after the corners in a row
+    are ignored. *locate*: function that returns the place of a polygon in the file, by its row.
     """
     sizes = np.zeros(polygon_count, dtype=np.int64)
     for row_ids, counts, _ in pieces:
@@ -47,9 +48,9 @@ def assemble(
 def check_polygons(
     corners: np.ndarray, sizes: np.ndarray, vertex_count: int, locate: Callable[[int], str]
 ) -> None:
-    """Raise if a polygon has too few or too many corners, or refers to a vertex that is not there.
+    """Raise an error if a polygon has too few or too many corners, or refers to a missing vertex.
 
-    *locate*: polygon row -> its place in the file.
+    *locate*: function that returns the place of a polygon in the file, by its row.
     """
     small = np.flatnonzero(sizes < 3)
     if len(small):
@@ -76,9 +77,9 @@ def check_polygons(
 def triangulate(
     vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Cut polygons into triangles.
+    """Cut polygons into triangles. Return them, and the row of the polygon of each.
 
-    *vertices*: (V, 3); positions, which need not be finite.
+    *vertices*: (V, 3) positions, which need not be finite.
     """
     source_faces = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes - 2)
     if (sizes == 3).all():
@@ -86,7 +87,7 @@ def triangulate(
     faces = np.empty((len(source_faces), 3), dtype=np.int64)
     first_corner = np.cumsum(sizes) - sizes
     first_face = np.cumsum(sizes - 2) - (sizes - 2)
-    # triangles and quadrilaterals together, the others one by one
+    # triangles and quadrilaterals are cut together, the others one by one
     rows = np.flatnonzero(sizes == 3)
     faces[first_face[rows]] = corners[first_corner[rows, None] + np.arange(3)]
     rows = np.flatnonzero(sizes == 4)
@@ -99,14 +100,16 @@ def triangulate(
 
 
 def _cut_quads(vertices: np.ndarray, quads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return both triangles of each quadrilateral: cut from corner 0 to corner 2 if both have one orientation
-    then, else from corner 1 to corner 3.
+    """Return both triangles of each quadrilateral.
+
+    They are cut from corner 0 to corner 2 if both then have the same orientation, else from corner 1 to
+    corner 3.
     """
     if not len(quads):
         return np.empty((0, 3), dtype=np.int64), np.empty((0, 3), dtype=np.int64)
     with np.errstate(all="ignore"):
         sides = np.roll(vertices[quads], -1, axis=1) - vertices[quads]
-        normals = np.cross(sides, np.roll(sides, -1, axis=1))  # of triangles 012, 123, 230, 301
+        normals = np.cross(sides, np.roll(sides, -1, axis=1))  # normals of triangles 012, 123, 230, 301
         agree_02 = np.einsum("ij,ij->i", normals[:, 0], normals[:, 2])
         agree_13 = np.einsum("ij,ij->i", normals[:, 1], normals[:, 3])
         cut_13 = ((agree_02 <= 0.0) & (agree_13 > agree_02))[:, None]
@@ -123,10 +126,11 @@ def _cut_rings(
     faces: np.ndarray,
     first_faces: np.ndarray,
 ) -> None:
-    """Cut polygons of any size into rows of *faces*, each from its first corner and its first face.
+    """Cut polygons of any size and write the triangles to rows of *faces*.
 
-    Degenerate: one that crosses itself, or has no area, is cut into triangles that overlap, or have none.
-    Cost: 0.1 ms for one of a few corners, 50 ms for a gear of 5 000.
+    Each polygon has a first corner and a first row of *faces*. Degenerate: a polygon that crosses itself
+    gives triangles that overlap, and one without area gives triangles without area. Cost: 0.1 ms for a
+    polygon of a few corners, 50 ms for a gear with 5 000.
     """
     import manifold3d  # 40 ms; most files have no such polygons
 
@@ -137,7 +141,10 @@ def _cut_rings(
 
 
 def _flattened(points: np.ndarray) -> np.ndarray:
-    """Return the polygon in the plane, counter-clockwise, without the axis of its largest area."""
+    """Project a polygon to a coordinate plane, counter-clockwise.
+
+    The axis along which its area is largest is omitted.
+    """
     with np.errstate(all="ignore"):
         # in units of the polygon's own size, so that products neither overflow nor vanish
         centred = points - points.mean(axis=0)

@@ -1,7 +1,7 @@
-"""STL files, binary (a count and fixed records) and text.
+"""Read STL files, which are binary (a count and fixed records) or text.
 
-Neither variant names units or shares vertices. Reading the binary one takes three lines of NumPy and saves
-the time to import trimesh. Text without normals or loops, or with more words, is left to trimesh.
+Neither variant states units or shares vertices. Reading the binary variant takes three lines of NumPy and
+saves the time to import trimesh. Text without normals or loops, or with additional words, is left to trimesh.
 """
 
 import re
@@ -68,7 +68,7 @@ def _read_binary(data: bytes) -> RawFile:
         )
     facets = np.frombuffer(data, dtype=FACET, count=claimed, offset=STL_HEADER_BYTES)
     vertices = facets["corners"].reshape(-1, 3).astype(np.float64)
-    # A last piece shorter than a face cannot be one: some writers pad.
+    # Remaining bytes are too few for a face: some writers append padding.
     notes = [f"{rest} bytes after the last face were ignored"] if rest else []
     return RawFile("STL binary", [_mesh("", vertices, 0)], notes=notes)
 
@@ -96,8 +96,10 @@ def _read_ascii(data: bytes) -> RawFile:
 
 
 def _plain_facets(lowered: str) -> int:
-    """Return the number of facets if each has three vertices of three numbers, and all or none the other
-    words.
+    """Return the number of facets, or 0 if the text is irregular.
+
+    Each facet must have three vertices of three numbers. Each of the other words must occur in all facets or
+    in none.
     """
     found = "".join(word[0] for word in _FACET_OR_VERTEX.findall(lowered))
     count = len(found) // 4
@@ -115,14 +117,14 @@ def _read_solids(text: str, lowered: str) -> list[RawMesh]:
             meshes.append(_mesh(name, vertices, row))
         row += len(vertices) // 3
     if len(meshes) == 1:
-        meshes[0].name = ""  # exporters write their own name there
+        meshes[0].name = ""  # exporters write the name of the program there
     return meshes
 
 
 def _solids(text: str, lowered: str) -> Iterator[tuple[str, slice]]:
-    """Yield name and body of each solid; raise for text outside of them."""
-    begin = None  # of the open solid
-    end = 0  # of the parsed text
+    """Yield the name and the body of each solid. Raise an error if there is text outside of them."""
+    begin = None  # match of the open solid
+    end = 0  # end of the parsed text
     for line in _SOLID_LINE.finditer(lowered):
         closes = lowered.endswith("end", 0, line.start())
         start = line.start() - (3 if closes else 0)
@@ -146,13 +148,16 @@ def _check_blank(text: str) -> None:
 
 
 def _read_facets(body: str, first_row: int) -> np.ndarray:
-    """Return the corners of all facets of one solid, in lower case, as (3 F, 3) float64."""
+    """Return the corners of all facets of one solid, (3 F, 3) float64.
+
+    *body*: text in lower case.
+    """
     counts = {word: body.count(word) for word in ("normal", "outer", "endloop", "endfacet")}
     marked = body.replace("\n", " ")
     for word, mark in _WORDS:
         marked = marked.replace(word, mark)
     if "#" in marked or "(" in marked:
-        # the NaN of some compilers
+        # spelling of NaN by some compilers
         marked = re.sub(r"-?(nan|1\.)[#(]\w+\)?", "nan", marked)
     rows = marked.split("\n")
     if rows[-1].isspace() or not rows[-1]:
@@ -175,7 +180,7 @@ def _read_facets(body: str, first_row: int) -> np.ndarray:
 
 
 def _first_odd(groups: list[tuple[np.ndarray, np.ndarray]]) -> int:
-    """Return the first row that is not a facet; 0 if only the filling words are wrong."""
+    """Return the first row that is not a facet, or 0 if only the words between the numbers are wrong."""
     odd: list[int] = []
     for row_ids, table in groups:
         if table.shape[1] != _FACET_COLUMNS:

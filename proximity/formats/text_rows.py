@@ -1,7 +1,7 @@
-"""Strict reader of rows of numbers in text.
+"""Read rows of numbers in text strictly.
 
-NumPy's loadtxt is as fast as its lenient fromstring, and refuses non-numbers; the rows are then read again to
-name the invalid word.
+NumPy's loadtxt is as fast as its lenient fromstring and refuses words that are not numbers. If it fails, the
+rows are read again to name the invalid word.
 """
 
 from collections.abc import Callable
@@ -11,17 +11,18 @@ import numpy as np
 from proximity.errors import MeshFormatError
 
 LARGEST_EXACT_INTEGER = 2.0**53
-"""Indices are read as float64, which is exact up to here."""
+"""Largest integer up to which float64 is exact. Indices are read as float64."""
 
 PADDING = b"\0\x1a \t\r\n"
-"""Allowed after the end of a file: blanks, the end-of-file mark of CP/M and DOS, full blocks."""
+"""Bytes that may follow the end of a file, which are blanks, the end-of-file mark of CP/M and DOS, and
+zeros."""
 
 MAX_COUNT_DIGITS = 18
-"""Digits of the number of rows that a file declares: these fit into 64 bits."""
+"""Maximum number of digits of a row count, so that it fits into 64 bits."""
 
 
 def read_rows(rows: list[str], locate: Callable[[int], str]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return rows of numbers, grouped by width: row ids (n,) and table (n, k) of each."""
+    """Return rows of numbers grouped by their width, as row ids (n,) and table (n, k) of each group."""
     if not rows:
         return []
     table = _uniform_table(rows)
@@ -39,7 +40,10 @@ def read_rows(rows: list[str], locate: Callable[[int], str]) -> list[tuple[np.nd
 
 
 def as_integers(values: np.ndarray, locate: Callable[[int], str]) -> np.ndarray:
-    """Return a table of whole numbers (n, k) as int64; *locate* says where a row is in the file."""
+    """Return a table of whole numbers (n, k) as int64.
+
+    *locate*: function that returns the place of a row in the file.
+    """
     if values.dtype.kind in "iu" and values.dtype.itemsize < 8:
         return values.astype(np.int64)
     is_good = np.abs(values.astype(np.float64)) <= LARGEST_EXACT_INTEGER
@@ -54,7 +58,7 @@ def as_integers(values: np.ndarray, locate: Callable[[int], str]) -> np.ndarray:
 
 
 def _uniform_table(rows: list[str]) -> np.ndarray | None:
-    """Return all rows as one (n, k) table, or None."""
+    """Return all rows as one (n, k) table, or None if they are not numbers or differ in width."""
     try:
         table = np.loadtxt(rows, dtype=np.float64, comments=None, ndmin=2)
     except (ValueError, UserWarning):
@@ -64,7 +68,7 @@ def _uniform_table(rows: list[str]) -> np.ndarray | None:
 
 
 def _not_a_number(rows: list[str], locate: Callable[[int], str]) -> MeshFormatError:
-    """Return the error for the first word that is not a number, by bisection."""
+    """Return an error about the first word that is not a number, which is found by bisection."""
     words = [(row_id, word) for row_id, row in enumerate(rows) for word in row.split()]
     while len(words) > 1:
         half = len(words) // 2
@@ -77,12 +81,15 @@ def _not_a_number(rows: list[str], locate: Callable[[int], str]) -> MeshFormatEr
 
 
 def as_count(word: str) -> int | None:
-    """Return a number of rows, or None if *word* is not one or has too many digits."""
+    """Return a number of rows, or None if *word* is not a number or has too many digits."""
     return int(word) if word.isdecimal() and len(word) <= MAX_COUNT_DIGITS else None
 
 
 def as_text(data: bytes) -> str:
-    """Return the text of a file, byte by byte, without byte order mark and padding; lines end with \\n."""
+    """Return the text of a file, one letter for each byte.
+
+    It has no byte order mark and no padding, and its lines end with \\n.
+    """
     text = data.rstrip(PADDING).decode("latin-1").removeprefix("\xef\xbb\xbf")
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
@@ -97,9 +104,10 @@ def numbered_lines(text: str, first: int = 1) -> list[tuple[int, str]]:
 def regrouped(
     lines: list[tuple[int, str]], tables: list[tuple[int, list[bool]]]
 ) -> list[tuple[int, str]] | None:
-    """Return tables whose rows run over lines with one row a line; None if the numbers do not fit.
+    """Return the rows of tables as one line each, from tables whose rows span several lines.
 
-    A table is its number of rows, and for each column whether it is a list with its length in front.
+    Return None if the numbers do not fit. A table is given by its number of rows, and for each column whether
+    it is a list preceded by its length.
     """
     words = [(line_id, word) for line_id, line in lines for word in line.split()]
     rows: list[tuple[int, str]] = []
@@ -117,30 +125,30 @@ def regrouped(
 
 
 def end_notes(data: bytes) -> list[str]:
-    """Return a note if the last line of a text file has no line end: its last number may have lost digits.
+    """Return a note if the last line of a text file has no line end.
 
-    Many editors leave files like that, so that it is not an error.
+    Its last number may be truncated. It is not an error, since many editors leave files like that.
     """
     has_end = data.rstrip(b"\0\x1a")[-1:] in (b"\n", b"\r")
     return [] if has_end else ["its last line has no end: it may have been cut off"]
 
 
 def located_in(locate: Callable[[int], str], row_ids: np.ndarray) -> Callable[[int], str]:
-    """Return *locate* for a table with only some of the rows."""
+    """Return a *locate* function for a table that contains only some of the rows."""
     return lambda row: locate(int(row_ids[row]))
 
 
 def shortened(word: str, length: int = 24) -> str:
-    """Return a word of a file, quoted, without control characters, shortened for a message."""
+    """Return a word of a file for a message, quoted, shortened and without control characters."""
     return repr(word if len(word) <= length else word[:length] + "...")
 
 
 def in_one_line(reason: Exception) -> str:
-    """Return type and message of an exception, shortened."""
+    """Return the type and the message of an exception in one line, shortened."""
     message = " ".join(str(reason).split())
     return f"{type(reason).__name__}: {message[:120]}" if message else type(reason).__name__
 
 
 def listed(names: list[str], most: int = 3) -> str:
-    """Return the first names of many, for a note, and the number of the others."""
+    """Return the first names of a list and the number of the others, for a note."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -1,7 +1,7 @@
-"""Units of length of a file or a caller, and the likely unit of a file with an implausible size.
+"""Units of length of files and callers, and the likely unit of a file with an implausible size.
 
-A file that declares no unit is read in the caller's. An inch file read as millimetres is the commonest
-mistake: parts are then 25.4 times too small, which only their size can show.
+A file that declares no unit is read in the caller's unit. The most common mistake is to read a file in inches
+as millimetres. Parts are then 25.4 times too small, which only their size can show.
 """
 
 import math
@@ -23,7 +23,7 @@ UNITS: dict[str, float] = {
     "mi": 1609.344,
     "mil": 2.54e-5,
 }
-"""Name of a unit -> metres."""
+"""Length of each unit in metres."""
 PREFIXES = {"": "", "milli": "m", "centi": "c", "deci": "d", "micro": "u", "nano": "n", "kilo": "k"}
 SYNONYMS = {prefix + word: short + "m" for prefix, short in PREFIXES.items() for word in ("metre", "meter")}
 SYNONYMS |= {
@@ -33,21 +33,23 @@ SYNONYMS |= {
 """Other words for units, in lower case and without a final s."""
 
 SMALLEST_PART = 0.0005
-"""m; a smaller part is unlikely."""
+"""Minimum likely size of a part, m."""
 LARGEST_PART = 50.0
-"""m; a larger part is unlikely."""
+"""Maximum likely size of a part, m."""
 SMALL_FILE = 0.010
-"""m; a smaller whole file without a unit is more often in inches than of parts this small."""
+"""Size of a whole file without a unit below which it is probably in inches, m. Parts this small are less
+frequent."""
 TYPICAL_PART = 0.1
-"""m; of parts touched by hand."""
+"""Typical size of a part that is touched by hand, m."""
 UNLIKELY_RATIO, ALIKE = math.log(5.0), math.log(2.0)
-"""Ratios of the sizes of part and scan: minimum for trying other units, and maximum for the chosen one."""
+"""Ratios of the sizes of part and scan, as logarithms. The minimum at which other units are tried, and the
+maximum for the chosen unit."""
 UNIT_NAMES = {"mm": "millimetres", "in": "inches", "m": "metres", "um": "micrometres"}
 """Units that modelling programs commonly write."""
 
 
 def unit_name(name: str) -> str:
-    """Return the key of `UNITS` for a unit, also if spelt as a word or in capitals."""
+    """Return the key of `UNITS` for the name of a unit, which may be a word or in capitals."""
     if isinstance(name, str):
         word = name.casefold()
         if (unit := SYNONYMS.get(word.removesuffix("s"), word)) in UNITS:
@@ -61,9 +63,9 @@ def metres_per_unit(name: str) -> float:
 
 
 def likely_unit(size: float, units: str) -> str | None:
-    """Return the unit that makes a size most like a part's, or None if no common unit makes it likely.
+    """Return the unit in which a size is most like that of a part, or None if no common unit is likely.
 
-    *size*: longest side of a part's box, as read. *units*: its unit, a key of `UNITS`; it is preferred if as
+    *size*: longest side of a part's box, m. *units*: its unit, a key of `UNITS`. It is returned if it is as
     likely as the others.
     """
     if not 0.0 < size < math.inf:
@@ -77,8 +79,8 @@ def likely_unit(size: float, units: str) -> str | None:
 def scan_unit(scan: Sequence[float], part: Sequence[float], units: str) -> str | None:
     """Return the unit in which a scan has the size of its part, or None if *units* are likely enough.
 
-    *scan*, *part*: sides of boxes, m; the scan's as read in *units*. Scans of a region are smaller than their
-    part, so the two longest sides must differ by the factor of one unit.
+    *scan*, *part*: sides of their boxes, m. The scan was read in *units*. A scan of a region is smaller than
+    its part, so the two longest sides must both differ by the factor of one unit.
     """
     ratios = [own / side if side > 0.0 else 0.0 for side, own in zip(sorted(scan), sorted(part), strict=True)]
     if not all(0.0 < ratio < math.inf for ratio in ratios[1:]) or abs(math.log(ratios[2])) < UNLIKELY_RATIO:
@@ -92,7 +94,7 @@ def scan_unit(scan: Sequence[float], part: Sequence[float], units: str) -> str |
 
 
 def size_notes(parts: Sequence[tuple[str, float]], whole: float, units: str, is_declared: bool) -> list[str]:
-    """Return sentences about unlikely sizes, with the likely unit."""
+    """Return sentences that report unlikely sizes and the likely unit."""
     small = [part for part in parts if part[1] < SMALLEST_PART]
     large = [part for part in parts if part[1] > LARGEST_PART]
     what = []
@@ -123,7 +125,7 @@ def _outliers(
 
 
 def _reason(whole: float, units: str, is_declared: bool) -> str:
-    units = units.split(", ")[0]  # a STEP file may use several
+    units = units.split(", ")[0]  # a STEP file may use several units
     origin = f"declares {units}" if is_declared else f"declares no unit and was read in {units}"
     likely = likely_unit(whole, units)
     if likely is None:

@@ -1,10 +1,10 @@
 """Processes in which libraries read files that could crash them, or take unlimited time and memory.
 
-A guard, and below it a worker that runs the library. Started by path, they import nothing from this package.
-Lines on standard input are JSON: first the settings of all tasks, then those of each task, which a line with
-its code answers. When the input ends, because the other process ends or is killed, the guard ends the work
-and removes its folder. A library may hold the interpreter's lock, so that a thread of its process could not
-do this.
+A guard starts a worker that runs the library. Both are started by path and import nothing from this package.
+Lines on standard input are JSON: first the settings of all tasks, then those of each task. The worker answers
+each task with a line that contains its exit code. When the input ends, because the other process ends or is
+killed, the guard ends the worker and removes its folder. A thread of the worker could not do this, because a
+library may hold the interpreter's lock.
 """
 
 import ctypes
@@ -21,12 +21,13 @@ from contextlib import suppress
 from typing import Any
 
 FAILED, NOT_INSTALLED, TOO_MUCH = 1, 3, 4
-"""Codes: an exception, which is printed; the library cannot be imported; a limit was exceeded."""
-_PR_SET_PDEATHSIG = 1  # of <sys/prctl.h>
+"""Exit codes for an exception, which is printed, for a library that cannot be imported, and for an exceeded
+limit."""
+_PR_SET_PDEATHSIG = 1  # from <sys/prctl.h>
 
 
 def guard() -> int:
-    """Run the work within the limits; return the exit code."""
+    """Run the worker within the time limit. Return the exit code."""
     line = sys.stdin.readline()
     settings, is_over = json.loads(line), threading.Event()
     command = [sys.executable, "-P", __file__, "work"]
@@ -40,12 +41,12 @@ def guard() -> int:
         return 1
     if code < 0 and -code not in (signal.SIGXCPU, signal.SIGKILL):
         with suppress(OSError):
-            os.kill(os.getpid(), -code)  # the same end
+            os.kill(os.getpid(), -code)  # end with the same signal
     return TOO_MUCH if code < 0 else code
 
 
 def _pass_on(child: "subprocess.Popen[str]", seconds: float, is_over: threading.Event) -> None:
-    """Pass on tasks, each with its time, until the other end of the pipe is closed; end the work then."""
+    """Pass tasks to the worker, and kill it if a task takes too long or the input ends."""
     assert child.stdin is not None, "it is a pipe"
     timer = threading.Timer(0.0, child.kill)
     for line in sys.stdin:
@@ -60,17 +61,17 @@ def _pass_on(child: "subprocess.Popen[str]", seconds: float, is_over: threading.
 
 
 def work() -> int:
-    """Run tasks until the input ends; return the exit code."""
+    """Run tasks until the input ends. Return the exit code."""
     settings = json.loads(sys.stdin.readline())
     sys.path[:] = settings["path"]
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Python's would wait for the end of the work
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Python's handler would wait for the end of the work
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # output of libraries
+    os.dup2(2, 1)  # redirects the output of libraries
     for line in sys.stdin:
         _limit(settings["seconds"], settings["bytes"])
         code = _done(TASKS[settings["task"]], json.loads(line))
         sys.stdout.flush()
-        ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fflush(None)  # output of C
+        ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fflush(None)  # output of C code
         print(code, file=answers, flush=True)
     return 0
 
@@ -82,13 +83,16 @@ def _done(task: Any, settings: dict[str, Any]) -> int:
         return NOT_INSTALLED
     except MemoryError:
         return TOO_MUCH
-    except Exception:  # the next file may be sound, and importing the library takes longer than to read it
+    except Exception:  # continue: the next file may be valid, and importing the library again takes long
         traceback.print_exc()
         return FAILED
 
 
 def _limit(seconds: int, byte_count: int) -> None:
-    """Limit the processor time from now on and the memory, and end with the guard, as far as possible."""
+    """Limit processor time and memory, as far as the system permits.
+
+    The time counts from now. On Linux the worker also ends with the guard.
+    """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
     if sys.platform != "win32":
@@ -101,12 +105,12 @@ def _limit(seconds: int, byte_count: int) -> None:
             (resource.RLIMIT_DATA, byte_count, byte_count),
         ]
         for kind, soft, hard in limits:
-            with suppress(OSError, ValueError):  # a lower one is set already
+            with suppress(OSError, ValueError):  # a lower limit is set already
                 resource.setrlimit(kind, (soft, hard))
 
 
 def _convert_step(settings: dict[str, Any]) -> int:
-    """Convert STEP to GLB; *include_brep*: every triangle names its CAD face."""
+    """Convert STEP to GLB, in which every triangle has the number of its CAD face."""
     import cascadio
 
     return cascadio.step_to_glb(
@@ -119,7 +123,7 @@ def _convert_step(settings: dict[str, Any]) -> int:
 
 
 def _load_by_trimesh(settings: dict[str, Any]) -> int:
-    """Read a file of a *kind* that trimesh knows; write its vertices and faces."""
+    """Read a file of a *kind* that trimesh knows. Write its vertices and faces."""
     import numpy as np
     import trimesh
 
@@ -131,7 +135,10 @@ def _load_by_trimesh(settings: dict[str, Any]) -> int:
 
 
 def _unpack_draco(settings: dict[str, Any]) -> int:
-    """Unpack streams: identifiers of positions, then equally many byte arrays; write faces and positions."""
+    """Unpack Draco streams and write their faces and positions.
+
+    The input has an array with the identifiers of positions, then the bytes of each stream.
+    """
     import DracoPy
     import numpy as np
 

@@ -1,8 +1,8 @@
-"""Messages: frames of contacts for the drum's controller, the inputs of a service, and its description.
+"""Messages for the drum's controller, the inputs of a service, and the description of a service.
 
-Fixed NumPy structured types, little-endian, every field on a multiple of its size, sizes multiples of eight,
-lengths in metres, times in int64 nanoseconds of one monotonic clock. Tracker, transports and logs share this
-layout, byte for byte.
+Messages are fixed NumPy structured types. Numbers are little-endian, every field is on a multiple of its
+size, and sizes are multiples of eight. Lengths are in metres, times in int64 nanoseconds of one monotonic
+clock. Tracker, transports and logs share this layout, byte for byte.
 """
 
 from proximity.message.changes import (

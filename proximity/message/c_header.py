@@ -1,7 +1,7 @@
-"""The C and C++ header ``proximity_message.h``, generated from the tables of the NumPy types.
+"""Generate the C and C++ header ``proximity_message.h`` from the fields of the NumPy types.
 
-It needs only types of the standard library, also on a microcontroller: structures, numbers, and a function
-that validates bytes as a frame.
+The header needs only types of the standard library, also on a microcontroller. It has structures, numbers,
+and a function that verifies that bytes are a frame.
 """
 
 import ast
@@ -60,9 +60,9 @@ RECORDS = {
     "description_header": ("The header of a description; `count` labels follow.", DESCRIPTION_FIELDS),
     "label": ("One part or finger of a description.", LABEL_FIELDS),
 }
-"""Records of messages: name, description, fields."""
+"""Description and fields of each record of messages, by its name."""
 NAMES_IN_C = {"pose": "finger_pose", "move": "part_move"}
-"""Names of records whose own have another meaning in the C library."""
+"""Other names in C for records whose names have another meaning in the C library."""
 KINDS = (
     FRAME, POSES, PATH_POSES, GLOVE_POSES, MOVES, MEASURED, CHANGES, ADDITIONS, DEFORMATIONS, DESCRIPTION,
 )  # fmt: skip
@@ -77,7 +77,7 @@ ENUMS: dict[str, type[Enum]] = {
 SENT = (
     "pose", "path_pose", "glove_pose", "move", "measurement", "addition", "deformation",
 )  # fmt: skip
-"""Records with reals that clients send to a service: initially unset, see `blank_of`."""
+"""Records with real numbers that clients send to a service. They are initially unset, see `blank_of`."""
 ZEROS = {("addition", name) for name in ADDITIONS.zeros}
 WIDTH = 100
 CRC_POLYNOMIAL = 0xEDB88320
@@ -113,14 +113,17 @@ def header_text() -> str:
 
 
 def meanings_of(values: type[Enum]) -> dict[str, str]:
-    """Return the descriptions of an enumeration's members: the texts below them in its source, or ""."""
+    """Return the descriptions of an enumeration's members.
+
+    They are the strings below the members in the source, or "".
+    """
     (definition,) = ast.parse(inspect.getsource(values)).body
     assert isinstance(definition, ast.ClassDef)
     return dict.fromkeys(values.__members__, "") | _texts_below(definition.body)
 
 
 def _texts_below(statements: Sequence[ast.stmt]) -> dict[str, str]:
-    """Return the texts below assignments, by the assigned names."""
+    """Return the strings below assignments in the source, by the assigned names."""
     texts = {}
     for statement, below in pairwise(statements):
         is_text = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
@@ -132,9 +135,10 @@ def _texts_below(statements: Sequence[ast.stmt]) -> dict[str, str]:
 def structure(
     name: str, record: np.dtype, declared: Mapping[str, np.dtype], passed: Iterable[str] = ()
 ) -> str:
-    """Return the declaration of a record in C: of numbers of eight bytes, and of records *declared* before.
+    """Return the declaration of a record in C.
 
-    Fields of *passed* are other names for bytes of others.
+    Its fields are numbers of eight bytes, or records that were *declared* before. Fields of *passed* are
+    omitted, since they are other names for the bytes of other fields.
     """
     lines = [f"typedef struct {name} {{"]
     for field, (kind, *_) in sorted(record.fields.items(), key=lambda item: item[1][1]):  # type: ignore[union-attr]
@@ -173,9 +177,9 @@ def _limits() -> Iterator[str]:
 
 
 def enum_text(name: str, values: type[Enum]) -> str:
-    """Return an enumeration in C. Members with text values are numbered in order.
+    """Return the declaration of an enumeration in C. Members with text values are numbered in order.
 
-    *values*: with a text below each member that needs one.
+    *values*: enumeration with a string below each member that needs an explanation.
     """
     meanings = meanings_of(values)
     lines = [*comment_lines(inspect.getdoc(values) or "", ""), f"enum proximity_{name} {{"]
@@ -193,7 +197,7 @@ def _flaws() -> Iterator[str]:
 
 
 def _record(name: str, what: str, fields: Sequence[Field]) -> str:
-    """Return a structure, each field with its unit and meaning."""
+    """Return the declaration of a record in C, with the unit and the meaning of each field."""
     size = dtype_of(fields).itemsize
     lines = comment_lines(f"{what} {size} bytes.", "")
     own = record_name(name)
@@ -212,7 +216,10 @@ def is_nan(name: str, field: Field) -> bool:
 
 
 def _first(name: str, field: Field) -> str:
-    """Return the initial value of an unset field in C; of many rows the first, which stands for all."""
+    """Return the initial value of an unset field in C.
+
+    For a field with many rows it is that of the first row.
+    """
     if not is_nan(name, field):
         return "{0.0, 0.0, 0.0}" if (name, field.name) in ZEROS else ""
     if field.shape == ROTATION:
@@ -252,7 +259,7 @@ def _assertions() -> Iterator[str]:
 
 
 def _crc_table() -> str:
-    """Return the table of the checksum for four bits at a time."""
+    """Return the table of the checksum, which processes four bits at a time."""
     table = []
     for bits in range(16):
         for _ in range(4):
@@ -262,7 +269,7 @@ def _crc_table() -> str:
 
 
 def comment_lines(text: str, indent: str) -> list[str]:
-    """Return the lines of a C comment, in ASCII."""
+    """Return a text as the lines of a C comment in ASCII."""
     text = text.replace("``", "`").replace("…", "...").replace("²", "2")
     lines = textwrap.wrap(text, WIDTH - len(indent) - 6)
     if len(lines) == 1:

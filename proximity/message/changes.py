@@ -1,7 +1,7 @@
-"""Changes of a served scene: parts hidden, shown, removed, added or deformed by another program.
+"""Messages with which other programs hide, show, remove, add or deform parts of a served scene.
 
-They use the same transports as other inputs. Parts are named, not numbered: numbers change with the epoch,
-names do not. A message takes effect completely or, if part of it is invalid, not at all.
+They use the same transports as other inputs. They refer to parts by name, since numbers change with the
+epoch. A message takes effect completely or, if part of it is invalid, not at all.
 """
 
 from enum import IntEnum
@@ -62,5 +62,5 @@ DEFORMATION = dtype_of(DEFORMATION_FIELDS)
 CHANGES = Kind("changes", 0x43434544, INPUT_HEADER, CHANGE, sent="send_ns")  # "DECC"
 ADDITIONS = Kind(
     "additions", 0x41434544, INPUT_HEADER, ADDITION, sent="send_ns", zeros=("translation",)
-)  # "DECA"; a file without a pose keeps its own coordinates
+)  # "DECA"; the default pose is the identity
 DEFORMATIONS = Kind("deformations", 0x56434544, INPUT_HEADER, DEFORMATION, sent="send_ns")  # "DECV"

@@ -1,6 +1,6 @@
-"""Record of one finger's answer at a tick, as stored, logged and published.
+"""Record of the contact of one finger at a tick, as stored, logged and published.
 
-One record is `CONTACT`. Kernels write `kernels.contact_record`; a test compares both.
+One record is `CONTACT`. Kernels write the type `kernels.contact_record`; a test compares both.
 """
 
 import operator
@@ -51,14 +51,14 @@ class ContactFlag(IntFlag):
 
     @classmethod
     def _missing_(cls, value: Any) -> Any:
-        """Accept the NumPy integer of a record as well."""
+        """Return the flags of a number. This also accepts the NumPy integer of a record."""
         return super()._missing_(operator.index(value))
 
 
 TRACKED_BIT, PREDICTED_BIT, BOUNDED_BIT = (
     np.uint32(flag) for flag in (ContactFlag.TRACKED, ContactFlag.PREDICTED, ContactFlag.BOUNDED)
 )
-"""Flags as NumPy numbers: an operation with an IntFlag takes ten times as long."""
+"""Flags as NumPy numbers, because operations with an IntFlag take ten times as long."""
 
 
 class Surface(IntEnum):
@@ -154,11 +154,11 @@ ContactField = Literal[
     "contact_bend_rate", "stiffness", "damping", "force", "part", "face", "work", "surface", "mode",
     "source", "force_is_valid",
 ]  # fmt: skip
-"""Names of `CONTACT_FIELDS`: by them type checkers find `contacts["signed_distanse"]`."""
+"""Names of `CONTACT_FIELDS`, with which type checkers find errors such as `contacts["signed_distanse"]`."""
 
 
 class Contact(np.void):  # type: ignore[misc]  # NumPy's own `record` is made so
-    """A record of `CONTACT`, with a short representation."""
+    """A record of `CONTACT` that prints as a short text."""
 
     if TYPE_CHECKING:
 
@@ -180,16 +180,16 @@ SHOWN_FIELDS: tuple[ContactField, ...] = (
     "part",
     "face",
 )
-"""Of a record that shows itself; with mode and flags."""
+"""Fields that the representation of a record shows, in addition to mode and flags."""
 FEW_CONTACTS = 10
-"""Records shown in the representation of an array."""
+"""Maximum number of records shown in the representation of an array."""
 
 CONTACT = np.dtype((Contact, dtype_of(CONTACT_FIELDS)))
 """One finger at one tick, 328 bytes."""
 
 
 class Contacts(np.ndarray):
-    """An array of `CONTACT` whose representation omits its dtype; a field of it is a plain array."""
+    """An array of `CONTACT` that prints without its dtype. Its fields are plain arrays."""
 
     if TYPE_CHECKING:
 

@@ -1,7 +1,7 @@
-"""Layout of messages for C#, generated from the tables of the NumPy types.
+"""Generate the layout of messages for C# from the fields of the NumPy types.
 
-Structures with explicit offsets and without references, so that received bytes can be read in place. Three
-numbers are a ``ProximityVector``; more, and text, are fixed buffers, row by row.
+Structures have explicit offsets and contain no references, so that received bytes can be read in place. A
+field of three numbers is a ``ProximityVector``; longer fields and text are fixed buffers, row by row.
 """
 
 from collections.abc import Iterator, Sequence
@@ -76,17 +76,17 @@ def csharp_layout() -> str:
 
 
 def pascal(name: str) -> str:
-    """Return a name in C# style: ``SignedDistance``."""
+    """Return a name in C# style, such as ``SignedDistance``."""
     return "".join(word.capitalize() for word in name.split("_"))
 
 
 def csharp_enum(values: type[Enum]) -> str:
-    """Return the name of an enumeration: ``ProximityContactFlag``."""
+    """Return the name of an enumeration in C#, such as ``ProximityContactFlag``."""
     return f"Proximity{values.__name__}"
 
 
 def _number_of(values: type[Enum]) -> str:
-    """Return the type of the fields of an enumeration; a byte without any field."""
+    """Return the type of the fields that hold an enumeration, or of a byte if there are none."""
     for _, fields in RECORDS.values():
         for field in fields:
             if _holds(field, values):
@@ -132,7 +132,7 @@ def _record(name: str, what: str, fields: Sequence[Field]) -> Iterator[str]:
 
 
 def _begin(record: str, fields: Sequence[Field]) -> Iterator[str]:
-    """Yield the method that makes a record with unset fields, see `blank_of`."""
+    """Yield the lines of the method that returns a record with unset fields, see `blank_of`."""
     yield "        /// <summary>A record with unset fields: start from it, not from zeros.</summary>"
     yield f"        public static {record} Begin()"
     yield "        {"

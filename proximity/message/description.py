@@ -1,9 +1,8 @@
-"""Description of a service: names of parts and fingers, published next to frames, and its assembly on
-arrival.
+"""Messages that describe a service by the names of its parts and fingers, and their assembly on arrival.
 
-It is sent every tenth of a second (of more than 640 names every second), whenever the epoch changes, and when
-a ``changes`` message requests it. A description of many names is several messages, matched by the epoch and
-the numbers of their first records.
+They are sent every tenth of a second (of more than 640 names every second), whenever the epoch changes, and
+when a ``changes`` message requests them. A description of many names is several messages, which belong
+together if the epoch is equal and the numbers of their first records continue.
 """
 
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from proximity.message.envelope import PREFIX_FIELDS, Defect, Kind, parts_of
 from proximity.message.fields import Field, dtype_of, reserved
 
 MAX_LABELS = 64
-"""Names in one message: a datagram of 5384 bytes at most."""
+"""Maximum number of names in one message. Its datagram has 5384 bytes at most."""
 REFUSAL_BYTES = 192
 
 DESCRIPTION_FIELDS = (
@@ -54,7 +53,7 @@ DESCRIPTION = Kind("description", 0x44434544, DESCRIPTION_HEADER, LABEL, sent="s
 
 
 def encoded_name(name: str, most: int = NAME_BYTES) -> bytes:
-    """Return a text as messages hold it: cut between two characters where it is too long."""
+    """Return a text as UTF-8 of at most *most* bytes, cut between two characters if it is too long."""
     data = name.encode("utf-8", "replace")
     return data if len(data) <= most else data[:most].decode("utf-8", "ignore").encode()
 
@@ -63,34 +62,34 @@ def encoded_name(name: str, most: int = NAME_BYTES) -> bytes:
 class Description:
     """Names of a service's parts and fingers.
 
-    Frames of another ``session`` or ``epoch`` number other parts.
+    The numbers of parts in frames of another ``session`` or ``epoch`` refer to other parts.
     """
 
     session: int
     epoch: int
     part_names: tuple[str, ...]  # in the order of scene.parts; cut to 64 bytes each
-    hidden_parts: tuple[str, ...]  # of these, the hidden ones
+    hidden_parts: tuple[str, ...]  # names of the hidden parts
     finger_names: tuple[str, ...]
     finger_radii: tuple[float, ...]  # m; nan: not known
-    refused: int  # changes, additions, deformations and moves that the service has refused
-    refusal: str  # the last of them: its kind and the reason
+    refused: int  # number of refused changes, additions, deformations and moves
+    refusal: str  # kind of the last refused one, and the reason
 
 
 class DescriptionMessages:
-    """Collects the messages of a description.
+    """Assembles descriptions from messages.
 
-    `newest` is the newest one that is complete, None before the first.
+    `newest` is the newest complete description, or None before the first.
     """
 
     newest: Description | None
 
     def __init__(self) -> None:
         self.newest = None
-        self._key: tuple[int, ...] = ()  # session, epoch, numbers of parts and fingers of the incomplete one
+        self._key: tuple[int, ...] = ()  # session, epoch, part count and finger count
         self._labels: dict[int, tuple[str, bool, float]] = {}
 
     def add(self, data: np.ndarray) -> Defect | None:
-        """Add one message, and return the defect of its content, or None.
+        """Add a message to the description. Return the defect of its content, or None.
 
         *data*: a complete, new message of kind `DESCRIPTION`.
         """

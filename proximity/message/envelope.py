@@ -1,9 +1,9 @@
-"""Envelope of all messages: kind, size, sequence number and checksum.
+"""Envelope that all messages share, with their kind, size, sequence number and checksum.
 
-A message is its kind's header, then one record a finger, without gaps. All headers begin with the 32 bytes of
-`PREFIX`, so that a receiver can refuse other messages before reading further. Sizes are multiples of eight;
-numbers are little-endian. The checksum is the CRC-32 of zlib, Ethernet and PNG over all bytes after it: 8 to
-``size``.
+A message is a header and then its records, without gaps; most kinds have one record for each finger. All
+headers begin with the 32 bytes of `PREFIX`, so that a receiver can refuse other messages before reading
+further. Sizes are multiples of eight; numbers are little-endian. The checksum is the CRC-32 of zlib, Ethernet
+and PNG over all bytes after it: 8 to ``size``.
 """
 
 import zlib
@@ -17,9 +17,10 @@ from proximity.errors import ArgumentError
 from proximity.message.fields import Field, blank_of, dtype_of, struct_of
 
 VERSION = 2
-"""Version of the layout of all messages. A receiver accepts its version only; 1 had other names."""
+"""Version of the layout of all messages. A receiver accepts only its own version. Version 1 had other
+names."""
 MAX_RECORDS = 4096
-"""Most records a message may have: a hand's skin."""
+"""Maximum number of records of a message, which suffices for the skin of a hand."""
 
 PREFIX_FIELDS = (
     Field("magic", "<u4", "", "which kind of message"),
@@ -45,19 +46,19 @@ _COUNT = Struct("<I")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kind:
-    """A kind of message: its magic and its layout."""
+    """A kind of message, with its magic number and its layout."""
 
     name: str
     magic: int
-    header: np.dtype  # begins with the fields of `PREFIX`; has a field ``count``
+    header: np.dtype  # begins with the fields of `PREFIX` and has a field ``count``
     record: np.dtype
-    sent: str  # field of the header: the instant of sending, ns
-    zeros: tuple[str, ...] = ()  # reals of a record that are initially 0, others being nan
+    sent: str  # field of the header with the instant of sending, ns
+    zeros: tuple[str, ...] = ()  # real fields that are initially 0; others are initially nan
     header_size: int = field(init=False)  # bytes
     record_size: int = field(init=False)
     count_at: int = field(init=False)  # byte offset of ``count``
     sent_at: int = field(init=False)
-    blank: np.ndarray = field(init=False)  # () structured: a record with unset fields
+    blank: np.ndarray = field(init=False)  # () structured, with unset fields
 
     def __post_init__(self) -> None:
         offsets = {name: self.header.fields[name][1] for name in self.header.names}  # type: ignore[index, union-attr]
@@ -89,11 +90,12 @@ class Defect(Enum):
 
 
 class Message:
-    """One message with a fixed number of records; its header and records are arrays.
+    """A message with a fixed number of records. Its header and records are arrays.
 
     Write ``header[field]`` and ``records[field]``, the fields of its kind; ``data`` has the bytes of both.
-    Records of inputs are initially unset: reals are nan, rotations the identity, and all else is zero.
-    The publisher fills in session, sequence and checksum; the other fields of the prefix are already set.
+    Records of inputs are initially unset. Their real numbers are then nan, rotations are the identity, and
+    other fields are zero. The publisher fills in session, sequence and checksum; the other fields of the
+    prefix are already set.
 
     Parameters
     ----------
@@ -130,14 +132,16 @@ class Message:
         self._checked = self.data[CHECKED_FROM:]
 
     def seal(self, session: int, sequence: int) -> np.ndarray:
-        """Number the message, checksum it, and return its bytes: the same array each time.
+        """Write session, sequence number and checksum into the message, and return its bytes.
+
+        The same array is returned each time.
 
         Parameters
         ----------
         session : int
-            Of the publisher.
+            Session of the publisher.
         sequence : int
-            Of the message in it.
+            Sequence number of the message in the session.
 
         Returns
         -------
@@ -151,16 +155,16 @@ class Message:
 
 
 def parts_of(data: np.ndarray, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
-    """Return header, as an array of shape (), and records of a message, as views of its bytes.
+    """Return the header, as an array of shape (), and the records of a message.
 
-    *data*: a message without a defect, or memory for one.
+    Both are views of its bytes. *data*: a message without a defect, or memory for one.
     """
     size = kind.header.itemsize
     return data[:size].view(kind.header).reshape(()), data[size:].view(kind.record)
 
 
 def validate(data: np.ndarray, kind: Kind) -> Defect | None:
-    """Return the defect of bytes that claim to be a message of a kind, or None."""
+    """Return the defect of bytes that should be a message of a kind, or None."""
     size = len(data)
     if size < kind.header_size:
         return Defect.SHORT

@@ -1,4 +1,7 @@
-"""Frame: message to the drum's controller each tick, a header and a contact a finger (see messages.md)."""
+"""Frame, the message to the drum's controller at each tick (see messages.md).
+
+It has a header and a contact for each finger.
+"""
 
 from enum import IntEnum
 

@@ -1,15 +1,16 @@
-"""Input messages of a service: poses of fingers, moves of parts, distances of a sensor.
+"""Messages to a service, which contain poses of fingers, moves of parts, or distances of a sensor.
 
-A sender fills a `Message` of the kind, header's ``send_ns`` included, and publishes it; any language can. A
-service on another machine learns the sender's clock from ``send_ns``. Unknown values are nan.
+A sender fills a `Message` of the kind, including ``send_ns`` in the header, and publishes it. Programs in any
+language can do this. A service on another machine estimates the sender's clock from ``send_ns``. Unknown
+values are nan.
 """
 
 from proximity.message.envelope import PREFIX_FIELDS, Kind
 from proximity.message.fields import VECTOR, Field, dtype_of, reserved
 
 PATH_CORNERS = 65
-"""Corners of the polyline of a finger's path, evenly in its bend from 0 to 1. On the default finger they are
-3.6 mm apart at most, and the path is 0.03 mm off the line at most."""
+"""Number of corners of the polyline of a finger's path, at equally spaced bends from 0 to 1. On the default
+finger they are at most 3.6 mm apart, and the path is at most 0.03 mm off the polyline."""
 
 INPUT_FIELDS = (
     *PREFIX_FIELDS,

@@ -1,9 +1,9 @@
-"""Advice on unusable instants: their error, and what to send instead."""
+"""Advice to senders of unusable instants, which states the error and what to send instead."""
 
 from proximity.system.time_units import NS_PER_MS, NS_PER_S
 
 OTHER_CLOCK_NS = 1_000_000_000
-"""A larger difference is not due to prediction or transport: the instants are of another clock."""
+"""Difference beyond which instants are assumed to be of another clock, not due to prediction or transport."""
 
 FROM_FUTURE, OUT_OF_ORDER = "poses from the future", "poses older than the one before"
 
@@ -11,7 +11,7 @@ OTHER_CLOCK = "they are of another clock: on the service's machine send time.mon
 
 
 def on_future(ahead_ns: int, other_clock: str = OTHER_CLOCK) -> str:
-    """Return advice for an instant *ahead_ns* in the future."""
+    """Return advice to a sender whose instant is *ahead_ns* in the future."""
     if ahead_ns >= OTHER_CLOCK_NS:
         return f"by {_shown(ahead_ns)}; {other_clock}"
     return (
@@ -21,14 +21,14 @@ def on_future(ahead_ns: int, other_clock: str = OTHER_CLOCK) -> str:
 
 
 def on_too_old(age_ns: int, other_clock: str = OTHER_CLOCK) -> str:
-    """Return advice for an instant that is too old on arrival."""
+    """Return advice to a sender whose instant is too old on arrival."""
     if age_ns >= OTHER_CLOCK_NS:
         return f"{_shown(age_ns)} old; {other_clock}"
     return f"{_shown(age_ns)} old; send them as soon as they are known"
 
 
 def on_backwards(back_ns: int) -> str:
-    """Return advice for an instant *back_ns* before the previous one."""
+    """Return advice to a sender whose instant is *back_ns* before the previous one."""
     return (
         f"by {_shown(back_ns)}; they are of two clocks, such as those of two machines or of a browser, "
         "or out of order: send instants of one clock"

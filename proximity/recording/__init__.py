@@ -1,7 +1,7 @@
-"""Hand recordings in; frames of a service in and out.
+"""Read recordings of hands, and read and write the frames of a service.
 
-A recording is a table of fingertips over time, as sensors write it; a frame log holds the published frames of
-a service, byte for byte. This package is independent of scenes and trackers.
+A recording is a table of the positions of fingertips over time, as sensors write it. A frame log holds the
+published frames of a service, byte for byte. This package is independent of scenes and trackers.
 """
 
 from proximity.recording.frame_log import FrameLog

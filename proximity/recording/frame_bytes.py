@@ -1,7 +1,7 @@
-"""Detection of whole frames in bytes, for the reader and the writer of frame logs.
+"""Detect whole frames in bytes, for the reader and the writer of frame logs.
 
-A frame is identified by its magic, size and checksum alone, so the next one after damage is found. The check
-is equivalent to `validate` on one message, and eight times as fast; a test compares both.
+A frame is identified only by its magic, size and checksum, so that the next one after damage is found. The
+check is equivalent to `validate` on one message, and eight times as fast; a test compares both.
 """
 
 import struct
@@ -14,7 +14,7 @@ from proximity.message import CONTACT, FRAME, FRAME_HEADER, MAX_RECORDS, PREFIX,
 
 MAGIC = FRAME.magic.to_bytes(4, "little")
 LARGEST_FRAME = FRAME.size(MAX_RECORDS)
-"""Bytes."""
+"""Maximum size of a frame, bytes."""
 UNDECIDED = -1
 """Result if more bytes are needed to decide."""
 
@@ -25,9 +25,10 @@ _CHECKED_FROM = 8
 
 
 def frame_at(data: memoryview, offset: int) -> int:
-    """Return the size of the whole frame at *offset*, 0 if there is none, or `UNDECIDED`.
+    """Return the size of the whole frame at *offset*.
 
-    The frame may be of another version of the layout: see `is_known`.
+    Return 0 if there is none, and `UNDECIDED` if more bytes are needed. The frame may have another version of
+    the layout: see `is_known`.
     """
     left = len(data) - offset
     if left < PREFIX.itemsize:
@@ -41,7 +42,7 @@ def frame_at(data: memoryview, offset: int) -> int:
 
 
 def is_known(data: memoryview, offset: int, size: int) -> bool:
-    """Return whether a whole frame has the layout of the present `FRAME`."""
+    """Return whether a whole frame has the present layout of `FRAME`."""
     _, _, version, header_size, _ = _BEGINNING.unpack_from(data, offset)
     if version != VERSION or header_size != FRAME_HEADER.itemsize or size < header_size:
         return False
@@ -50,9 +51,9 @@ def is_known(data: memoryview, offset: int, size: int) -> bool:
 
 
 def last_end(data: memoryview) -> int:
-    """Return the end of the last whole frame in a stretch of a log; 0 if there is none.
+    """Return the end of the last whole frame in a stretch of a log, or 0 if there is none.
 
-    *data*: the stretch; it may begin in the middle of a frame.
+    *data*: the stretch, which may begin in the middle of a frame.
     """
     found, offset = 0, 0
     text = bytes(data)
@@ -67,6 +68,9 @@ def last_end(data: memoryview) -> int:
 
 @cache
 def frame_type(size: int) -> np.dtype:
-    """Return the type of a frame of *size* bytes: ``header`` and ``contacts``, (N,) CONTACT."""
+    """Return the NumPy type of a frame of *size* bytes.
+
+    Its fields are ``header`` and ``contacts``, (N,) CONTACT.
+    """
     count = (size - FRAME_HEADER.itemsize) // CONTACT.itemsize
     return np.dtype([("header", FRAME_HEADER), ("contacts", CONTACT, (count,))])

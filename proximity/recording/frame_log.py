@@ -1,8 +1,8 @@
-"""Frame logs: the published frames of a service, one after the other; a log is append-only.
+"""Frame logs, to which the published frames of a service are appended.
 
 The file has no header or trailer, so that it is complete after each frame. A frame is one write to the
 operating system: if the process is killed, at most the last one is torn. A power failure loses the data not
-yet on the disk, usually some seconds; `FrameLog.close` waits for the disk.
+yet on the disk, usually those of some seconds; `FrameLog.close` waits for the disk.
 """
 
 import contextlib
@@ -18,31 +18,31 @@ from proximity.recording.frame_bytes import LARGEST_FRAME, MAGIC, last_end
 
 try:
     import fcntl
-except ModuleNotFoundError:  # Windows: two writers are not excluded
+except ModuleNotFoundError:  # Windows: two writers are not prevented
     fcntl = None  # type: ignore[assignment]
 
 RETRY_AFTER = 1000
-"""Frames skipped after a failed write. On a full disk each attempt may cost milliseconds."""
-_NO_LOCKS_HERE = (errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)  # some network drives, and special files
+"""Number of frames skipped after a failed write. On a full disk each attempt may cost milliseconds."""
+_NO_LOCKS_HERE = (errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)  # on network drives and special files
 _FLAGS = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)
 
 
 class FrameLog:
-    """Appends frames to a file; an existing log is continued.
+    """Appends frames to a new or existing file.
 
-    A torn frame at the end of the file, left by a crash, is removed first (`cut_size`). A longer remainder is
-    left for readers to skip.
+    A torn frame at the end of an existing file, left by a crash, is removed first; its size is `cut_size`. A
+    longer remainder is kept, and readers skip it.
     """
 
     path: str
-    frame_count: int  # written by this writer
-    lost_count: int  # not written
-    cut_size: int  # bytes of a torn frame, removed
+    frame_count: int  # number of frames written by this writer
+    lost_count: int  # number of frames that were not written
+    cut_size: int  # size of the torn frame that was removed
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = os.fspath(path)
         self.frame_count = self.lost_count = 0
-        self._pause, self._refusal = 0, ""  # frames still to skip, and why
+        self._pause, self._refusal = 0, ""  # number of frames still to refuse, and the reason
         try:
             self._file = os.open(self.path, _FLAGS, 0o666)
         except OSError as failure:
@@ -62,7 +62,7 @@ class FrameLog:
             raise
 
     def append(self, data: np.ndarray) -> None:
-        """Write a frame.
+        """Append a frame to the file.
 
         After a failure, the file is truncated to its last whole frame. The next `RETRY_AFTER` frames are
         refused with the same error; then writing is tried again. Frames that were not written are counted in
@@ -90,7 +90,7 @@ class FrameLog:
         self.frame_count += 1
 
     def close(self) -> None:
-        """Wait until all is on the disk, and close the file; idempotent."""
+        """Wait until all frames are on the disk, and close the file. Closing again has no effect."""
         if self._file < 0:
             return
         try:
@@ -114,7 +114,10 @@ class FrameLog:
         self._file = -1
 
     def _lock(self) -> None:
-        """Exclude other writers: frames of two services in one log would look like one sequence."""
+        """Raise an error if another process writes to the file.
+
+        Frames of two services in one log would look like one sequence.
+        """
         if fcntl is None:
             return
         try:
@@ -126,12 +129,12 @@ class FrameLog:
                 raise
 
     def _cut_torn(self) -> int:
-        """Remove the remainder after the last whole frame, if shorter than a frame; return its size."""
+        """Remove the bytes after the last whole frame if they are fewer than a frame. Return their number."""
         size = os.fstat(self._file).st_size
         beginning = self._bytes_at(0, len(MAGIC))
         if not MAGIC.startswith(beginning):
             raise RecordingError(f"{self.path}: not a frame log, expected a file that begins with a frame")
-        first = max(0, size - 2 * LARGEST_FRAME)  # enough for a torn frame and the one before
+        first = max(0, size - 2 * LARGEST_FRAME)  # enough for a torn frame and the previous one
         end = first + last_end(memoryview(self._bytes_at(first, size - first)))
         torn = size - end
         if not 0 < torn <= LARGEST_FRAME:
@@ -148,7 +151,7 @@ class FrameLog:
         return b"".join(pieces)
 
     def _cut_back(self, written: int) -> None:
-        """Remove the written part of a frame; if even that fails, readers skip it."""
+        """Remove the written part of a frame. If that fails, too, readers skip it."""
         if written and self._is_regular:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._file, os.fstat(self._file).st_size - written)

@@ -1,4 +1,4 @@
-"""Reader of frame logs: whole frames, oldest first, as a stream; torn and damaged bytes are counted.
+"""Read the whole frames of a frame log as a stream, oldest first. Torn and damaged bytes are counted.
 
 Data are used only after their checksum is verified. A log may contain frames of several sessions and with
 different numbers of fingers, and may be larger than memory.
@@ -20,27 +20,27 @@ READ_BYTES = 1 << 22  # bytes per read
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """A place in a log without a valid frame."""
+    """A range of bytes in a log that contains no valid frame."""
 
-    start: int  # byte of the file
-    size: int  # bytes up to the next whole frame
+    start: int  # offset in the file
+    size: int  # number of bytes up to the next whole frame
 
 
 class FrameReader:
-    """The frames in a log, as an iterable; each iteration reads the file again.
+    """Iterable over the frames in a log. Each iteration reads the file again.
 
-    Iterating yields runs of frames with equal numbers of fingers, oldest first: read-only arrays (B,) with
-    the fields ``header`` (FRAME_HEADER) and ``contacts``, (N,) CONTACT, which are never overwritten. The
-    counts below include only frames already read.
+    Iterating yields runs of frames with equal numbers of fingers, oldest first. A run is a read-only array
+    (B,) with the fields ``header`` (FRAME_HEADER) and ``contacts``, (N,) CONTACT, which is never overwritten.
+    The counts below include only frames that were already read.
 
-    *path*: the log; one that is being written may be read.
+    *path*: the log, which may still be written to.
     """
 
     path: str
     frame_count: int
-    damage: list[Damage]  # in the middle: skipped up to the next whole frame
-    torn_size: int  # bytes at the end that are not a whole frame
-    foreign_count: int  # whole frames of another version of the layout, left out
+    damage: list[Damage]  # ranges before a later whole frame, which were skipped
+    torn_size: int  # number of bytes at the end that are not a whole frame
+    foreign_count: int  # number of skipped frames with another version of the layout
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = os.fspath(path)
@@ -58,7 +58,7 @@ class FrameReader:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences on the log's condition, for the user."""
+        """Sentences for the user on damage in the log."""
         reported = []
         if self.damage:
             damaged = "1 place" if len(self.damage) == 1 else f"{len(self.damage)} places"
@@ -78,7 +78,7 @@ class FrameReader:
         self.damage = []
 
     def _runs(self, file: BinaryIO) -> Iterator[np.ndarray]:
-        """Yield consecutive frames of one size as one array."""
+        """Yield arrays of consecutive frames that have the same size."""
         data, first, size, count = b"", 0, 0, 0
         for stretch, offset, frame_size in self._frames(file):
             if count and not (stretch is data and offset == first + count * size and frame_size == size):
@@ -92,7 +92,10 @@ class FrameReader:
             yield np.frombuffer(data, frame_type(size), count, first)
 
     def _frames(self, file: BinaryIO) -> Iterator[tuple[bytes, int, int]]:
-        """Yield every whole frame: its stretch of the file, its offset there, and its size."""
+        """Yield the location of every whole frame.
+
+        A location is the stretch of the file that is in memory, the offset in it, and the size of the frame.
+        """
         window = _Window(file)
         bad_from = -1
         while not window.is_over():
@@ -113,34 +116,34 @@ class FrameReader:
 
 
 class _Window:
-    """The stretch of the file in memory, and the position in it."""
+    """The stretch of the file that is in memory, and the current position in it."""
 
     def __init__(self, file: BinaryIO) -> None:
         self.data, self.view = b"", memoryview(b"")
-        self.index = 0  # in data: all before it was scanned
-        self._start = 0  # of data in the file
+        self.index = 0  # position in `data`; the bytes before it were scanned
+        self._start = 0  # offset of `data` in the file
         self._file = file
 
     @property
     def offset(self) -> int:
-        """Present byte of the file."""
+        """Current position in the file, bytes."""
         return self._start + self.index
 
     def is_over(self) -> bool:
-        """True if the whole file was scanned."""
+        """Return whether the whole file was scanned."""
         return self.index == len(self.data) and not self._read()
 
     def frame_size(self) -> int:
-        """Size of the whole frame at the present position; 0 if there is none."""
+        """Return the size of the whole frame at the current position, or 0 if there is none."""
         size = frame_at(self.view, self.index)
         while size == UNDECIDED and self._read():
             size = frame_at(self.view, self.index)
         return max(size, 0)
 
     def skip(self) -> None:
-        """Skip to the possible start of the next frame."""
+        """Advance to the next position at which a frame may start."""
         found = self.data.find(MAGIC, self.index + 1)
-        if found < 0:  # the last bytes may start a magic that continues in the next stretch
+        if found < 0:  # the last bytes may be the start of a magic
             found = max(self.index + 1, len(self.data) - len(MAGIC) + 1)
         self.index = found
 

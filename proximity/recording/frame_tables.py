@@ -1,8 +1,8 @@
-"""Frames as tables for other programs: a row for each finger and frame, streamed as CSV or Parquet.
+"""Convert frames to tables for other programs, streamed as CSV or Parquet.
 
-A line has the fields of the frame's header (session, number, state, instants), then those of the contact with
-their units, three columns for each vector, every number with all its digits. CSV has words for sets and
-enumerations; Parquet has the numbers.
+The table has a row for each finger and frame. A row has the fields of the frame's header (session, number,
+state, instants), then those of the contact with their units. A vector has three columns, and every number has
+all its digits. CSV has names for sets and enumerations, Parquet has numbers.
 """
 
 import csv
@@ -20,13 +20,13 @@ from proximity.recording.frame_bytes import frame_type
 from proximity.system.extras import needed
 
 ROW_GROUP = 1 << 17
-"""Lines of a Parquet file that are buffered before writing: some 50 MB."""
+"""Number of rows of a Parquet file that are buffered before writing, some 50 MB."""
 
 HEADER_COLUMNS = {
     "session": "session",
     "sequence": "sequence",
-    "state": "state",  # its name
-    "frame_pose_ns": "pose_ns",  # a contact has a pose_ns, too
+    "state": "state",  # name of the state
+    "frame_pose_ns": "pose_ns",  # another name, because contacts have a pose_ns, too
     "start_ns": "start_ns",
     "publish_ns": "publish_ns",
     "valid_until_ns": "valid_until_ns",
@@ -34,25 +34,25 @@ HEADER_COLUMNS = {
     "epoch": "epoch",
     "missed": "missed",
 }
-"""Columns that are equal for all fingers of a frame, and their fields of its header."""
+"""Columns that are equal for all fingers of a frame, and the corresponding fields of its header."""
 
 _STATES = {state.value: state.name.lower() for state in State}
 STATE_NAMES = np.array([_STATES.get(number, str(number)) for number in range(256)])
-"""Words for the numbers of a header's state."""
+"""Names of the states, by their numbers."""
 WORDS: dict[str, type[IntEnum] | type[IntFlag]] = {
     "flags": ContactFlag,
     "surface": Surface,
     "mode": Mode,
     "source": Source,
 }
-"""Columns of enumerations, for which CSV has names."""
+"""Columns of enumerations, for which CSV has names instead of numbers."""
 _NO_FRAMES = np.zeros(0, frame_type(FRAME.size(0)))
 
 
 def scalar_columns(records: np.ndarray) -> dict[str, np.ndarray]:
-    """Return one column for each number of the records, in their order; vectors end in _x, _y and _z.
+    """Return one column for each number of the records, in their order.
 
-    *records*: (N,) structured.
+    The columns of a vector end in _x, _y and _z. *records*: (N,) structured.
     """
     columns: dict[str, np.ndarray] = {}
     for name in records.dtype.names or ():
@@ -64,7 +64,7 @@ def scalar_columns(records: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def frame_columns(frames: np.ndarray) -> dict[str, np.ndarray]:
-    """Return frames as columns, a line a finger and frame.
+    """Return frames as columns with a row for each finger and frame.
 
     *frames*: (B,) structured.
     """
@@ -77,8 +77,8 @@ def frame_columns(frames: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def with_unit(column: str) -> str:
-    """Return the name of a column of contacts with its unit: ``velocity_x_m_per_s``."""
-    unit = _UNITS.get(column, _UNITS.get(column[:-2], ""))  # of a vector's coordinate: _x, _y or _z
+    """Return the name of a column of contacts with its unit, such as ``velocity_x_m_per_s``."""
+    unit = _UNITS.get(column, _UNITS.get(column[:-2], ""))  # a coordinate ends in _x, _y or _z
     suffix = "_" + unit.replace("1/", "per_").replace("/", "_per_").replace(" ", "_")
     return column if not unit or column.endswith(suffix) else column + suffix
 
@@ -87,7 +87,10 @@ _UNITS = {field.name: field.unit for field in CONTACT_FIELDS}
 
 
 def _in_words(name: str, column: np.ndarray) -> np.ndarray:
-    """Return a column for CSV: lower-case names instead of numbers; an unknown number stays."""
+    """Return a column for CSV, in which names replace the numbers of enumerations.
+
+    An unknown number is unchanged.
+    """
     if name not in WORDS:
         return column
     numbers, rows = np.unique(column, return_inverse=True)
@@ -102,9 +105,9 @@ def _name_of(kind: type[IntEnum | IntFlag], number: int) -> str:
 
 
 def write_frames_csv(stream: TextIO, runs: Iterable[np.ndarray]) -> int:
-    """Write frames as CSV; return the number of lines, without the header.
+    """Write frames as CSV. Return the number of rows, excluding the header.
 
-    *runs*: (B,) structured.
+    *runs*: arrays of frames, (B,) structured.
     """
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(frame_columns(_NO_FRAMES))
@@ -117,9 +120,9 @@ def write_frames_csv(stream: TextIO, runs: Iterable[np.ndarray]) -> int:
 
 
 def write_frames_parquet(stream: BinaryIO, runs: Iterable[np.ndarray]) -> int:
-    """Write frames as Parquet; return the number of lines.
+    """Write frames as Parquet. Return the number of rows.
 
-    *runs*: (B,) structured.
+    *runs*: arrays of frames, (B,) structured.
     """
     arrow, parquet = load_pyarrow()
     schema = arrow.table(frame_columns(_NO_FRAMES)).schema
@@ -138,6 +141,6 @@ def write_frames_parquet(stream: BinaryIO, runs: Iterable[np.ndarray]) -> int:
 
 
 def load_pyarrow() -> tuple[Any, Any]:
-    """Return the modules ``pyarrow`` and ``pyarrow.parquet``."""
+    """Import pyarrow. Return the modules ``pyarrow`` and ``pyarrow.parquet``."""
     with needed("Parquet needs", "parquet"):
         return import_module("pyarrow"), import_module("pyarrow.parquet")

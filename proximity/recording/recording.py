@@ -1,6 +1,7 @@
-"""A recording of fingertips, which can be resampled, and placed in a scene.
+"""Recording of fingertips, which can be resampled and placed in a scene.
 
-Times are whole nanoseconds, positions metres. A finger lost by the sensor is nan, never estimated.
+Times are whole nanoseconds, positions are in metres. The position of a finger that the sensor lost is nan and
+never estimated.
 """
 
 import math
@@ -14,23 +15,23 @@ from proximity.pose import Pose
 
 NANOSECONDS = 1_000_000_000  # in a second
 GAP_LIMIT_S = 0.05
-"""Maximum time between two samples of a finger within which its position is known."""
+"""Maximum time between two samples of a finger between which its position is interpolated, s."""
 MIDDLE_SHARE = 0.8
-"""Share of all samples, along each axis, inside the box: it is the hand's, unaffected by tracking jumps."""
-LARGEST_TICK_COUNT = 10_000_000  # of a resampled recording: 2 hours and 46 minutes at 1 kHz
+"""Share of all samples along each axis that is inside the box of a hand, so that jumps do not affect it."""
+LARGEST_TICK_COUNT = 10_000_000  # ticks of a resampled recording: 2 hours and 46 minutes at 1 kHz
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """Fingertips over time: T instants, N fingers."""
+    """Positions of N fingertips at T instants."""
 
     times_ns: np.ndarray  # (T,) int64, rising
     positions: np.ndarray  # (T, N, 3) float64, m; nan where a finger is missing
     fingers: tuple[tuple[int, int], ...]  # (hand, finger) of each column; finger 0 is the thumb
     path: str = ""
-    notes: tuple[str, ...] = ()  # sentences a user should know
+    notes: tuple[str, ...] = ()  # sentences for the user
 
     def __post_init__(self) -> None:
         self.times_ns.flags.writeable = False
@@ -43,12 +44,12 @@ class Recording:
 
     @property
     def is_present(self) -> np.ndarray:
-        """Mask of fingers that have a position, (T, N)."""
+        """Mask of fingers whose position is known, (T, N)."""
         return ~np.isnan(self.positions).any(axis=2)
 
     @property
     def hand_count(self) -> int:
-        """Number of hands with a finger here."""
+        """Number of hands with at least one finger in the recording."""
         return len({hand for hand, _ in self.fingers})
 
     @property
@@ -57,7 +58,7 @@ class Recording:
         return int(self.is_present.sum())
 
     def finger_name(self, row: int) -> str:
-        """Return the name of a finger, with its hand if there are several."""
+        """Return the name of a finger. With several hands it includes the number of the hand."""
         hand, finger = self.fingers[row]
         return FINGERS[finger] if self.hand_count == 1 else f"{FINGERS[finger]} of hand {hand}"
 
@@ -71,17 +72,17 @@ class Recording:
         )
 
     def first(self, duration_s: float) -> "Recording":
-        """Return the first *duration_s* seconds."""
+        """Return the first *duration_s* seconds of the recording."""
         if not duration_s > 0.0:
             raise RecordingError(f"{duration_s:g} s of a recording cannot be taken, expected more than zero")
         last = self.times_ns - self.times_ns[0] <= duration_s * NANOSECONDS
         return replace(self, times_ns=self.times_ns[last].copy(), positions=self.positions[last].copy())
 
     def resampled(self, period_s: float, *, gap_limit_s: float = GAP_LIMIT_S) -> "Recording":
-        """Return the recording at equal time steps, from its first instant.
+        """Return the recording resampled at equal time steps from its first instant.
 
-        Positions are interpolated linearly between two samples of a finger, unless they are farther apart
-        than *gap_limit_s*: there it is missing, without extrapolation.
+        Positions are interpolated linearly between two samples of a finger. The finger is missing between
+        samples farther apart than *gap_limit_s*; positions are never extrapolated.
         """
         if not (math.isfinite(period_s) and period_s * NANOSECONDS >= 1.0):
             raise RecordingError(f"a period of {period_s:g} s is too short, expected 1 ns or more")
@@ -104,15 +105,15 @@ class Recording:
         return replace(self, times_ns=ticks_ns, positions=positions)
 
     def placed(self, pose: Pose, scale: float = 1.0) -> "Recording":
-        """Return the recording in another frame: scaled about its origin, then turned and shifted.
+        """Return the recording in another frame.
 
-        *scale*: factor of the motion, positive.
+        The positions are scaled about the origin and then transformed by *pose*. *scale*: positive factor.
         """
         scale = positive("scale", scale, "times the size")
         return replace(self, positions=pose.point(self.positions * scale))
 
     def middle(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return lower and upper corner of the box of the middle 80 % of all samples on each axis, m."""
+        """Return two corners of the box around the middle 80 % of the samples on each axis, m."""
         rest = 50.0 * (1.0 - MIDDLE_SHARE)
         lower, upper = np.percentile(self.positions[self.is_present], [rest, 100.0 - rest], axis=0)
         return lower, upper
@@ -120,10 +121,10 @@ class Recording:
     def fitted_to(
         self, lower: np.ndarray, upper: np.ndarray, *, rotation: np.ndarray | None = None, scale: float = 1.0
     ) -> Pose:
-        """Return the pose that, with *scale*, puts the hand's box in the middle of another.
+        """Return the pose that moves the middle of the recording to the middle of a box.
 
-        *lower*, *upper*: (3,) m. *rotation*: (3, 3), of the hand; by default the identity. *scale*: as for
-        `placed`, which uses the pose.
+        *lower*, *upper*: corners of the box, (3,) m. *rotation*: (3, 3), rotation of the hand; by default the
+        identity. *scale*: factor that is passed to `placed` together with the returned pose.
         """
         own_lower, own_upper = self.placed(Pose(rotation), scale).middle()
         return Pose(rotation, 0.5 * (np.asarray(lower) + upper) - 0.5 * (own_lower + own_upper))
@@ -132,8 +133,11 @@ class Recording:
 def _interpolated(
     ticks_ns: np.ndarray, times_ns: np.ndarray, points: np.ndarray, gap_ns: float
 ) -> np.ndarray:
-    """Return the positions of one finger at *ticks_ns*, (T, 3); nan outside its samples and in gaps."""
-    after = np.searchsorted(times_ns, ticks_ns, side="left")  # the first sample not before the tick
+    """Return the positions of one finger at *ticks_ns*, (T, 3).
+
+    They are nan outside its samples and in gaps.
+    """
+    after = np.searchsorted(times_ns, ticks_ns, side="left")  # row of the first sample not before the tick
     is_past = after == len(times_ns)
     after[is_past] = len(times_ns) - 1
     before = np.maximum(after - 1, 0)

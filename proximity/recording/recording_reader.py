@@ -1,6 +1,6 @@
-"""Recordings from text: one sample of one finger a line, in columns named by the first line.
+"""Read recordings from text with one sample of one finger per line, in columns named by the first line.
 
-Numbers are converted a column at a time; only on failure is the offending line searched.
+Numbers are converted a column at a time. The line of an invalid number is searched only if this fails.
 """
 
 import csv
@@ -21,28 +21,28 @@ NANOSECONDS_IN = {"time_s": NANOSECONDS, "time_ms": 1_000_000, "time_us": 1_000,
 METRES_IN = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 OF_A_LOG = "`proximity view LOG PARTS` plays it back, `proximity export LOG` makes a table of it"
 SEPARATORS = ",;\t"
-COMMA_SEPARATORS = ";\t"  # where fields stand between these, 0,5 is a number
+COMMA_SEPARATORS = ";\t"  # with these separators 0,5 is a number
 MIN_FINGERS = 3
-"""Minimum of a hand that is lost if they coincide; two may be a pinch."""
+"""Minimum number of coinciding fingers that mark a lost hand. Two fingers may be a pinch."""
 LARGEST_HAND_COUNT = 32  # a sensor renumbers a hand after losing it; more are not hands
 LARGEST_HAND = 2**31 - 1
 LARGEST_POSITION = 1e6  # m; beyond the range of any sensor
 LARGEST_TIME_NS = 2.0**62
 LINE_ENDS = "\n\r"
 MAYBE_CUT = "the last line has no line end: the file may be cut off"
-LINES_PER_CHUNK = 4096  # lines per conversion
+LINES_PER_CHUNK = 4096  # number of lines that are converted together
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
-    """Return the recording in a text file.
+    """Read a recording from a text file.
 
     The first line names the columns, in any order: ``time_s`` (or ms, us, ns), ``hand`` (0, 1, ...),
     ``finger`` (0 the thumb to 4 the little finger) and ``x_m``, ``y_m``, ``z_m`` (or mm, cm); others are
     ignored. Fields are separated by commas, semicolons or tabs; with the latter two a decimal comma is read
-    too. Blank lines and lines that begin with ``#`` are skipped. Times never run backwards; a finger without
-    a line at a time, or with a position of nan, is missing then. A last line without a line end may be
-    truncated, even in the middle of a number; a note says so. It is kept, since many editors omit the final
-    line end.
+    too. Blank lines and lines that begin with ``#`` are skipped. Times must not decrease. A finger is missing
+    at a time without a line for it, or if its position is nan. A last line without a line end may be
+    truncated, even in the middle of a number; a note says so. Its sample is used, since many editors omit the
+    final line end.
     """
     name = os.fspath(path)
     text = _read_text(name)
@@ -52,7 +52,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     fingers = table.whole("finger", len(FINGERS) - 1, "0 (thumb) to 4 (little finger)")
     points = table.points()
 
-    # one row an instant, one column a finger
+    # one row for each instant, one column for each finger
     frame = np.concatenate(([0], np.cumsum(np.diff(times_ns) > 0)))
     labels, column = np.unique(hands * len(FINGERS) + fingers, return_inverse=True)
     hand_count = len(np.unique(labels // len(FINGERS)))
@@ -84,7 +84,10 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
 
 
 def _drop_lost_hands(positions: np.ndarray, hands: np.ndarray) -> int:
-    """Set hands whose fingers have one position, as lost ones do, to nan; return the count."""
+    """Set hands whose fingers all have one position to nan. Return the number of positions set.
+
+    Sensors report a lost hand like that.
+    """
     count = 0
     for hand in np.unique(hands):
         fingers = np.flatnonzero(hands == hand)
@@ -108,13 +111,16 @@ def _read_text(name: str) -> str:
 
 
 def _without_comments(text: str) -> Iterator[str]:
-    """Return the lines, blank for comments: a quote in a comment opens no field."""
+    """Yield the lines of a text with comments replaced by blank lines.
+
+    Otherwise a quote in a comment would begin a quoted field.
+    """
     for line in io.StringIO(text, newline=""):
         yield "\n" if line.lstrip().startswith("#") else line
 
 
 class _Table:
-    """The columns read, as numbers, and the line of each row."""
+    """The columns that were read, as numbers, and the line number of each row."""
 
     def __init__(self, text: str, name: str) -> None:
         self.name = name
@@ -141,7 +147,10 @@ class _Table:
         self.columns = dict(zip(self.titles, np.concatenate(numbers, axis=1), strict=True))
 
     def _chunks(self, reader: Any) -> Iterator[tuple[list[list[str]], list[int]]]:
-        """Yield rows and their lines, without blank ones: in small chunks, for the garbage collector."""
+        """Yield lists of rows and their line numbers, without blank lines.
+
+        The lists are short to limit the work of the garbage collector.
+        """
         while True:
             before = reader.line_num
             try:
@@ -182,7 +191,7 @@ class _Table:
         self.ignored = [title for title in header if title and title not in self.titles]
 
     def _numbers(self, rows: list[list[str]], lines: list[int]) -> np.ndarray:
-        """Return the columns read, (6, rows)."""
+        """Return the columns to read as numbers, (6, rows)."""
         for row, line in zip(rows, lines, strict=True):
             if len(row) != len(self.header):
                 raise self.error(line, f"{_counted(len(row), 'field')}, expected {len(self.header)}")
@@ -223,7 +232,7 @@ class _Table:
         return times_ns
 
     def whole(self, title: str, largest: int, expected: str) -> np.ndarray:
-        """Return one column of whole numbers from 0 to *largest*."""
+        """Return a column whose values must be whole numbers from 0 to *largest*."""
         values = self.columns[title]
         fits = (values >= 0.0) & (values <= largest) & (values == np.rint(values))
         self._check(title, values, fits, expected)
@@ -241,11 +250,11 @@ class _Table:
         return points
 
     def refuse_repeats(self, keys: np.ndarray, hands: np.ndarray, fingers: np.ndarray) -> None:
-        """Raise if two rows have the same key: instant and finger."""
+        """Raise an error if two rows have the same key, which combines instant and finger."""
         order = np.argsort(keys, kind="stable")
         again = np.flatnonzero(np.diff(keys[order]) == 0)
         if again.size:
-            # of all repeats the first in the file
+            # the repeat that is first in the file
             index = again[np.argmin(order[again + 1])]
             earlier, later = int(order[index]), int(order[index + 1])
             raise self.error(
@@ -260,7 +269,7 @@ class _Table:
             raise self.error(self.lines[row], f"{title} is {values[row]:.9g}, expected {expected}")
 
     def error(self, line: int, message: str) -> RecordingError:
-        """Return the error for a mistake in the file, with its line."""
+        """Return an error about a line of the file. Its message names the line."""
         return RecordingError(f"{self.name}, line {line}: {message}")
 
 
@@ -277,5 +286,5 @@ def _counted(count: int, what: str) -> str:
 
 
 def _shown(text: str) -> str:
-    """Quote *text* for a message: printable and not too long."""
+    """Return *text* quoted and shortened, with escapes for unprintable characters, for a message."""
     return repr(text if len(text) <= 40 else text[:37] + "...")

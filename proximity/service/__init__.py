@@ -1,6 +1,6 @@
-"""Service that reads poses and publishes a frame every period, with times, validity and a safe late state.
+"""Service that reads poses and publishes a frame of contacts every period, with its time and validity.
 
-    input (poses) → loop (compiled): newest poses → contacts → times, state → publishers, log
+input (poses) → loop (compiled): newest poses → contacts → times, state → publishers, log
 
 `Service` is the loop. It is independent of geometry and files, which its contact source provides.
 """

@@ -1,4 +1,4 @@
-"""Contacts of a tick: the interface of their source, and the source that ticks a tracker."""
+"""Interface of a source of contacts, and the source that runs a tracker."""
 
 from typing import Any, Protocol
 
@@ -18,11 +18,11 @@ from proximity.service.samples import FingerPoses, Samples
 from proximity.system.time_units import NS_PER_MS
 from proximity.tracker.tracker import Tracker
 
-REHEARSAL = 200  # ticks, at positions all over the scene
+REHEARSAL = 200  # number of ticks, at random positions in the scene
 PAGE = 4096  # bytes
 METRES_A_BEND = 0.2
-"""Approximate path of a fingertip from flat hand to fist, which converts noise and acceleration of fingertips
-from metres to bends."""
+"""Approximate length of the path of a fingertip from the flat hand to the fist, m. It converts limits of
+noise and acceleration of fingertips to those of bends."""
 
 
 class ContactSource(Protocol):
@@ -31,54 +31,57 @@ class ContactSource(Protocol):
     count: int
     """Number of fingers."""
     source: Source
-    """Source of its distances."""
+    """Source of the distances."""
     is_ticked_by_loop: bool
-    """True if the loop computes contacts, of tracker or sensor; otherwise a thread calls `fill`."""
+    """True if the loop itself computes the contacts. Otherwise a thread calls `fill`."""
 
     @property
     def epoch(self) -> int:
-        """Number that changes with the parts and faces that the last answer refers to."""
+        """Number that changes whenever the parts or faces that contacts refer to change."""
 
     @property
     def notes(self) -> list[str]:
-        """Sentences for the report: refusals and failures with their counts."""
+        """Sentences for the report on refused data and failures, with their counts."""
 
     @property
     def refused(self) -> tuple[int, int, int]:
-        """Poses of parts left out: from the future, older than the previous one, and too old."""
+        """Numbers of unused poses of parts: from the future, older than the previous one, and too old."""
 
     @property
     def is_late(self) -> bool:
-        """True if the last answer of `fill` used data too old for more than its bounds."""
+        """Whether the last call of `fill` used data so old that only its bounds are valid."""
 
     def labels(self) -> PartLabels:
-        """Return names of the parts of the last answer, and which are hidden."""
+        """Return the names of the parts of the last contacts, and which parts are hidden."""
 
     def new_samples(self) -> Samples:
-        """Return empty samples of the required class."""
+        """Return empty samples of the class that `fill` takes."""
 
     def rehearse(self) -> None:
-        """Perform all slow first-time work; its effects are undone."""
+        """Perform slow first-time work, such as compilation, and undo its effects."""
 
     def fill(self, contacts: np.ndarray, samples: Any, now_ns: int) -> None:
-        """Write (N,) CONTACT for the newest samples of N fingers; passing the same arrays each time is
-        fastest."""
+        """Compute the contacts of N fingers from their newest samples.
+
+        *contacts*: (N,) CONTACT, overwritten with the results. It is fastest if the same arrays are passed
+        each time.
+        """
 
     def close(self) -> None:
         """Release open resources."""
 
 
 class TrackedContacts:
-    """Contacts with the parts of a scene.
+    """Contacts of fingers with the parts of a scene.
 
-    *tracker*: with the number of fingers of the input. Only the service may tick it from now on.
+    *tracker*: tracker with as many fingers as the input. From now on only the service may tick it.
     """
 
     source = Source.GEOMETRY
     takes_changes: bool
-    """True if parts are checked regularly: messages or another thread move or change them."""
+    """True if messages or another thread move or change the parts, so that they are checked regularly."""
     is_ticked_by_loop = True
-    is_late = False  # the loop knows of moving parts
+    is_late = False  # the loop itself detects late parts
 
     def __init__(self, tracker: Tracker, moves: Any = None, changes: Any = None) -> None:
         self.tracker = tracker
@@ -102,21 +105,21 @@ class TrackedContacts:
 
     @property
     def refused(self) -> tuple[int, int, int]:
-        """Numbers of moves left out."""
+        """Numbers of unused moves: from the future, older than the previous one, and too old."""
         moves = self.moves
         return (0, 0, 0) if moves is None else (moves.future, moves.backwards, moves.too_old)
 
     def labels(self) -> PartLabels:
-        """Return names of the scene's parts, and which are hidden."""
+        """Return the names of the scene's parts, and which parts are hidden."""
         model = self.tracker.scene.snapshot()
         return model.names, model.parts["is_hidden"][: len(model.names)] != 0
 
     def new_samples(self) -> FingerPoses:
-        """Return poses, all unknown."""
+        """Return poses of fingers that are all unknown."""
         return FingerPoses(self.count)
 
     def rehearse(self) -> None:
-        """Read the whole scene into memory, and tick at random points; the tracker is reset afterwards."""
+        """Read the whole scene into memory and run ticks at random points. Reset the tracker afterwards."""
         tracker, rng = self.tracker, np.random.default_rng(0)
         model = tracker.scene.snapshot()
         for array in (model.reals, model.words):
@@ -132,7 +135,10 @@ class TrackedContacts:
         self._bends.reset()
 
     def fill(self, contacts: np.ndarray, samples: FingerPoses, now_ns: int) -> None:
-        """Tick, with the parts at their poses in the scene: for paths that do not fit a message."""
+        """Compute contacts in Python, with the parts at their poses in the scene.
+
+        It is used for paths that do not fit a message.
+        """
         tracker, paths, bends = self.tracker, samples.paths, samples.bends
         if contacts is not self._filled:
             tracker.write_to(contacts)
@@ -156,7 +162,7 @@ class TrackedContacts:
 
 
 class Bends:
-    """Tracks the bends of fingers from pose to pose."""
+    """Tracks the bends of fingers over time to estimate their rates."""
 
     def __init__(self, count: int) -> None:
         self._motions = np.zeros((count, ESTIMATES), ESTIMATE)
@@ -166,9 +172,10 @@ class Bends:
         self._motions[:] = 0
 
     def write(self, contacts: np.ndarray, bends: np.ndarray, pose_ns: np.ndarray) -> None:
-        """Write bend and bend rate at the pose's instant, of tracked fingers without a path.
+        """Write bend and bend rate of tracked fingers without a path, at the instants of their poses.
 
-        *contacts*: (N,) CONTACT. *bends*: received with the poses; nan: not reported. *pose_ns*: (N,), ns.
+        *contacts*: (N,) CONTACT. *bends*: bends received with the poses; nan if not reported. *pose_ns*: (N,)
+        instants of the poses, ns.
         """
         is_tracked = contacts["flags"] & (ContactFlag.TRACKED | ContactFlag.ON_PATH) == ContactFlag.TRACKED
         for i in np.flatnonzero(is_tracked & np.isfinite(bends)).tolist():

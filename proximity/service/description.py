@@ -1,4 +1,4 @@
-"""Description of a service: names of parts and fingers, published as messages next to the frames."""
+"""Publish the names of a service's parts and fingers as messages next to the frames."""
 
 from collections.abc import Callable, Sequence
 
@@ -9,29 +9,29 @@ from proximity.message.description import MAX_LABELS, REFUSAL_BYTES, encoded_nam
 from proximity.system.time_units import NS_PER_S
 
 APART_NS = NS_PER_S // 10
-"""Time between two descriptions, times the messages of one; a second at most."""
+"""Time between two descriptions for each message of one. It is at most a second in total."""
 PartLabels = tuple[Sequence[str], np.ndarray]
 """Names of parts, and whether each is hidden, (P,) bool."""
 
 
 class Describer:
-    """Makes the messages of a description: repeatedly, at each change of the epoch, and on request.
+    """Makes the messages of a description periodically, after each change of the epoch, and on request.
 
-    At most one a tick: a tick encodes at most `MAX_LABELS` names.
+    A tick encodes at most one message of `MAX_LABELS` names.
     """
 
     def __init__(self, finger_names: Sequence[str], radii: Sequence[float]) -> None:
         self._fingers = [encoded_name(name) for name in finger_names]
         self._radii = list(radii)
-        self._messages: dict[int, Message] = {}  # by number of records
+        self._messages: dict[int, Message] = {}  # reused messages, by number of records
         self._epoch = -1
-        self._next: int | None = None  # number of the next record; None: complete
+        self._next: int | None = None  # number of the next record to send; None if all are sent
         self._due_ns = -(2**63)
         self._is_asked = False
         self._refused, self._refusal = 0, b""
 
     def refuse(self, kind: str, reason: str, count: int = 1) -> None:
-        """Record, for the next description, that messages of a kind, or moves, were refused, and why."""
+        """Add refused messages or moves to the next description, with their kind and the reason."""
         self._refused += count
         self._refusal = encoded_name(f"{kind}: {reason}", REFUSAL_BYTES)
 
@@ -40,9 +40,9 @@ class Describer:
         self._is_asked = True
 
     def message(self, epoch: int, now_ns: int, labels: Callable[[], PartLabels]) -> Message | None:
-        """Return the message to publish now, or None.
+        """Return the message that is due, or None.
 
-        *labels*: returns the parts of that epoch; called only if a message is published.
+        *labels*: function that returns the part labels of *epoch*; called only if a message is due.
         """
         if epoch != self._epoch or self._is_asked or (self._next is None and now_ns >= self._due_ns):
             self._epoch, self._next, self._is_asked = epoch, 0, False

@@ -1,6 +1,7 @@
-"""Kernels of the service for all fingers together: newest samples, tracking of measured distances.
+"""Kernels that select the newest samples of all fingers and track measured distances.
 
-A *sample* of a finger is a row of ``values`` (float64, first column nan: unknown) and its instant.
+A *sample* of a finger is a row of ``values`` (float64, with nan in the first column if unknown) and its
+instant.
 """
 
 import math
@@ -30,12 +31,13 @@ from proximity.kernels.tracking.motion import (
 )
 from proximity.native import entry, inlined, record
 
-# --- columns of the error sums of a tracked distance: sums of weight times squared error, m² ---
-DISTANCE_ERROR = 0  # of the present track
-DISTANCE_ERROR_BEFORE = 1  # of the one before the last jump, at most
+# --- columns of the error sums of a tracked distance, each a sum of weight times squared error, m² ---
+DISTANCE_ERROR = 0  # sum of the present track
+DISTANCE_ERROR_BEFORE = 1  # upper bound for the track before the last jump
 ERROR_SUMS_SIZE = 2
 LARGEST_DISTANCE_ERROR = 1e3
-"""m: a larger error makes a distance useless, and must decay like others."""
+"""Limit of the error of a distance, m. A larger error makes a distance useless, and must decay like
+others."""
 
 OBSERVED = TRACKED | PREDICTED | JUMPED
 """Flags derived from successive distances."""
@@ -59,18 +61,21 @@ MEASUREMENT_RECORD = record(
     stiffness="f8",
     damping="f8",
 )
-"""A finger's measurement, with the fields of `message.MEASUREMENT`; a test compares both."""
+"""Measurement of a finger, with the fields of `message.MEASUREMENT`; a test compares both."""
 REFUSED = 255
-"""Defect of a sample that was refused before: it is not counted again."""
+"""Defect of a sample that was refused before and is not counted again."""
 LOST = 254
-"""Defect of a sample of a hand whose fingers all have one position, the usual mark of a lost hand."""
+"""Defect of a sample of a hand whose fingers all have one position, as sensors report a lost hand."""
 HAND, MIN_FINGERS = 5, 3
-"""Fingers of a hand, in a row; fewer at one position do not make it lost: two may touch."""
+"""Number of fingers of a hand in a row, and minimum number that marks a lost hand. Two fingers may touch."""
 
 
 @inlined
 def _is_lost(fingers, positions, row_of, given, count):
-    """Return whether all fingers, three or more, of the hand of row *given* have one position."""
+    """Return whether all fingers of a hand have the same position, as the fingers of a lost hand do.
+
+    The hand is that of the sample in row *given*. Fewer than three fingers are never lost.
+    """
     first = fingers[given] - fingers[given] % HAND
     last = min(first + HAND, count)
     if positions.shape[1] != 3 or last - first < MIN_FINGERS:
@@ -91,12 +96,12 @@ def _is_lost(fingers, positions, row_of, given, count):
 def update_newest(
     newest_ns, newest, refused_ns, row_of, fingers, given_ns, given, defects, oldest_ns, latest_ns
 ):
-    """Copy newer samples of some *fingers*, and write the *defects* of the others.
+    """Copy the samples that are newer than the stored ones, and write the defects of the others.
 
-    Defects are those of `motion.instant_defect`. *refused_ns* (N,) stores the instants of refused samples: a
-    repeated one is refused again, with the defect `REFUSED`. A sample of nan is accepted with any instant,
-    and the newest instant remains: later samples must still be newer. A `LOST` hand becomes unknown. *row_of*
-    (N,) is scratch.
+    The defects are those of `motion.instant_defect`. A hand whose fingers all have one position has the
+    defect `LOST` and becomes unknown. *refused_ns* (N,) stores the instants of refused samples: a repeated
+    one is refused again, with the defect `REFUSED`. A sample of nan is accepted at any instant and does not
+    change the newest instant, so later samples must still be newer. *row_of* (N,) is scratch memory.
     """
     for row in range(len(fingers)):
         row_of[fingers[row]] = row
@@ -126,7 +131,7 @@ def update_newest(
 
 @entry("int64[:], float64[:, :], int")
 def drop_stale(newest_ns, newest, oldest_ns):
-    """Make samples before *oldest_ns* unknown."""
+    """Set samples older than *oldest_ns* to unknown."""
     for i in range(len(newest_ns)):
         if newest_ns[i] < oldest_ns:
             newest[i, 0] = np.nan
@@ -134,10 +139,10 @@ def drop_stale(newest_ns, newest, oldest_ns):
 
 @inlined
 def _distance_error(motions, error_sums, i, error, status, weight_before):
-    """Return the maximum error of a track's slope caused by errors of its distances, m/s.
+    """Return the maximum error of a track's slope that errors of its distances can cause, m/s.
 
-    The slope is the sum of weight times deviation of age times distance, over the sum of weight times squared
-    deviation. By Cauchy and Schwarz any errors change it by no more than this.
+    The slope is the sum of weight times deviation of age times distance, divided by the sum of weight times
+    squared deviation. The bound follows from the Cauchy-Schwarz inequality.
     """
     error_sq = min(error, LARGEST_DISTANCE_ERROR) ** 2 if error >= 0.0 else LARGEST_DISTANCE_ERROR**2
     weights = motions[i, 0].weights
@@ -162,9 +167,10 @@ def _distance_error(motions, error_sums, i, error, status, weight_before):
 
 @inlined
 def _follow(motions, error_sums, i, measured_ns, distance, measured, acts_ns, max_speed, max_acceleration):
-    """Track a distance as `motion` tracks a finger, along one axis: status, rate, step and its spread.
+    """Track a distance along one axis as `motion` tracks a finger. Return status, rate, step and its spread.
 
-    A reported rate is used unchanged. The *step*, m, is the expected change of the distance.
+    A reported rate is used unchanged. The *step*, m, is the expected change of the distance, and the spread
+    its maximum error.
     """
     present = motions[i, 0]
     weight_before, rate = present.weights[0], -measured.approach_speed
@@ -182,7 +188,7 @@ def _follow(motions, error_sums, i, measured_ns, distance, measured, acts_ns, ma
 
 @inlined
 def _write_distances(contact, measured, status, rate, step, spread):
-    """Write distances, now and predicted, their bounds and flags."""
+    """Write the measured and the predicted distance with their bounds and flags."""
     distance, error = measured.signed_distance, measured.error
     flags = status & OBSERVED | SIGNED | IN_RANGE
     if not 0.0 <= error < np.inf:
@@ -200,7 +206,7 @@ def _write_distances(contact, measured, status, rate, step, spread):
 
 @inlined
 def _write_times(contact, is_predicted, horizon, max_speed):
-    """Write the time to contact at the present speed, and the time certainly free of contact."""
+    """Write the time to contact at the present speed, and a lower bound of that time."""
     clearance = max(contact.lower, 0.0)
     closing = contact.approach_speed if is_predicted else max_speed
     free, expected = horizon if clearance > 0.0 else 0.0, np.inf
@@ -229,7 +235,10 @@ def _write_surface(contact, measured):
 
 @inlined
 def _write_bend(contact, measured):
-    """Write the bend, and that at contact if it follows from bend, bend rate and time to contact."""
+    """Write the bend and, if it can be predicted, the bend at contact.
+
+    The prediction needs the bend rate and the time to contact.
+    """
     bend, rate, left = measured.bend, measured.bend_rate, contact.time_to_contact
     contact.bend, contact.bend_rate, reached = bend, rate, np.nan
     if left < np.inf and rate > 0.0 and bend + rate * left <= 1.0:
@@ -251,10 +260,10 @@ def sense_contacts(
     motions, error_sums, measured_ns, distances, measured, contacts, unknown, now_ns, latency_ns, horizon,
     max_speed, max_acceleration,
 ):  # fmt: skip
-    """Compute contacts from the newest measurements.
+    """Compute contacts from the newest measured distances.
 
-    *distances* (N, 1) of nan are unknown, with any content of *measured*; such fingers have *unknown*
-    contacts. *error_sums* (N, `ERROR_SUMS_SIZE`): state of the errors, initially 0.
+    *distances* (N, 1) are nan where unknown; those rows of *measured* are ignored, and the contacts are
+    copied from *unknown*. *error_sums* (N, `ERROR_SUMS_SIZE`) is the state of the error bounds, initially 0.
     """
     acts_ns = now_ns + latency_ns
     for i in range(len(measured_ns)):

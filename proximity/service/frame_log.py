@@ -1,4 +1,7 @@
-"""Log of a service: the loop never waits for the disk, it fills a ring, which a thread empties."""
+"""Log of a service, written by a thread so that the loop never waits for the disk.
+
+The loop puts frames into a ring in memory, which the thread empties.
+"""
 
 import logging
 import threading
@@ -12,34 +15,34 @@ from proximity.transport.shared_memory import PrivateMailbox
 
 LOGGER = logging.getLogger("proximity.service")
 DEPTH = 4096
-"""Maximum number of waiting frames: those of a disk that blocks for four seconds at 1 kHz."""
+"""Maximum number of waiting frames, which suffices for a disk that blocks for four seconds at 1 kHz."""
 CLOSE_TIMEOUT = 5.0
-"""s, time to write the last frames."""
+"""Maximum time to write the last frames, s."""
 LOG_NAP = 0.005
-"""s between two polls for frames to log: waking for each would cost the loop 5 µs a frame."""
+"""Time between two polls for frames to log, s. Waking for each frame would cost the loop 5 µs."""
 
 
 class Log(Protocol):
-    """A log to which frames are appended."""
+    """Interface of a log to which frames are appended."""
 
     def append(self, data: np.ndarray) -> Any:
-        """Append one frame, (size,) uint8; may raise."""
+        """Append a frame, (size,) uint8. An implementation may raise an error."""
 
     def close(self) -> None:
         """Close the log."""
 
 
 class FrameLogThread:
-    """Writes the frames that a loop puts into a mailbox of this process to a log, in a separate thread.
+    """Thread that appends the frames in a mailbox of this process to a log.
 
-    *log*: used from that thread only, until it is closed. *size*: of a frame. *depth*: maximum number of
-    waiting frames, within a limit of their total size; further ones are lost, and counted.
+    *log*: used only by this thread until it is closed. *size*: size of a frame. *depth*: maximum number of
+    waiting frames; the total size is also limited. Frames beyond are lost and counted.
     """
 
     def __init__(self, log: Log, size: int, depth: int = DEPTH) -> None:
-        self.written = 0  # frames appended
-        self.failed = 0  # frames that the log refused
-        self.lost = 0  # frames for which the ring was full
+        self.written = 0  # number of appended frames
+        self.failed = 0  # number of frames that the log refused
+        self.lost = 0  # number of frames for which the ring was full
         self._first_failure = ""
         self._log = log
         self._is_closing = False
@@ -60,7 +63,10 @@ class FrameLogThread:
         return notes
 
     def close(self, published: int) -> None:
-        """Wait until all is written, some seconds at most; missing ones of *published* frames are lost."""
+        """Wait until all frames are written, but only some seconds.
+
+        Frames missing from *published* are counted as lost.
+        """
         self._is_closing = True
         self._thread.join(CLOSE_TIMEOUT)
         if self._thread.is_alive():
@@ -68,9 +74,9 @@ class FrameLogThread:
         self.lost = max(published - self.written - self.failed, 0)
 
     def _write_all(self) -> None:
-        """Append frames until closing, and the remaining ones; the work of the thread."""
+        """Append frames until the log is closed, then the remaining ones. It runs in the thread."""
         while True:
-            is_closing = self._is_closing  # read first: no frame is put in afterwards
+            is_closing = self._is_closing  # read before the mailbox is emptied: no frame is put in afterwards
             if self._mailbox.receive(self._frame) != NOTHING:
                 self._append(self._frame)
             elif is_closing:

@@ -1,11 +1,11 @@
-"""Service loop: a thread of compiled code that publishes the newest poses as a frame.
+"""Service loop, a thread of compiled code that publishes the newest poses as a frame.
 
-An arriving pose wakes it, and its frame is sent once computed; ticks for poses are at least half a period
-apart, or half a millisecond if that is less, and a frame is sent at least every period.
+An arriving pose wakes the loop, which sends its frame as soon as it is computed. Ticks for poses are at least
+half a period apart, or half a millisecond if that is less. A frame is sent at least every period.
 
-On Linux it receives poses from ``shm://`` and ``udp://`` of this machine directly, and sends frames by them;
-other ends are Python threads, and a recording is played by the loop. Contacts of tracked parts also come from
-a Python thread. No tick waits for Python.
+On Linux the loop itself receives poses from ``shm://`` and ``udp://`` of this machine and sends frames to
+such addresses. Python threads serve all other addresses. The loop itself also plays recordings. Contacts of
+tracked parts also come from a Python thread. No tick waits for Python.
 """
 
 import ctypes
@@ -43,18 +43,19 @@ from proximity.transport.shared_memory import PrivateMailbox
 
 LOGGER = logging.getLogger("proximity.service")
 LOOK = 0.02
-"""s between two checks of the loop by Python: for descriptions and warnings."""
+"""Time between two checks of the loop by Python, for descriptions and warnings, s."""
 OPENS_ENDS = sys.platform == "linux"
-"""True if the loop supports mailboxes and sockets of this system; otherwise all ends are threads."""
+"""True if the loop supports mailboxes and sockets of this system. Otherwise threads serve all addresses."""
 
 
 class Service:
     """Receives poses, computes contacts, and publishes frames, every period and when poses arrive.
 
-    *pose_input*: source of samples, for all fingers. Closed at the end. *valid_for*: age of the oldest
-    pose up to which a frame may be used unchanged. *clock*: drives it tick by tick; None: the system's.
-    *log*: frames are appended to it, by another thread. Closed at the end. *describer*: makes the messages
-    with names of parts and fingers. *counts_processor*: whether ticks are timed by processor time.
+    *pose_input*: source of samples for all fingers, closed at the end. *valid_for*: maximum age of the oldest
+    pose at which the distances of a frame may be used unchanged. *clock*: clock that drives the loop tick by
+    tick; None: the system clock. *log*: log to which another thread appends the frames, closed at the end.
+    *describer*: makes the messages with names of parts and fingers. *counts_processor*: whether ticks are
+    timed by processor time.
     """
 
     def __init__(
@@ -91,21 +92,21 @@ class Service:
         self._set_outputs()
         self._watch = LoopWatch(self._memory, pose_input.address, self._publishers, self._bridges)
         self._has_run = self._is_running = False
-        self._thread: int | None = None  # of the loop
+        self._thread: int | None = None  # identifier of the loop's thread
         self._failure: BaseException | None = None
         self._outcome = 0
 
     def _set_input(self, contact_source: ContactSource, pose_input: PoseInput) -> None:
-        """Connect the input: to the loop itself, or by a thread."""
+        """Connect the source of poses to the loop itself or to a thread."""
         period_ns, stale_after_ns = int(self._loop.period_ns), int(self._loop.stale_after_ns)
         self._bridge: PoseBridge | ContactBridge | None = None  # None: the loop receives or plays poses
-        self._newest: NewestSamples | None = None  # where Python makes contacts
+        self._newest: NewestSamples | None = None  # None unless Python computes contacts
         if contact_source.is_ticked_by_loop:
             end = getattr(pose_input, "loop_end", lambda: None)() if OPENS_ENDS else None
             recording = getattr(pose_input, "loop_recording", lambda: None)()
             if recording is not None:
                 fill(self._loop.recording, recording)
-                self._empty = PrivateMailbox(1)  # on which the loop waits for its ticks
+                self._empty = PrivateMailbox(1)  # mailbox on which the loop waits for its ticks
                 self._memory.input["box"] = self._empty.reader
                 return
             if end is not None:
@@ -126,12 +127,12 @@ class Service:
         self._memory.input["box"] = self._bridge.reader
 
     def wake(self) -> None:
-        """Compute contacts immediately, if Python computes them."""
+        """Compute contacts immediately if Python computes them."""
         if isinstance(self._bridge, ContactBridge):
             self._bridge.wake()
 
     def _set_outputs(self) -> None:
-        """Connect the outputs: to the loop itself, or by a thread for each publisher."""
+        """Connect each publisher to the loop itself or to a thread."""
         outputs, size = self._memory.outputs, len(self._memory.message.data)
         if len(self._publishers) > len(outputs):
             raise ServiceError(f"{len(self._publishers)} addresses, expected {len(outputs)} at most")
@@ -144,18 +145,18 @@ class Service:
             else:
                 values = end(size)
             fill(outputs[number], {**numbering(publisher), **values})
-        if not self._publishers:  # frames are numbered for the log alone
+        if not self._publishers:  # frames are numbered for the log only
             fill(outputs[0], {"socket": -1, "session": time.time_ns()})
         self._loop.output_count = max(len(self._publishers), 1)
 
     @property
     def contact_source(self) -> ContactSource:
-        """The source of contacts at present."""
+        """Source of contacts in use at present."""
         return self._sources.current.contacts if self._sources.has_begun else self._source
 
     @property
     def report(self) -> Report:
-        """Counts and times until now."""
+        """Report with counts and times until now."""
         report = self._watch.report(self._input, self._newest, self.contact_source)
         if self._log is not None:
             report.log_written, report.log_lost = self._log.written, self._log.failed + self._log.lost
@@ -165,12 +166,12 @@ class Service:
         return report
 
     def run(self, *, stop: threading.Event | None = None, tick_count: int | None = None) -> Report:
-        """Serve until *stop* is set, or the input ends; then publish STOPPING and close all resources.
+        """Serve until *stop* is set or the input ends. Then publish STOPPING and close all resources.
 
-        The first tick comes when all code is compiled and in memory. A service runs once.
+        The first tick comes when all code is compiled and in memory. A service runs only once.
 
-        *stop*: ends it, set by another thread or by a signal's handler. Returned: the report, also available
-        as ``report`` to other threads during the run.
+        *stop*: event that another thread or a signal handler sets. Return the report, which other threads can
+        also read as ``report`` during the run.
         """
         if self._has_run:
             raise ServiceError("this service has already run and is closed: create a new one")
@@ -194,7 +195,7 @@ class Service:
         return self.report
 
     def step(self, now_ns: int) -> None:
-        """Run one tick at an instant of the driving clock, instead of `run`."""
+        """Run one tick at an instant of the driving clock. It is an alternative to `run`."""
         if not self._sources.has_begun:
             self._begin()
             self._advance(0)
@@ -206,8 +207,8 @@ class Service:
     def replace(self, contact_source: ContactSource) -> None:
         """Replace the source of contacts from the next tick on, as after an edit of the scene.
 
-        Returns when it is in use. The previous source is not closed: its moves may be in use again. Slow work
-        is done in the calling thread.
+        The call returns when the new source is in use. The previous source is not closed, because both may
+        share an input of moves. Slow work is done in the calling thread.
 
         Notes
         -----
@@ -230,7 +231,7 @@ class Service:
         return self._is_running and self._thread != threading.get_ident()
 
     def _begin(self) -> None:
-        """Pass the first scene to the loop."""
+        """Pass the first source of contacts to the loop."""
         now_ns = time.monotonic_ns() if self._clock is None else self._clock.now_ns()
         self._loop.simulated_ns = now_ns
         self._sources.begin(self._source)
@@ -238,7 +239,7 @@ class Service:
             self._newest.start(now_ns)
 
     def _run_beside(self, asks_to_stop: Callable[[], bool]) -> None:
-        """Run the loop in a separate thread, and watch it."""
+        """Run the loop in a separate thread and watch it from this one."""
         workers: list[Worker | LoopSources] = [*self._bridges.values(), self._sources]
         if self._bridge is not None:
             workers.append(self._bridge)
@@ -260,12 +261,12 @@ class Service:
             self._failure = self._failure or next(filter(None, failures), None)
 
     def _work(self) -> None:
-        """Run the loop; the work of its thread."""
+        """Run the loop. This is the work of its thread."""
         self._thread = threading.get_ident()
         try:
             with undisturbed(), self._real_time or nullcontext():
                 self._call()
-                if not self._loop.stop:  # all ticks are done: it has not published STOPPING
+                if not self._loop.stop:  # all ticks are done, but STOPPING has not been published
                     self._loop.stop = 1
                     self._call()
         except BaseException as failure:
@@ -277,7 +278,7 @@ class Service:
         self._outcome = self._run_loop(ctypes.c_void_p(self._memory.address))
 
     def _drive(self, clock: Clock, asks_to_stop: Callable[[], bool]) -> None:
-        """Run the ticks one by one, in this thread, by another clock than the system's."""
+        """Run the ticks one by one in this thread, with a clock other than the system clock."""
         loop, wanted = self._loop, int(self._loop.ticks_wanted)
         self._is_running, self._thread = True, threading.get_ident()
         with undisturbed(), self._real_time or nullcontext():
@@ -297,11 +298,11 @@ class Service:
         self._is_running = False
 
     def _is_played(self) -> bool:
-        """Return whether no more poses will come, from polled inputs or from the loop's recording."""
+        """Return whether the input has ended, so that no more poses will come."""
         return self._input.is_over or bool(self._loop.recording["is_over"])
 
     def _advance(self, ticks: int) -> None:
-        """Run *ticks* more ticks, and the related work of Python."""
+        """Run *ticks* more ticks and the Python work that belongs to them."""
         if ticks and self._bridge is not None:
             self._bridge.poll(int(self._loop.simulated_ns))
         if ticks:
@@ -316,7 +317,7 @@ class Service:
             bridge.send_all()
 
     def _describe(self, epoch: int, source: SourceMemory) -> None:
-        """Publish a due message of the description, after the next frame."""
+        """Publish a message of the description after the next frame, if one is due."""
         loop = self._loop
         if self._describer is not None and not loop.pending:
             clock = self._clock
@@ -326,7 +327,7 @@ class Service:
                 loop.pending_size, loop.pending = len(message.data), message.data.ctypes.data
 
     def _look(self) -> None:
-        """Publish due messages of the description, and issue new warnings."""
+        """Publish a message of the description if one is due, and issue new warnings."""
         loop, source = self._loop, self._sources.current
         epoch = int(loop.epoch)
         is_due = not self._loop.is_given

@@ -1,4 +1,4 @@
-"""Ends of the loop that only Python can serve: mailboxes in this process, and their threads."""
+"""Inputs and outputs of the loop that only Python can serve, by threads with mailboxes in this process."""
 
 import logging
 import threading
@@ -20,22 +20,22 @@ from proximity.transport.shared_memory import PrivateMailbox
 
 LOGGER = logging.getLogger("proximity.service")
 APART = 4e-4
-"""s between two polls: a flood of invalid messages must not occupy a core."""
+"""Minimum time between two polls, s. A flood of invalid messages must not occupy a core."""
 LOOK = 0.02
-"""s between two checks of these threads for the end."""
+"""Time between two checks whether a thread should end, s."""
 
 
 class Worker:
-    """A thread that repeats a piece of work until it is closed."""
+    """A thread that repeats a task until it is closed."""
 
-    failure: BaseException | None = None  # that ended it
+    failure: BaseException | None = None  # exception that ended the thread
 
     def __init__(self) -> None:
         self._is_closing = threading.Event()
         self._thread: threading.Thread | None = None
 
     def start(self, real_time: RealTime | None) -> None:
-        """Start; with priority if the loop has it."""
+        """Start the thread. It gets real-time priority if the loop has it."""
         prior = nullcontext() if real_time is None else real_time.beside()
         self._thread = threading.Thread(target=self._run, args=(prior,), name="beside the loop", daemon=True)
         self._thread.start()
@@ -55,14 +55,15 @@ class Worker:
             self._thread.join()
 
     def _work(self) -> None:
-        """Wait for new work, and do it; the work of the thread."""
+        """Wait for new work and do it. The thread calls this repeatedly."""
         raise NotImplementedError
 
 
 class PoseBridge(Worker):
-    """Puts the poses of an input into a mailbox read by the loop.
+    """Thread that puts the poses of an input into a mailbox read by the loop.
 
-    *count*: of fingers. *period_ns*: of ticks; an input that cannot wait is polled twice in each.
+    *count*: number of fingers. *period_ns*: period of the ticks; an input that cannot wait is polled twice in
+    each period.
     """
 
     def __init__(self, pose_input: PolledInput, count: int, period_ns: int) -> None:
@@ -75,7 +76,7 @@ class PoseBridge(Worker):
 
     @property
     def waits(self) -> bool:
-        """True if its thread can wait for poses; otherwise it polls."""
+        """Whether the input can wait for poses. Otherwise it is polled."""
         return hasattr(self._input, "wait")
 
     def poll(self, now_ns: int) -> None:
@@ -91,18 +92,18 @@ class PoseBridge(Worker):
 
 
 class FrameBridge(Worker):
-    """Sends sealed frames from a mailbox written by the loop, by the outlet of a publisher.
+    """Thread that sends the frames in a mailbox written by the loop, through the outlet of a publisher.
 
-    *size*: of a frame.
+    The loop has numbered and checksummed the frames. *size*: size of a frame.
     """
 
     def __init__(self, publisher: Publisher, size: int) -> None:
         super().__init__()
-        self.failures = 0  # frames that were not sent
+        self.failures = 0  # number of frames that were not sent
         self.notes: list[str] = []
         self.first_failure = ""
         self._publisher, self._outlet = publisher, outlet_of(publisher)
-        self._sent = 0  # frames, including failed ones
+        self._sent = 0  # number of frames, including failed ones
         self._buffer = np.zeros(max(size, DESCRIPTION.size(MAX_LABELS)), np.uint8)
         self._mailbox = PrivateMailbox(len(self._buffer))
         self.writer = self._mailbox.writer
@@ -119,7 +120,10 @@ class FrameBridge(Worker):
                 self._count(str(failure), is_frame=is_frame)
 
     def send_rest(self, published: int) -> None:
-        """End the thread, and send the rest; missing ones of *published* frames were overwritten."""
+        """End the thread and send the remaining frames.
+
+        Frames missing from *published* were overwritten and are counted as failures.
+        """
         self.close()
         self.send_all()
         overtaken = published - self._sent

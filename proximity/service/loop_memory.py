@@ -1,4 +1,4 @@
-"""Memory that Python shares with the loop of compiled code: its records, and the arrays they name."""
+"""Memory that Python shares with the compiled loop, which are its records and the arrays they point to."""
 
 import ctypes
 import weakref
@@ -35,11 +35,11 @@ from proximity.transport import forget
 from proximity.transport.udp import LARGEST_DATAGRAM
 
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-5, 10.0
-"""s, of periods."""
+"""Minimum and maximum period, s."""
 
 
 def run_function() -> Any:
-    """Return the function that runs the loop; it releases the interpreter lock."""
+    """Return the compiled function that runs the loop. It releases the interpreter lock."""
     if not IS_AHEAD:
         raise ServiceError("the service needs compiled kernels: run `python tools/build_kernels.py`")
     try:
@@ -49,39 +49,39 @@ def run_function() -> Any:
 
 
 def given_size(count: int) -> int:
-    """Return the size of a message of contacts computed outside the loop, bytes."""
+    """Return the size in bytes of a message with contacts that are computed outside the loop."""
     return int(loop_records.CONTACTS.itemsize) + count * CONTACT.itemsize
 
 
 def words_of(arrays: Any) -> np.ndarray:
-    """Return address and lengths of each array, in the layout of kernels."""
+    """Return the address and the shape of each array, in the layout of kernels."""
     return np.array([word for each in arrays for word in (each.ctypes.data, *each.shape)], np.int64)
 
 
 def nanoseconds(name: str, seconds: Any) -> int:
-    """Return a duration of a service in nanoseconds; raise `ServiceError` for an invalid one."""
+    """Return a duration of a service in nanoseconds. Raise `ServiceError` if it is out of range."""
     if not SHORTEST_PERIOD <= as_number(seconds) <= LONGEST_PERIOD:
         raise ServiceError(f"{name} is {seconds!r}, expected {SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} s")
     return round(NS_PER_S * seconds)
 
 
 def fill(record: Any, values: dict[str, Any]) -> None:
-    """Write fields of a structure."""
+    """Write the given fields of a structure."""
     for name, value in values.items():
         record[name] = value
 
 
 def _copied(array: np.ndarray) -> np.ndarray:
-    """Return a copy aligned to a cache line."""
+    """Return a copy of an array that is aligned to a cache line."""
     copy = aligned_empty(array.size, array.dtype.type)
     copy[:] = array
     return copy
 
 
 class SourceMemory:
-    """A source of contacts in the loop's layout, alive while the loop may use it.
+    """A source of contacts in the loop's layout. It must exist while the loop may use it.
 
-    *before*: the same source with the previous parts of its scene.
+    *before*: memory of the same source with the previous parts of its scene.
     """
 
     def __init__(
@@ -100,19 +100,19 @@ class SourceMemory:
 
     @property
     def address(self) -> int:
-        """Address of its record."""
+        """Address of the source's record."""
         return int(self.record.ctypes.data)
 
     def note_answers(self) -> None:
-        """Update the tracker's notes on poses from the answers of ticks."""
+        """Update the tracker's notes on poses from the results of the ticks."""
         if self._fields["answers"] and isinstance(self.contacts, TrackedContacts):
-            with suppress(ValueError, IndexError):  # a race with the loop: the next time
+            with suppress(ValueError, IndexError):  # a race with the loop: the next call updates the notes
                 note_answers(self.contacts.tracker, int(self._fields["answers"]))
 
     def _set_tracker(
         self, contacts: TrackedContacts, memory: "LoopMemory", before: "SourceMemory | None"
     ) -> None:
-        """Set the tracker and scene of the ticks."""
+        """Set the tracker and the scene that the ticks use."""
         tracker, fields = contacts.tracker, self._fields
         if before is None:
             tracker.write_to(memory.message.records)
@@ -134,7 +134,7 @@ class SourceMemory:
         fields["model"] = self._model_words.ctypes.data
 
     def _set_sensor(self, sensor: SensedContacts) -> None:
-        """Set the sensor whose measurements the ticks turn into contacts."""
+        """Set the sensor whose measured distances the ticks convert to contacts."""
         self._sensor = np.zeros(1, loop_records.SENSOR)
         for name in ("motions", "error_sums", "unknown"):
             self._sensor[name] = getattr(sensor, name).ctypes.data
@@ -143,7 +143,7 @@ class SourceMemory:
         self._fields["sensor"] = self._sensor.ctypes.data
 
     def _set_scene(self, contacts: TrackedContacts, model: Model) -> None:
-        """Reserve the scene's arrays for the loop: no other thread writes to them."""
+        """Copy the arrays of the scene that other threads may change, for use by the loop only."""
         self.has_scene, self._scene = True, contacts.tracker.scene
         self._is_edited_elsewhere = contacts.moves is contacts.changes is None
         self._epoch, self._snapshot = model.epoch, weakref.ref(model)
@@ -158,7 +158,7 @@ class SourceMemory:
         fields["scene"] = over(self._model_words.ctypes.data)
         weakref.finalize(self, close, int(fields["scene"]))
         self._tables = np.zeros((3, count), loop_records.MOTION)
-        self.motions = np.zeros(count, self._tables.dtype)  # as reported, for publishing
+        self.motions = np.zeros(count, self._tables.dtype)  # reported motions to publish
         self._moved: dict[str, np.ndarray] = {name: np.zeros(count, np.int64) for name in ("applied", "rows")}
         widths = {"matrices": 16, "velocities": 3, "turnings": 3}
         self._moved |= {name: np.zeros((count, width)) for name, width in widths.items()}
@@ -167,15 +167,15 @@ class SourceMemory:
 
     @property
     def is_outdated(self) -> bool:
-        """True if the scene now has other parts."""
+        """Whether the scene now has other parts than this memory."""
         model = self._scene.snapshot()
         is_moved = self._is_edited_elsewhere and model is not self._snapshot()
         return is_moved or model.epoch != self._epoch
 
     def publish_motions(self) -> None:
-        """Publish `motions` to the loop, from its next tick on."""
+        """Pass a copy of `motions` to the loop, which uses it from its next tick on."""
         fields = self._fields
-        # In this order: if the loop has switched to the next one, that is not written to.
+        # Read in this order: if the loop switches tables in between, the one in use is still not written to.
         following, in_use = int(fields["next_motions"]), int(fields["motions"])
         table = next(each for each in self._tables if each.ctypes.data not in (following, in_use))
         table[:] = self.motions
@@ -183,7 +183,7 @@ class SourceMemory:
 
 
 class LoopMemory:
-    """Input and output of a loop for *count* fingers, allocated in advance."""
+    """Input and output of a loop for *count* fingers, in memory allocated in advance."""
 
     is_direct = False  # whether the loop itself receives poses
 
@@ -229,5 +229,5 @@ class LoopMemory:
 
     @property
     def address(self) -> int:
-        """Address of the structure."""
+        """Address of the loop's structure."""
         return int(self.record.ctypes.data)

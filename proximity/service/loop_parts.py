@@ -1,9 +1,9 @@
-"""Moves and changes of parts: read by threads next to the loop, and passed to it by one pointer.
+"""Pass moves and changes of parts to the loop. Threads next to the loop read them.
 
-Poses and motions of parts are a table with a row a part; the loop switches to a newer one at the start of a
-tick, and extrapolates parts to the instant of the newest pose. Other parts are another source: copies of the
-scene's arrays, used by the loop alone from then on. Contacts that only Python can compute come from a thread
-as well, as messages.
+Poses and motions of parts are a table with a row for each part. The loop switches to a newer table at the
+start of a tick, and extrapolates parts to the instant of the newest pose. If the parts change, the loop gets
+another source: copies of the scene's arrays that only the loop uses from then on. Contacts that only Python
+can compute also come from a thread, as messages.
 """
 
 import threading
@@ -27,23 +27,24 @@ from proximity.transport import forget
 from proximity.transport.shared_memory import PrivateMailbox
 
 REPLACE_TIMEOUT, POLL_INTERVAL = 1.0, 1e-3
-"""s, maximum wait for a replacement, beyond a period; and between two checks whether it is in use."""
+"""Maximum wait for a replacement in addition to a period, and time between two checks whether it is in use,
+s."""
 LOOK = 0.02
-"""s between two checks for parts that are no longer reported."""
+"""Time between two checks for parts that are no longer reported, s."""
 
 
 class LoopSources:
-    """The successive contact sources of a loop, and the motions of their parts."""
+    """The contact sources that a loop uses one after the other, and the motions of their parts."""
 
     def __init__(self, memory: LoopMemory) -> None:
         self._memory, self._loop = memory, memory.loop
-        self._lock = threading.RLock()  # of the published sources
-        self._used: dict[int, SourceMemory] = {}  # by address
-        self._latest: SourceMemory | None = None  # handed over last
-        self._visible: VisibleParts | None = None  # parts of the latest
+        self._lock = threading.RLock()  # protects the published sources
+        self._used: dict[int, SourceMemory] = {}  # sources that the loop may use, by address
+        self._latest: SourceMemory | None = None  # the source passed to the loop last
+        self._visible: VisibleParts | None = None  # parts of the latest source
         self._report_count = 0
         self._threads: list[_PartThread] = []
-        self.failure: BaseException | None = None  # that ended a thread
+        self.failure: BaseException | None = None  # exception that ended a thread
 
     @property
     def has_begun(self) -> bool:
@@ -52,27 +53,27 @@ class LoopSources:
 
     @property
     def latest(self) -> SourceMemory:
-        """The most recently published source."""
+        """Source that was passed to the loop last."""
         assert self._latest is not None, "the loop has begun"
         return self._latest
 
     @property
     def current(self) -> SourceMemory:
-        """The source in use by the loop."""
+        """The source that the loop uses."""
         return self._used[int(self._loop.source)]
 
     def begin(self, contacts: ContactSource) -> None:
-        """Publish the first source."""
+        """Pass the first source to the loop."""
         self._hand_over(SourceMemory(contacts, self._memory))
         self._loop.source, self._loop.next = self._loop.next, 0
 
     def replace(self, contacts: ContactSource) -> None:
-        """Replace the source from the next tick on."""
+        """Pass another source to the loop, which uses it from the next tick on."""
         with self._lock:
             self._hand_over(SourceMemory(contacts, self._memory))
 
     def wait_until_used(self, is_running: Any) -> None:
-        """Return when the loop uses the latest source; immediately if it does not run."""
+        """Wait until the loop uses the latest source. Return immediately if the loop does not run."""
         gives_up = time.monotonic() + REPLACE_TIMEOUT + 1e-9 * float(self._loop.period_ns)
         while self._loop.next and is_running() and time.monotonic() < gives_up:
             time.sleep(POLL_INTERVAL)
@@ -80,7 +81,7 @@ class LoopSources:
             self._forget_unused()
 
     def start(self, real_time: RealTime | None) -> None:
-        """Start reading moves and changes in threads."""
+        """Start the threads that read moves and changes."""
         contacts = self.current.contacts
         if isinstance(contacts, TrackedContacts) and self.current.has_scene:
             inputs = [each for each in (contacts.moves, contacts.changes) if each is not None]
@@ -89,7 +90,7 @@ class LoopSources:
                 thread.start(real_time)
 
     def poll(self) -> None:
-        """Read arrived moves and changes, and publish the result."""
+        """Read arrived moves and changes, and pass the result to the loop."""
         with self._lock:
             now_ns = self._now_ns()
             latest = self._latest
@@ -110,7 +111,7 @@ class LoopSources:
                 contacts.moves.note_silence(self._visible.names, now_ns)
 
     def note(self) -> None:
-        """Update the notes of trackers and inputs from the loop."""
+        """Update the notes of trackers and inputs from the results of the loop."""
         self.current.note_answers()
 
     def close(self) -> None:
@@ -123,7 +124,7 @@ class LoopSources:
         return int(self._loop.simulated_ns) if self._loop.is_simulated else time.monotonic_ns()
 
     def _hand_over(self, following: SourceMemory) -> None:
-        """Publish a source, with its parts at their reported poses."""
+        """Pass a source to the loop, with its parts at their reported poses."""
         contacts, self._latest, self._visible = following.contacts, following, None
         self._used[following.address] = following
         if following.has_scene and isinstance(contacts, TrackedContacts):
@@ -143,7 +144,7 @@ class LoopSources:
             del self._used[address]
 
     def _report(self, moves: Mapping[str, ReportedMotion]) -> None:
-        """Publish the reported motions of parts to the loop."""
+        """Pass the reported motions of parts to the loop."""
         latest, visible = self._latest, self._visible
         assert latest is not None and visible is not None, "there are parts"
         present = {name: motion for name, motion in moves.items() if name in visible.names}
@@ -154,7 +155,10 @@ class LoopSources:
 
 
 class _PartThread(Worker):
-    """Polls when moves or changes arrive at an input; None: another thread edits parts."""
+    """Thread that polls the sources when moves or changes arrive at an input.
+
+    Without an input, another thread edits the parts, and the sources are polled regularly.
+    """
 
     def __init__(self, sources: LoopSources, part_input: Any) -> None:
         super().__init__()
@@ -168,9 +172,10 @@ class _PartThread(Worker):
 
 
 class ContactBridge(Worker):
-    """Computes the contacts of sources in Python, and puts them into a mailbox read by the loop.
+    """Thread that computes contacts of sources in Python and puts them into a mailbox read by the loop.
 
-    In every period, and when samples or moves arrive. *clock*: drives the loop; None: the system's does.
+    It computes contacts in every period, and when samples or moves arrive. *clock*: clock that drives the
+    loop; None: the system clock.
     """
 
     def __init__(
@@ -197,13 +202,13 @@ class ContactBridge(Worker):
         """Compute contacts from the newest samples, and put them into the mailbox."""
         source, newest, clock = self._sources.latest, self._newest, self._clock
         for samples in self._input.poll(now_ns):
-            # Not by the start: if the system suspended this thread since, new poses are later.
+            # Not *now_ns*: if the system suspended this thread since, new poses are later.
             newest.update(samples, time.monotonic_ns() if clock is None else clock.now_ns())
         newest.drop_stale(now_ns)
         try:
             source.contacts.fill(self._contacts, newest.samples, now_ns)
         except BaseException:
-            self._forget()  # the last frames belong to another source
+            self._forget()  # the stored contacts may belong to another source
             self._send(source, now_ns)
             raise
         self._send(source, now_ns)

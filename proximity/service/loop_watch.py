@@ -1,4 +1,4 @@
-"""Python's view of the loop: its report and its warnings."""
+"""Report on a running loop and issue its warnings."""
 
 import logging
 import os
@@ -22,9 +22,9 @@ LOGGER = logging.getLogger("proximity.service")
 
 
 class LoopWatch:
-    """Reports on a loop while it runs, and warns once of each kind of trouble.
+    """Reports on a loop while it runs, and issues one warning for each kind of problem.
 
-    *address*: of the poses. *bridges*: of the publishers served by a thread, by their numbers.
+    *address*: address of the poses. *bridges*: threads that serve publishers, by the publishers' numbers.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class LoopWatch:
         self._warned: set[str] = set()
 
     def report(self, pose_input: PoseInput, newest: NewestSamples | None, source: ContactSource) -> Report:
-        """Return counts and times until now."""
+        """Return a report with counts and times until now."""
         loop: Any = self._memory.loop
         report = Report(int(loop.period_ns), int(loop.ticks), int(loop.missed))
         report.compute, report.lateness = _histogram(loop.compute), _histogram(loop.lateness)
@@ -60,7 +60,7 @@ class LoopWatch:
         return report
 
     def warn(self) -> None:
-        """Issue new warnings."""
+        """Issue warnings of kinds that have not been issued before."""
         loop: Any = self._memory.loop
         too_old = f"poses older than {loop.stale_after_ns / NS_PER_MS:g} ms"
         kinds: tuple[tuple[str, str, Callable[[int], str]], ...] = (
@@ -83,7 +83,7 @@ class LoopWatch:
                 )
 
     def _failures_of(self, number: int) -> tuple[int, str]:
-        """Return the number of unsent frames of a publisher, and the reason of the first, or ""."""
+        """Return the number of unsent frames of a publisher, and the reason of the first failure or ""."""
         bridge = self._bridges.get(number)
         if bridge is not None:
             return bridge.failures, bridge.first_failure

@@ -1,6 +1,6 @@
-"""Real-time settings of the loop's thread: precise timers, priority, locked memory, a core.
+"""Real-time settings of the loop's thread, which are precise timers, priority, locked memory and a core.
 
-Each is tried; a refusal by the system is reported in a sentence, and never raises.
+Each setting is attempted. If the system refuses one, a sentence reports it, and no error is raised.
 """
 
 import ctypes
@@ -13,10 +13,11 @@ from types import TracebackType
 from typing import Any
 
 SWITCH_INTERVAL = 1e-4
-"""s after which a computing Python thread yields to another. Python's default, 5 ms, is five ticks of a loop
-in a process that also loads an edited scene."""
+"""Time after which a computing Python thread yields to another, s. Python's default of 5 ms is five ticks of
+a loop in a process that also loads an edited scene."""
 PRIORITY = 80
-"""Priority in SCHED_FIFO: above interrupt threads (50), below the system's critical threads (99)."""
+"""Priority in SCHED_FIFO. It is above interrupt threads (50) and below critical threads of the system
+(99)."""
 
 # Of Linux: <sys/prctl.h>, <sys/mman.h>
 PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 29, 30
@@ -25,10 +26,10 @@ MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Apply the settings that need no permission to the entering thread.
+    """Apply the settings that need no permission to the calling thread during the block.
 
-    The garbage collector is off, other Python threads have short turns, and on Linux timers have no slack of
-    50 µs.
+    The garbage collector is off, other Python threads have shorter time slices, and timers on Linux have no
+    slack of 50 µs.
     """
     interval, was_enabled = sys.getswitchinterval(), gc.isenabled()
     gc.collect()
@@ -39,7 +40,7 @@ def undisturbed() -> Iterator[None]:
         with sharp_timers():
             yield
     finally:
-        if interval != SWITCH_INTERVAL:  # of several threads, the first one within restores it
+        if interval != SWITCH_INTERVAL:  # of several threads in such blocks, the first one restores it
             sys.setswitchinterval(interval)
         if was_enabled:
             gc.enable()
@@ -48,7 +49,10 @@ def undisturbed() -> Iterator[None]:
 
 @contextmanager
 def sharp_timers() -> Iterator[None]:
-    """Set the timer slack of the entering thread to the minimum on Linux, instead of 50 µs."""
+    """Set the timer slack of the calling thread to the minimum during the block.
+
+    The default of Linux is 50 µs; other systems have no such setting.
+    """
     slack_ns = _set_timer_slack(1)
     try:
         yield
@@ -57,14 +61,14 @@ def sharp_timers() -> Iterator[None]:
 
 
 class RealTime:
-    """Settings that need a permission, for the thread that enters the ``with`` block; undone at its end.
+    """Settings that need a permission, for the thread that enters the ``with`` block.
 
-    *core*: core to run on; None: the last one that the process may use, if there are several. *is_pinned*:
-    whether it stays on a core at all.
+    They are undone at the end of the block. *core*: core to run on; None: the last one that the process may
+    use, if there are several. *is_pinned*: whether the thread stays on one core.
     """
 
-    notes: list[str]  # settings granted or refused, a sentence each
-    refused: list[str]  # the refused ones
+    notes: list[str]  # a sentence for each setting, granted or refused
+    refused: list[str]  # the sentences for refused settings
 
     def __init__(
         self,
@@ -80,7 +84,7 @@ class RealTime:
         self._undo = ExitStack()
 
     def __enter__(self) -> "RealTime":
-        # Memory first: it is slow, and other settings should not wait.
+        # Memory first, because locking it is slow.
         if self._lock_memory:
             self._try("memory", self._lock_all_memory)
         if self._is_pinned:
@@ -115,14 +119,14 @@ class RealTime:
         self.notes.append(self.refused[-1])
 
     def _raise_priority(self) -> str:
-        """Set real-time priority, above all normal threads."""
+        """Set a real-time priority, which is above that of all normal threads."""
         before, settings = os.sched_getscheduler(0), os.sched_getparam(0)
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self._priority))
         self._undo.callback(os.sched_setscheduler, 0, before, settings)
         return f"real-time (SCHED_FIFO {self._priority})"
 
     def _stay_on_core(self) -> str:
-        """Stay on one core: caches stay warm."""
+        """Pin the thread to one core, so that its caches stay warm."""
         usable = os.sched_getaffinity(0)
         if self._core is None and len(usable) == 1:
             return "the process may use one core only"
@@ -132,7 +136,7 @@ class RealTime:
         return f"{core}, and no other"
 
     def _lock_all_memory(self) -> str:
-        """Lock present and future memory."""
+        """Lock present and, if the limits permit, future memory."""
         libc = _libc()
         flags = MCL_CURRENT | MCL_ONFAULT
         is_unlimited = _may_lock_all()
@@ -153,12 +157,12 @@ def _may_lock_all() -> bool:
 
 
 def _libc() -> Any:
-    """Return the C library; raise TypeError on Windows."""
+    """Return the C library. On Windows this raises TypeError."""
     return ctypes.CDLL(None, use_errno=True)
 
 
 def _set_timer_slack(slack_ns: int) -> int:
-    """Set the thread's timer slack; return the previous value, or -1."""
+    """Set the timer slack of the thread. Return the previous value, or -1 if there is none."""
     if slack_ns < 0 or not sys.platform.startswith("linux"):
         return -1
     prctl = _libc().prctl

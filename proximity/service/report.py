@@ -1,4 +1,4 @@
-"""Report of a service: ticks, lateness, computing times, and irregularities."""
+"""Report of a service, with its ticks, lateness, computing times and irregularities."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -6,20 +6,21 @@ from typing import Any
 
 from proximity.message import State
 
-SHARE_BITS = 5  # of a value that decide its bin
+SHARE_BITS = 5  # leading bits of a value that decide its bin
 LARGEST_BITS = 42  # 2**42 ns are 73 minutes; longer durations are in the last bin
 BIN_COUNT = (LARGEST_BITS - SHARE_BITS + 1) << SHARE_BITS
 LARGEST_NS = (1 << LARGEST_BITS) - 1
 
 
 class Histogram:
-    """Counts durations, a third of a microsecond each, in constant memory.
+    """Histogram of durations in constant memory.
 
-    Up to 63 ns every nanosecond has its bin; beyond, bins double in width where durations double.
+    Each nanosecond up to 63 ns has a separate bin. Beyond, the width of the bins doubles whenever the
+    duration doubles.
     """
 
     count: int
-    max_ns: int  # the longest, exactly
+    max_ns: int  # exact maximum
 
     def __init__(self) -> None:
         self.count = 0
@@ -28,13 +29,13 @@ class Histogram:
 
     @classmethod
     def of(cls, count: int, max_ns: int, counts: list[int]) -> "Histogram":
-        """Return a histogram of given counts, bin by bin."""
+        """Return a histogram with the given counts of its bins."""
         made = cls()
         made.count, made.max_ns, made._counts = count, max_ns, counts
         return made
 
     def record(self, duration_ns: int) -> None:
-        """Count a duration; a negative one counts as zero."""
+        """Count a duration. A negative duration counts as zero."""
         if duration_ns > self.max_ns:
             self.max_ns = duration_ns
         self.count += 1
@@ -47,7 +48,10 @@ class Histogram:
             self._counts[-1] += 1
 
     def percentile(self, share: float) -> int:
-        """Return the duration not exceeded by a share of them, ns: the upper end of a bin; 0 of none."""
+        """Return a percentile of the durations, ns.
+
+        It is the upper end of a bin, and 0 for an empty histogram. *share*: per cent.
+        """
         wanted = share / 100.0 * self.count
         seen = 0
         for _, upper_ns, count in self.rows():
@@ -58,7 +62,7 @@ class Histogram:
         return self.max_ns
 
     def rows(self) -> Iterator[tuple[int, int, int]]:
-        """Yield each non-empty bin: its shortest and longest duration, ns, and its count."""
+        """Yield the shortest duration, the longest duration and the count of each non-empty bin, ns."""
         for row, count in enumerate(self._counts):
             if count:
                 yield *_ends(row), count
@@ -69,7 +73,7 @@ class Histogram:
 
 
 def _ends(row: int) -> tuple[int, int]:
-    """Return the shortest and longest duration of a bin."""
+    """Return the shortest and the longest duration of a bin, ns."""
     shift = max((row >> SHARE_BITS) - 1, 0)
     lower = (row - (shift << SHARE_BITS)) << shift
     return lower, lower + (1 << shift) - 1
@@ -81,24 +85,24 @@ def _shown(duration_ns: int) -> str:
 
 @dataclass(slots=True, eq=False)
 class Report:
-    """Figures of one run, until now if it is in progress."""
+    """Counts and times of one run of a service. While it runs, they are those until now."""
 
     period_ns: int
-    ticks: int = 0  # frames made, except those at the end
-    missed: int = 0  # ticks skipped because others took too long
-    compute: Histogram = field(default_factory=Histogram)  # from the start of a tick until its frame is sent
-    lateness: Histogram = field(default_factory=Histogram)  # from a tick's due time until its start
-    states: dict[State, int] = field(default_factory=lambda: dict.fromkeys(State, 0))  # frames of each
-    future: int = 0  # poses of fingers and of parts from the future, left out
+    ticks: int = 0  # number of frames, except those at the end
+    missed: int = 0  # number of ticks skipped because others took too long
+    compute: Histogram = field(default_factory=Histogram)  # start of a tick until its frame is sent
+    lateness: Histogram = field(default_factory=Histogram)  # time from a tick's due time until its start
+    states: dict[State, int] = field(default_factory=lambda: dict.fromkeys(State, 0))  # frames by state
+    future: int = 0  # number of unused poses of fingers and parts from the future
     backwards: int = 0  # … older than the previous one
     too_old: int = 0  # … too old on arrival
-    publish_failures: dict[str, int] = field(default_factory=dict)  # by address
+    publish_failures: dict[str, int] = field(default_factory=dict)  # failures by address
     log_written: int = 0
     log_lost: int = 0
     notes: list[str] = field(default_factory=list)  # sentences: failures, settings granted or refused
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as numbers, texts and lists, for JSON."""
+        """Return the report as numbers, texts and lists, for JSON."""
         return {
             "period_ns": self.period_ns,
             "ticks": self.ticks,

@@ -1,4 +1,7 @@
-"""Samples of fingers from inputs, and the newest usable ones; a row a finger, nan if unknown."""
+"""Samples of fingers from inputs, and the newest usable sample of each finger.
+
+Arrays have a row for each finger, which is nan if unknown.
+"""
 
 import logging
 from collections.abc import Callable
@@ -25,31 +28,34 @@ from proximity.system.time_units import NS_PER_MS
 LOGGER = logging.getLogger("proximity.service")
 LOST_HANDS = "poses of hands whose fingers are all at one place"
 LONG_AGO = -(2**62)
-"""ns; instant of a finger without any pose."""
+"""Instant of a finger that has not had any pose, ns."""
 NEVER_NS = np.int64(-(2**63))
 
 
 class Samples:
-    """Values of some fingers, their instants, and optional reports."""
+    """Values of some fingers, their instants, and optional data."""
 
     VALUES: ClassVar[str]
     OPTIONAL: ClassVar[tuple[str, ...]]
-    """Names of arrays that may be None, with a row a finger."""
+    """Names of arrays that may be None. They have a row for each finger."""
     pose_ns: np.ndarray  # (N,) int64, instants
-    fingers: np.ndarray | None = None  # (N,) int64, their fingers; None: all, in order
+    fingers: np.ndarray | None = None  # (N,) int64, numbers of the fingers; None: all, in order
 
     @property
     def values(self) -> np.ndarray:
-        """Values, (N, C) float64, C-ordered; nan in the first column: unknown."""
+        """Values, (N, C) float64, C-ordered. The first column is nan where they are unknown."""
         values: np.ndarray = getattr(self, self.VALUES)
         return values
 
     def message(self) -> Message:
-        """Return them as a message."""
+        """Return the samples as a message."""
         raise NotImplementedError
 
     def copy_optional(self, newer: "Samples", fingers: slice | np.ndarray, rows: slice | np.ndarray) -> None:
-        """Copy the optional arrays of *rows* of newer samples to *fingers*, nan where not reported."""
+        """Copy optional arrays of newer samples.
+
+        The *rows* of newer samples are copied to *fingers* of these, or nan where nothing was reported.
+        """
         for name in self.OPTIONAL:
             kept, given = getattr(self, name), getattr(newer, name)
             if given is None:
@@ -66,14 +72,14 @@ class Samples:
 
 
 class FingerPoses(Samples):
-    """Poses of fingers."""
+    """Poses of fingers, with optional velocities, paths and bends."""
 
     VALUES = "positions"
     OPTIONAL = ("velocities", "paths", "bends")
     positions: np.ndarray  # (N, 3) float64, m, scene's frame; nan: not tracked
     velocities: np.ndarray | None  # (N, 3) float64, m/s; nan: to be estimated
     paths: np.ndarray | None  # (N, K, 3) float64, m, scene's frame; first corner nan: no path
-    bends: np.ndarray | None  # (N,) float64, on the path; nan: the nearest position
+    bends: np.ndarray | None  # (N,) float64, bend on the path; nan: that of the nearest position
 
     def __init__(self, count: int) -> None:
         self.positions = np.full((count, 3), np.nan)
@@ -81,7 +87,7 @@ class FingerPoses(Samples):
         self.velocities = self.paths = self.bends = None
 
     def message(self) -> Message:
-        """Return them as `POSES`, or as `PATH_POSES` if they have paths."""
+        """Return the poses as a message of `POSES`, or of `PATH_POSES` if they have paths."""
         count = len(self.pose_ns)
         message = Message(POSES if self.paths is None else PATH_POSES, count)
         records = message.records
@@ -97,13 +103,13 @@ class FingerPoses(Samples):
 
 
 class Measurements(Samples):
-    """Distances of fingers, and further measurements of a sensor."""
+    """Measured distances of fingers, and further measurements of a sensor."""
 
     VALUES = "distances"
     OPTIONAL = ("record_bytes",)
     distances: np.ndarray  # (N, 1) float64, m; nan: not measured
     records: np.ndarray  # (N,) MEASUREMENT: the full report
-    record_bytes: np.ndarray  # the same: copying records field by field takes fifty times as long
+    record_bytes: np.ndarray  # view of the records, whose copy is fifty times as fast as field by field
 
     def __init__(self, count: int) -> None:
         self.distances = np.full((count, 1), np.nan)
@@ -112,7 +118,7 @@ class Measurements(Samples):
         self.record_bytes = self.records.view(np.uint8).reshape(count, MEASUREMENT.itemsize)
 
     def message(self) -> Message:
-        """Return them as `MEASURED`."""
+        """Return the measurements as a message of `MEASURED`."""
         count = len(self.pose_ns)
         message = Message(MEASURED, count)
         message.records[:] = self.records
@@ -122,9 +128,12 @@ class Measurements(Samples):
 
 
 class NewestSamples:
-    """The newest usable sample of each finger, in *samples*; *origin* is for the log."""
+    """Collects the newest usable sample of each finger.
 
-    future: int  # samples from the future, left out
+    *samples*: where they are stored. *origin*: name of the input for the log.
+    """
+
+    future: int  # number of unused samples from the future
     backwards: int  # … older than the previous one
     too_old: int  # … too old on arrival
     lost: int  # … of a hand whose fingers all have one position
@@ -141,21 +150,24 @@ class NewestSamples:
 
     @property
     def notes(self) -> list[str]:
-        """A sentence on hands that were lost."""
+        """Sentences on hands that were lost."""
         return [f"{self._origin}: {self.lost} {LOST_HANDS} are not used"] if self.lost else []
 
     @property
     def refused(self) -> tuple[int, int, int]:
-        """Samples left out: from the future, older than the previous one, and too old."""
+        """Numbers of unused samples: from the future, older than the previous one, and too old."""
         return self.future, self.backwards, self.too_old
 
     def start(self, now_ns: int) -> None:
-        """Make all fingers unknown, unseen for the maximum age of samples."""
+        """Set all fingers to unknown, with instants that are as old as samples may be."""
         self.samples.pose_ns[:] = now_ns - self._stale_after_ns
         self.samples.values[:, 0] = np.nan
 
     def update(self, given: Samples, now_ns: int) -> None:
-        """Copy usable samples; a refused one is counted once, also if it is given again."""
+        """Copy the usable samples of *given*.
+
+        A refused sample is counted only once, even if it is given again.
+        """
         newest = self.samples
         fingers = self._all if given.fingers is None else given.fingers
         defects = self._defects[: len(fingers)]
@@ -180,18 +192,18 @@ class NewestSamples:
         newest.copy_optional(given, fingers[is_usable], is_usable)
 
     def drop_stale(self, now_ns: int) -> None:
-        """Make fingers unknown whose newest sample is too old."""
+        """Set the fingers whose newest sample is too old to unknown."""
         finger_kernels.drop_stale(self.samples.pose_ns, self.samples.values, now_ns - self._stale_after_ns)
 
     def _count(
         self, which: np.ndarray, before: int, what: str, advice: Callable[[int], str], off_ns: np.ndarray
     ) -> int:
-        """Count samples with a defect; only the first is logged, to avoid a flood."""
+        """Return the number of samples with a defect. Log only the first one, to avoid a flood."""
         if which.any() and not before:
             LOGGER.warning("%s: %s are not used (%s)", self._origin, what, advice(int(off_ns[which].max())))
         return int(which.sum())
 
 
 def on_lost(_: int) -> str:
-    """Return advice to senders that give all fingers of a hand one position."""
+    """Return advice to a sender that gives all fingers of a lost hand one position."""
     return "the hand is lost there: send nan"

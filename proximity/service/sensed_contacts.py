@@ -1,4 +1,4 @@
-"""Teleoperation: publish distances measured by a sensor as contacts, without any geometry.
+"""Teleoperation, which publishes distances measured by a sensor as contacts, without any geometry.
 
 Fields that a sensor does not report stay unknown: positions, parts and faces. The speed of approach is
 estimated from successive distances as `kernels.tracking.motion` does from poses, along one axis.
@@ -19,11 +19,12 @@ from proximity.transport import forget
 
 
 class SensedContacts:
-    """Contacts measured by a sensor.
+    """Contacts computed from distances that a sensor measures.
 
-    *latency*: from a tick until the controller acts on its answer, the instant of predictions. *max_speed*:
-    of a distance; faster is a jump of the sensor. *max_acceleration*: bounds of predictions hold if it is not
-    exceeded, and errors of distances are within the reported ones.
+    *latency*: time from a tick until the controller acts on its frame, to which predictions refer.
+    *max_speed*: maximum speed of a distance; a faster change counts as a jump of the sensor.
+    *max_acceleration*: maximum acceleration of a distance. The bounds of predictions hold if it is not
+    exceeded and the errors of the distances are within the reported ones.
 
     Notes
     -----
@@ -67,21 +68,21 @@ class SensedContacts:
         self.unknown = unknown.view(CONTACT_RECORD)
 
     def labels(self) -> PartLabels:
-        """Return empty labels: a sensor has no parts."""
+        """Return empty labels, because a sensor has no parts."""
         return (), np.zeros(0, bool)
 
     def new_samples(self) -> Measurements:
-        """Return measurements, all unknown."""
+        """Return measurements that are all unknown."""
         return Measurements(self.count)
 
     def rehearse(self) -> None:
-        """Compute contacts of empty samples; the estimates are reset afterwards."""
+        """Compute contacts of empty samples and reset the estimates afterwards."""
         self.fill(np.zeros(self.count, CONTACT), Measurements(self.count), 0)
         self.motions[:] = 0
         self.error_sums[:] = 0.0
 
     def fill(self, contacts: np.ndarray, samples: Measurements, now_ns: int) -> None:
-        """Compute the contacts."""
+        """Compute the contacts from the newest measurements."""
         finger_kernels.sense_contacts(
             self.motions, self.error_sums, samples.pose_ns, samples.distances,
             samples.records.view(finger_kernels.MEASUREMENT_RECORD), contacts.view(CONTACT_RECORD),
@@ -89,4 +90,4 @@ class SensedContacts:
         )  # fmt: skip
 
     def close(self) -> None:
-        """No-op."""
+        """Return without an effect, because a sensor's contacts have no resources."""

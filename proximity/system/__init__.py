@@ -1,1 +1,1 @@
-"""Services of the operating system: aligned memory, atomic files, locks and signals."""
+"""Services of the operating system, such as aligned memory, atomic files, locks and signals."""

@@ -1,4 +1,4 @@
-"""Optional parts of the package, and the message that says what to install if one is missing."""
+"""Check that optional parts of the package are installed, with errors that state what to install."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -6,19 +6,19 @@ from contextlib import contextmanager
 from proximity.errors import ArgumentError, MissingLibraryError
 
 DISTRIBUTION = "cad-proximity"
-"""Name on the package index, where ``proximity`` is another project."""
+"""Name of this project on the package index, where ``proximity`` is another project."""
 PACKAGES = {"pyvista": "PyVista"}
-"""Names of packages by module, if they differ."""
+"""Names of packages by the names of their modules, if they differ."""
 
 
 def installation(extra: str) -> str:
-    """Return the command that installs an optional part."""
+    """Return the command that installs an optional part of the package."""
     return f'pip install "{DISTRIBUTION}[{extra}]"'
 
 
 @contextmanager
 def needed(sentence: str, extra: str) -> Iterator[None]:
-    """Raise with the missing library and its installation if an import within the block fails."""
+    """Convert an import error in the block to an error that names the library and how to install it."""
     try:
         yield
     except ImportError as missing:
@@ -34,7 +34,7 @@ def needed(sentence: str, extra: str) -> Iterator[None]:
 
 @contextmanager
 def needed_in_c(sentence: str) -> Iterator[None]:
-    """Raise `ArgumentError` if C code loaded within the block is missing, with how to compile it."""
+    """Convert a failure to load C code in the block to an `ArgumentError` that states how to compile it."""
     try:
         yield
     except ImportError as missing:

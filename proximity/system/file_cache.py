@@ -1,7 +1,7 @@
 """Cache of file contents in the user's cache folder.
 
-Damaged files, and folders that another user may write to, are not read. The least recently used files are
-removed beyond a limit.
+Damaged files, and folders that another user may write to, are not read. If their total size exceeds a limit,
+the least recently used files are removed.
 """
 
 import hashlib
@@ -17,13 +17,13 @@ _SUFFIX, _DIGEST_BYTES = ".kept", 32
 
 
 class FileCache:
-    """Contents by key, *limit* bytes at most; processes may share the folder."""
+    """Cache of contents by key, with at most *limit* bytes in total. Processes may share the folder."""
 
     def __init__(self, name: str, limit: int) -> None:
         self._name, self.limit, self.kept_count = name, limit, 0
 
     def read(self, key: str) -> bytes | None:
-        """Return a content, marked as just used, or None if it is missing or damaged."""
+        """Return a content and mark it as used now. Return None if it is missing or damaged."""
         path = self._folder() / (key + _SUFFIX)
         try:
             if not _is_ours(path.parent):
@@ -38,7 +38,7 @@ class FileCache:
         return stored[_DIGEST_BYTES:]
 
     def write(self, key: str, content: bytes) -> None:
-        """Store a content if possible; the least recently used are removed beyond the limit."""
+        """Store a content if possible. If the limit is exceeded, remove the least recently used contents."""
         folder = self._folder()
         with suppress(OSError, FileError):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -49,7 +49,7 @@ class FileCache:
                 self._evict(folder)
 
     def _folder(self) -> Path:
-        import platformdirs  # with the first STEP file only
+        import platformdirs  # imported with the first STEP file only
 
         chosen = os.environ.get(FOLDER_VARIABLE)
         return Path(chosen or platformdirs.user_cache_path("proximity", False), self._name)
@@ -60,7 +60,7 @@ class FileCache:
         for status, path in sorted(files, key=lambda file: file[0].st_mtime_ns, reverse=True):
             total += status.st_size
             if total > self.limit:
-                with suppress(OSError):  # another process has removed it, or reads it
+                with suppress(OSError):  # another process has removed the file, or is reading it
                     path.unlink()
 
 
@@ -69,6 +69,6 @@ def _digest(content: bytes) -> bytes:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Return whether no other user can have written to a folder."""
+    """Return whether only this user can write to a folder."""
     status = folder.stat()
     return os.name == "nt" or (status.st_uid == os.geteuid() and not status.st_mode & 0o022)

@@ -1,8 +1,8 @@
 """Locks that stay usable in a forked child process.
 
-A child has one thread. A lock held by another thread would stay locked there forever, with its data
-half-changed. So a fork first acquires all locks, waiting for the threads that hold them; the compiler's last,
-since those threads may wait for it.
+A forked child has only one thread. A lock that another thread held would stay locked in the child forever,
+with its data half-changed. So a fork first waits for all locks and acquires them. The compiler's lock is the
+last, since threads that hold other locks may wait for it.
 """
 
 import _thread
@@ -14,18 +14,18 @@ from operator import methodcaller
 from typing import Any
 
 LATER = 0.01
-"""s until an interruption is raised again: one raised before the fork has ended would be lost."""
+"""Time until an interruption is raised again, s. One raised before the fork has ended would be lost."""
 
 _locks: weakref.WeakSet[threading.RLock] = weakref.WeakSet()
 _listing = threading.RLock()
-_held_by_forks: list[list[Any]] = []  # by forks in progress: nested if a signal handler forks
+_held_by_forks: list[list[Any]] = []  # locks of nested forks in progress
 _interruptions: list[BaseException] = []
 
 _acquired, _released = methodcaller("acquire"), methodcaller("release")
 
 
 def fork_safe_lock() -> threading.RLock:
-    """Return a new lock; its holder may acquire it again, as a signal handler may."""
+    """Return a new reentrant lock, which a signal handler of its holder may acquire again."""
     lock = threading.RLock()
     with _listing:
         _locks.add(lock)
@@ -33,7 +33,7 @@ def fork_safe_lock() -> threading.RLock:
 
 
 def _compiler_locks() -> list[Any]:
-    """Return numba's lock, if it compiles kernels in this process."""
+    """Return the lock of numba's compiler if it is loaded in this process."""
     compiler = sys.modules.get("numba.core.compiler_lock")
     return [compiler.global_compiler_lock] if compiler else []
 
@@ -47,11 +47,14 @@ def _all_locks() -> list[Any]:
 
 
 def _acquire_all() -> None:
-    """Acquire all locks despite interruptions: an exception here would be lost, and the fork continue."""
+    """Acquire all locks, even if interrupted.
+
+    An exception here would be lost, and the fork would continue. So it is delivered later.
+    """
     locks, results = _all_locks(), list[bool]()
     while len(results) < len(locks):
         try:
-            # Within one call, so that a signal arrives during a wait, not between two.
+            # In one call, so that a signal can only arrive during a wait, not between two.
             results.extend(map(_acquired, locks[len(results) :]))
         except BaseException as interruption:
             _interruptions.append(interruption)
@@ -64,7 +67,7 @@ def _release_all() -> None:
 
 
 def _resume_parent() -> None:
-    """Release the locks in the process that forked, and deliver a delayed interruption."""
+    """Release the locks in the parent process and deliver a delayed interruption."""
     _release_all()
     if _interruptions:
         _interruptions.clear()
@@ -78,5 +81,5 @@ def _resume_child() -> None:
     _release_all()
 
 
-if hasattr(os, "register_at_fork"):  # where there are forks
+if hasattr(os, "register_at_fork"):  # systems that fork
     os.register_at_fork(before=_acquire_all, after_in_parent=_resume_parent, after_in_child=_resume_child)

@@ -1,4 +1,4 @@
-"""Description of the measuring machine: processor, system, versions. No names of computers or users."""
+"""Describe the processor, system and versions of this machine, without names of computers or users."""
 
 import datetime
 import importlib.metadata
@@ -15,7 +15,7 @@ CHECKOUT = Path(__file__).resolve().parents[2]
 
 
 def processor_name() -> str:
-    """Return the name of the processor, with its widest vectors if known."""
+    """Return the name of the processor, with its widest vector instructions if known."""
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.is_file():
         lines = [line.partition(":") for line in cpuinfo.read_text().split("\n\n")[0].splitlines()]
@@ -39,7 +39,7 @@ def versions() -> dict[str, str]:
 
 @lru_cache(maxsize=1)
 def commit() -> str:
-    """Return the commit of the checkout that this program runs from, short; "none" if installed."""
+    """Return the short commit of the checkout that contains this program, or "none" if it is installed."""
     short = _git("rev-parse", "--short", "HEAD")
     if not short:
         return "none"
@@ -47,11 +47,11 @@ def commit() -> str:
 
 
 def _git(*words: str) -> str:
-    if not (CHECKOUT / ".git").exists():  # installed; the folder around may be another project's checkout
+    if not (CHECKOUT / ".git").exists():  # installed; the folder may be in another checkout
         return ""
     try:
         done = subprocess.run(["git", *words], cwd=CHECKOUT, capture_output=True, text=True, check=False)
-    except OSError:  # no git
+    except OSError:  # git is not installed
         return ""
     return done.stdout.strip() if done.returncode == 0 else ""
 

@@ -1,4 +1,4 @@
-"""Opening files named by a user: regular files only, and without blocking.
+"""Open files named by a user without blocking, and only if they are regular files.
 
 Opening a named pipe would wait for a writer, and a device may never end.
 """
@@ -19,7 +19,7 @@ class NotRegularFileError(OSError):
 
 
 def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
-    """Open a file for reading bytes, links followed."""
+    """Open a regular file for reading bytes. Links are followed."""
     return open(path, "rb", opener=_open_descriptor)
 
 
@@ -27,7 +27,7 @@ def _open_descriptor(path: str, flags: int) -> int:
     try:
         descriptor = os.open(path, flags | _WITHOUT_WAITING)
     except OSError as failure:
-        if failure.errno == errno.ENXIO:  # a socket, or a missing device
+        if failure.errno == errno.ENXIO:  # the path is a socket or a missing device
             raise NotRegularFileError(path) from failure
         raise
     mode = os.fstat(descriptor).st_mode

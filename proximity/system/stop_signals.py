@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a request to stop, so that a loop can report before it ends."""
+"""Treat Ctrl-C and SIGTERM as requests to stop, so that a loop can report before it ends."""
 
 import os
 import signal
@@ -9,17 +9,17 @@ from types import FrameType
 
 SIGNALS = [
     getattr(signal, name)
-    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")  # a system has some of them
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")  # each system has some of them
     if hasattr(signal, name)
 ]
 
 
 @contextmanager
 def stopped_by_signals(stop: threading.Event | None = None) -> Iterator[threading.Event]:
-    """Set an event at the first signal within the block, and yield it; a second signal acts as usual.
+    """Yield an event that is set by the first signal during the block. A second signal acts as usual.
 
-    Signals reach the main thread; in other threads the block has no effect. *stop*: the event; by default a
-    new one.
+    Signals reach only the main thread; in other threads the block has no effect. *stop*: event to use instead
+    of a new one.
     """
     stop = threading.Event() if stop is None else stop
     if threading.current_thread() is not threading.main_thread():
@@ -34,12 +34,12 @@ def stopped_by_signals(stop: threading.Event | None = None) -> Iterator[threadin
 
     def request_stop(number: int, frame: FrameType | None) -> None:
         del number, frame
-        # First: another signal while the event is being set would wait for it, in this thread, forever.
+        # Restored first: another signal during `set` would wait in this thread for its lock, forever.
         restore()
         stop.set()
 
     for number, handler in usual.items():
-        if handler is not signal.SIG_IGN:  # as nohup wishes
+        if handler is not signal.SIG_IGN:  # keep signals ignored that were ignored, as under nohup
             signal.signal(number, request_stop)
     try:
         yield stop
@@ -48,10 +48,10 @@ def stopped_by_signals(stop: threading.Event | None = None) -> Iterator[threadin
 
 
 def stop_at_input(stop: threading.Event, descriptor: int = 0) -> threading.Thread:
-    """Set *stop* when a file has data to read, or ends; return the waiting thread."""
+    """Set *stop* when a file has data to read or ends. Return the thread that waits for this."""
 
     def wait() -> None:
-        with suppress(OSError):  # it is not open
+        with suppress(OSError):  # the file is not open
             os.read(descriptor, 1)
         stop.set()
 

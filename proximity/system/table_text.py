@@ -1,4 +1,4 @@
-"""Untrusted text as a cell of a table that a spreadsheet may open."""
+"""Convert untrusted text to a cell of a table that a spreadsheet may open."""
 
 import re
 from typing import Any
@@ -8,7 +8,10 @@ _BEGIN_FORMULAS = ("=", "+", "-", "@")
 
 
 def table_text(value: Any) -> Any:
-    """Return text without control characters, marked by an apostrophe if it begins like a formula."""
+    """Return text without control characters. An apostrophe is prepended if it begins like a formula.
+
+    Other values are returned unchanged.
+    """
     if not isinstance(value, str):
         return value
     text = _CONTROL.sub("?", value)

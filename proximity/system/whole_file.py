@@ -1,4 +1,4 @@
-"""Atomic files: written under another name, then renamed.
+"""Write files atomically, under a temporary name that is then replaced by the final one.
 
 The writer holds a lock on the temporary file, which distinguishes files of killed processes from files in
 progress: the former are removed when the next file is written in their folder.
@@ -18,7 +18,7 @@ from proximity.errors import FileError, ProximityError
 
 try:
     import fcntl
-except ImportError:  # not a POSIX system
+except ImportError:  # the system is not POSIX
     fcntl = None  # type: ignore[assignment]
 
 _UNFINISHED = re.compile(r"\.[0-9a-f]{16}\.unfinished")
@@ -30,18 +30,19 @@ def whole_file(
     *,
     takes_devices: bool = True,
 ) -> Iterator[BinaryIO]:
-    """Yield a stream to write a file with; the file is replaced when the block ends without an error.
+    """Yield a stream to a temporary file that replaces *path* when the block ends without an error.
 
-    The target of a link is replaced, not the link; its permissions stay. Of concurrent writers the last to
-    end wins. After the block the file survives a loss of power. *takes_devices*: write directly to an
-    existing path that is not a regular file, such as ``/dev/null``; else raise.
+    If *path* is a link, its target is replaced. The permissions of the replaced file are kept. Of concurrent
+    writers the last to end wins. After the block the file survives a power failure. *takes_devices*: whether
+    an existing path that is not a regular file, such as ``/dev/null``, is written to directly; otherwise it
+    raises an error.
     """
     try:
         shown = os.fsdecode(path)
         target = Path(os.path.realpath(shown))
     except TypeError:
         raise FileError(f"the path is {path!r}, expected text or a path") from None
-    except ValueError as reason:  # a null byte
+    except ValueError as reason:  # the path contains a null byte
         raise FileError(f"{shown}: cannot be written ({reason})") from reason
     if not shown:
         raise FileError("the path is empty, expected the name of a file")
@@ -59,7 +60,7 @@ def whole_file(
                 yield stream
             _put_on_disk(unfinished)
             os.replace(unfinished, target)
-        with contextlib.suppress(OSError):  # not every system supports that for a folder
+        with contextlib.suppress(OSError):  # not every system can do this for a folder
             _put_on_disk(target.parent)
     except FileError:
         raise
@@ -69,9 +70,12 @@ def whole_file(
 
 @contextmanager
 def _unfinished_beside(target: Path) -> Iterator[tuple[Path, BinaryIO]]:
-    """Yield a new, locked file in *target*'s folder and a stream; removed if the block fails."""
+    """Create a locked file next to *target* and yield its path and stream.
+
+    The file is removed if the block fails.
+    """
     while True:
-        # Short for any name of the file, and unique: threads share a process id.
+        # Short whatever the name of the file, and unique: threads share a process id.
         unfinished = target.with_name(f".{secrets.token_hex(8)}.unfinished")
         stream = unfinished.open("xb")
         lock = os.dup(stream.fileno())  # held until the file has its name, when the stream is closed
@@ -79,7 +83,7 @@ def _unfinished_beside(target: Path) -> Iterator[tuple[Path, BinaryIO]]:
             if not _lock(lock, waits=True) or unfinished.exists():
                 yield unfinished, stream
                 return
-            stream.close()  # another process took it for abandoned before it was locked
+            stream.close()  # another process removed it as abandoned before it was locked
         except BaseException:
             stream.close()
             with contextlib.suppress(OSError):
@@ -98,7 +102,7 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def _remove_if_abandoned(path: str) -> None:
-    with contextlib.suppress(OSError):  # it may be finished by now, or another user's
+    with contextlib.suppress(OSError):  # the file may be finished by now, or belong to another user
         number = os.open(path, os.O_RDONLY)
         try:
             if _lock(number, waits=False):
@@ -108,24 +112,24 @@ def _remove_if_abandoned(path: str) -> None:
 
 
 def _lock(number: int, *, waits: bool) -> bool:
-    """Lock an open file, until all its descriptors are closed; return whether it succeeded."""
+    """Lock an open file until all its descriptors are closed. Return whether it succeeded."""
     if fcntl is None:
         return False
     try:
         fcntl.flock(number, fcntl.LOCK_EX if waits else fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:  # locked by another process, or a disk without locks
+    except OSError:  # another process holds the lock, or the disk has no locks
         return False
     return True
 
 
 def _allow_as(old: Path, new: Path) -> None:
     """Copy the permissions of one file to another."""
-    with contextlib.suppress(OSError):  # no old file, or a disk without permissions
+    with contextlib.suppress(OSError):  # the old file is missing, or the disk has no permissions
         new.chmod(stat.S_IMODE(old.stat().st_mode))
 
 
 def _put_on_disk(path: Path) -> None:
-    """Wait until a file's content, or a folder's names, survive a loss of power."""
+    """Wait until the content of a file or the names in a folder are on the disk."""
     number = os.open(path, os.O_RDONLY)
     try:
         os.fsync(number)
@@ -136,10 +140,11 @@ def _put_on_disk(path: Path) -> None:
 def write_files(
     contents: Mapping[str, str | bytes], folder: str | os.PathLike[str], kept: Collection[str] = ()
 ) -> dict[str, bool]:
-    """Write files into a folder, which is made where it is not there.
+    """Write files into a folder, which is created if it does not exist.
 
-    *kept*: files that are left alone where they are there already. A package of Python is no such folder:
-    they would be imported with it.
+    Return the paths of the files and whether each was written. *kept*: names of files that are not
+    overwritten if they exist. A folder that is a Python package is refused, because the files would be
+    imported with it.
     """
     if Path(folder, "__init__.py").is_file():
         raise ProximityError(f"{folder}: is a package of Python, expected another folder, such as engine")

@@ -1,7 +1,8 @@
-"""Messages from one process to another, by addresses: ``shm://proximity``, ``udp://127.0.0.1:9100``, ….
+"""Send and receive messages by addresses such as ``shm://proximity`` or ``udp://127.0.0.1:9100``.
 
-A transport moves bytes (`link`), independently of their contents: `Publisher` numbers and checksums them,
-`Subscriber` and `MessageReader` verify and age them. Received data are never executed.
+A transport moves bytes (`link`) independently of their contents. `Publisher` numbers messages and adds
+checksums; `Subscriber` and `MessageReader` verify them, and a `Subscriber` widens the bounds of old frames.
+Received data are never executed.
 """
 
 from collections.abc import Callable
@@ -48,12 +49,12 @@ def open_publisher(address: str) -> Publisher:
     Returns
     -------
     Publisher
-        To be closed, or to be used in a ``with`` block.
+        The publisher, which must be closed or used in a ``with`` block.
 
     Raises
     ------
     PublishError
-        If the address is invalid, in use, or cannot be opened; the message has the expected form.
+        If the address is invalid, in use, or cannot be opened. The message states the expected form.
     """
     return Publisher(open_outlet(address), address)
 
@@ -74,7 +75,7 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
     Returns
     -------
     Subscriber
-        To be closed, or to be used in a ``with`` block. It is not an error if there is no publisher yet.
+        The subscriber, which must be closed or used in a ``with`` block. A missing publisher is not an error.
 
     Raises
     ------
@@ -95,12 +96,12 @@ def open_subscriber(address: str, **settings: Any) -> Subscriber:
 
 
 def open_outlet(address: str) -> Outlet:
-    """Open the plain sending end of an address; see `open_publisher`."""
+    """Open the sending end of an address for plain bytes. See `open_publisher`."""
     return _open(address, "open_outlet")
 
 
 def open_inlet(address: str) -> Inlet:
-    """Open the plain receiving end of an address; see `open_subscriber`."""
+    """Open the receiving end of an address for plain bytes. See `open_subscriber`."""
     return _open(address, "open_inlet")
 
 

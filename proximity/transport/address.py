@@ -1,4 +1,4 @@
-"""Parsing of addresses: the transport, the location and the options."""
+"""Parse addresses into the transport, the location and the options."""
 
 import os
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ FILE_OPTIONS = ("key", "config")
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """A parsed address: ``scheme://location?option=value``, or ``mailbox:location``."""
+    """A parsed address of the form ``scheme://location?option=value`` or ``mailbox:location``."""
 
     text: str
     scheme: str
@@ -20,18 +20,18 @@ class Address:
     options: dict[str, str]
 
     def refuse(self, expected: str) -> PublishError:
-        """Return the error for an invalid address, with the expectation."""
+        """Return an error about the address, which ends with the text *expected*."""
         return PublishError(f"{self.text}: {expected}")
 
     def check_options(self, *known: str) -> None:
-        """Raise for options that this transport does not have."""
+        """Raise an error if the address has an option that is not in *known*."""
         for name in self.options:
             if name not in known:
                 has = f"expected {', '.join(known)}" if known else "it has none"
                 raise self.refuse(f"unknown option {name!r} ({has})")
 
     def with_files_in(self, folder: str) -> str:
-        """Return the text of the address with paths relative to *folder*."""
+        """Return the text of the address in which the paths of options are joined to *folder*."""
         files = [name for name in FILE_OPTIONS if self.options.get(name)]
         if not files:
             return self.text

@@ -1,7 +1,7 @@
-"""``mailbox:NAME``: the latest messages inside this process, for library users and tests.
+"""Transport ``mailbox:NAME``, which holds the latest messages in this process, for library users and tests.
 
-Any number of threads write and read; a slow reader sees only the newest of each kind. A box exists while an
-end of it is open, or referenced.
+Any number of threads write and read. A slow reader sees only the newest message of each kind. A box exists
+while one of its ends is open or referenced.
 """
 
 import threading
@@ -15,11 +15,11 @@ from proximity.transport.link import NOTHING
 
 KIND_BYTES = 4
 KINDS_BEGIN = b"DEC"
-"""Bytes with another start are of one kind."""
+"""First bytes of a message that has a kind. All messages with other first bytes count as one kind."""
 
 
 class _Latest:
-    """The latest message of one kind, and the number of messages put here until then."""
+    """The latest message of one kind, and the number of messages in the box when it was written."""
 
     def __init__(self) -> None:
         self.data = np.zeros(0, np.uint8)
@@ -28,7 +28,10 @@ class _Latest:
 
 
 class _Box:
-    """The latest message of each kind, identified by its first four bytes, and the number of messages."""
+    """The latest message of each kind, and the number of all messages.
+
+    The first four bytes of a message identify its kind.
+    """
 
     def __init__(self) -> None:
         self.changed = threading.Condition()
@@ -52,14 +55,14 @@ _count_of = attrgetter("count")
 
 
 class MailboxOutlet:
-    """Puts messages into the box of a name."""
+    """Puts messages into the box of a given name."""
 
     def __init__(self, address: Address) -> None:
         address.check_options()
         self._box = _box(address.location)
 
     def send(self, data: np.ndarray) -> None:
-        """Replace the message of this kind in the box."""
+        """Replace the message of the same kind in the box."""
         box, magic = self._box, bytes(data[:KIND_BYTES])
         kind = magic if magic.startswith(KINDS_BEGIN) else b""
         with box.changed:
@@ -75,11 +78,11 @@ class MailboxOutlet:
             box.changed.notify_all()
 
     def close(self) -> None:
-        """No-op: the last messages stay for later readers."""
+        """Return without an effect, so that the last messages stay for later readers."""
 
 
 class MailboxInlet:
-    """Reads the box of a name."""
+    """Reads messages from the box of a given name."""
 
     shares_clock = True
     refused = 0
@@ -91,9 +94,9 @@ class MailboxInlet:
         self._seen = 0
 
     def receive(self, buffer: np.ndarray) -> int:
-        """Copy the oldest unseen message in the box."""
+        """Copy the oldest message in the box that this inlet has not received yet."""
         box = self._box
-        if box.count == self._seen:  # an atomic read: the lock would double the cost
+        if box.count == self._seen:  # an atomic read, since the lock would double the cost
             return NOTHING
         with box.changed:
             new = [latest for latest in box.latest.values() if latest.count > self._seen]
@@ -107,12 +110,12 @@ class MailboxInlet:
             return oldest.size
 
     def wait(self, timeout: float) -> bool:
-        """Wait for a message after the last one seen."""
+        """Wait for a message that this inlet has not received yet."""
         with self._box.changed:
             return self._box.changed.wait_for(lambda: self._box.count != self._seen, timeout)
 
     def close(self) -> None:
-        """No-op."""
+        """Return without an effect, because an inlet has no resources."""
 
 
 open_outlet = MailboxOutlet

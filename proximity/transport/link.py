@@ -1,4 +1,4 @@
-"""Interface of a transport: an outlet and an inlet for bytes; waiting by polling for libraries without it."""
+"""Interface of a transport, whose two ends send and receive bytes, and a wait by polling."""
 
 import time
 from collections.abc import Callable
@@ -14,13 +14,13 @@ class Outlet(Protocol):
     """The sending end of a transport."""
 
     def send(self, data: np.ndarray) -> None:
-        """Send one message, (size,) uint8, to any listeners, without waiting for them.
+        """Send a message, (size,) uint8, to all listeners without waiting for them.
 
-        Raises `PublishError` if it cannot be sent at all; a missing listener is not an error.
+        Raises `PublishError` if it cannot be sent at all. A missing listener is not an error.
         """
 
     def close(self) -> None:
-        """Close the address; idempotent."""
+        """Close the address. Closing again has no effect."""
 
 
 class Inlet(Protocol):
@@ -30,45 +30,49 @@ class Inlet(Protocol):
     """True if the sender uses this machine's monotonic clock."""
 
     def receive(self, buffer: np.ndarray) -> int:
-        """Receive the next message, oldest first, into *buffer* (uint8); return its size, or `NOTHING`.
+        """Copy the oldest waiting message into *buffer* (uint8). Return its size, or `NOTHING`.
 
-        A message larger than *buffer* is truncated; its full size is returned. Messages of other senders than
-        the address names are dropped and counted in `refused`. Raises `PublishError` if receiving is
-        impossible.
+        A message larger than *buffer* is truncated, but its full size is returned. Messages from other
+        senders than the address permits are dropped and counted in `refused`. Raises `PublishError` if
+        receiving is impossible.
         """
 
     refused: int
-    """Messages dropped because of their senders."""
+    """Number of messages dropped because of their senders."""
 
     is_keyed: bool
-    """True if only messages verified by a key are received."""
+    """True if only messages that a key verifies are received."""
 
     unverified: int
-    """Messages dropped because the key does not verify them."""
+    """Number of messages dropped because the key does not verify them."""
 
     def wait(self, timeout: float) -> bool:
-        """Wait until a message may have arrived, *timeout* seconds at most; False if certainly none came."""
+        """Wait until a message may have arrived, but at most *timeout* seconds.
+
+        Return False only if no message has arrived.
+        """
 
     def close(self) -> None:
-        """Close the address; idempotent."""
+        """Close the address. Closing again has no effect."""
 
 
 NOTHING = -1
-"""No message is waiting."""
+"""Result of `receive` if no message is waiting."""
 SHORTEST_NAP = 50e-6
-"""s: minimum delay of a frame; the system adds the same again."""
+"""Minimum time between two polls, s. The system adds the same delay again."""
 LONGEST_NAP = 1e-3
-"""s, after a long silence."""
+"""Maximum time between two polls, after a long silence, s."""
 NAP_SHARE = 0.125
-"""Share of the time waited already: a long wait tolerates more delay, and releases the core."""
+"""Time between two polls as a share of the time already waited. A long wait tolerates more delay and releases
+the core."""
 
 
 @dataclass(frozen=True, slots=True)
 class Transport:
-    """A scheme's functions that open its two ends."""
+    """Module that opens the two ends of a transport."""
 
     module: str  # imported on first use
-    is_installed_by: str  # what to install if the module's library is missing
+    is_installed_by: str  # command that installs the library of the module
 
 
 TRANSPORTS = {
@@ -81,9 +85,9 @@ TRANSPORTS = {
 
 
 def wait_until(is_there: Callable[[], bool], timeout: float) -> bool:
-    """Poll until *is_there* returns True, or for *timeout* seconds; return its last result.
+    """Poll until *is_there* returns True or *timeout* seconds have passed. Return its last result.
 
-    Polls once even without a timeout.
+    It is called at least once, even with a timeout of zero.
     """
     began = time.monotonic()
     while not is_there():

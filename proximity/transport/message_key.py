@@ -1,7 +1,8 @@
-"""Keys of ``udp://…?key=FILE``: messages carry a tag that requires the key to make and check.
+"""Keys of ``udp://…?key=FILE``, with which senders tag messages and receivers verify them.
 
 A key is 32 random bytes, stored as 64 hexadecimal digits and a line end in a file readable by its owner only.
-A tag of 16 bytes follows each message in its datagram: BLAKE2s of the whole message with the key (RFC 7693).
+A tag of 16 bytes follows each message in its datagram. It is the BLAKE2s hash (RFC 7693) of the whole message
+with the key.
 """
 
 import contextlib
@@ -19,7 +20,7 @@ from proximity.transport.address import Address
 
 KEY_BYTES = 32
 TAG_BYTES = 16
-"""Size of a tag: a random one is right once in 3e38 times."""
+"""Size of a tag. A random tag is right with a probability of 1 in 3e38."""
 _DIGITS = 2 * KEY_BYTES
 _MAX_READ = 1024
 _READ_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
@@ -27,13 +28,13 @@ _WRITE_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
 
 class Key:
-    """Makes and verifies tags.
+    """A key that makes and verifies tags.
 
-    *secret*: (32,).
+    *secret*: the key, (32,) bytes.
     """
 
     def __init__(self, secret: bytes) -> None:
-        self.secret = np.frombuffer(secret, np.uint8)  # in the layout of the compiled loop
+        self.secret = np.frombuffer(secret, np.uint8)  # read by the compiled loop
         self._begun = blake2s(key=secret, digest_size=TAG_BYTES)
 
     def tag(self, message: Any) -> bytes:
@@ -43,13 +44,16 @@ class Key:
         return hashed.digest()
 
     def verifies(self, datagram: Any) -> bool:
-        """Return whether a datagram is a message and its tag, in time independent of the tag's contents."""
+        """Return whether a datagram is a message followed by its tag.
+
+        The time that it takes does not depend on the contents of the tag.
+        """
         end = len(datagram) - TAG_BYTES
         return end >= 0 and hmac.compare_digest(self.tag(datagram[:end]), datagram[end:])
 
 
 def key_of(address: Address) -> Key | None:
-    """Read the key of an address; None without one."""
+    """Read the key that an address names. Return None if it names no key."""
     path = address.options.get("key")
     if path is None:
         return None
@@ -78,7 +82,7 @@ def key_of(address: Address) -> Key | None:
 
 
 def write_key(path: str) -> None:
-    """Write a new key to a new file that only its owner may read."""
+    """Create a file with a new key that only its owner may read."""
     try:
         number = os.open(path, _WRITE_FLAGS, 0o600)
     except FileExistsError as taken:
@@ -101,7 +105,7 @@ def write_key(path: str) -> None:
 
 
 def _check_file(address: Address, path: str, status: os.stat_result) -> None:
-    """Raise for a special file, or a key that others may use."""
+    """Raise an error if the file is not a regular file or other users may read the key."""
     if not stat.S_ISREG(status.st_mode):
         raise address.refuse(f"the key {path!r} is not a regular file")
     allowed = stat.S_IMODE(status.st_mode)

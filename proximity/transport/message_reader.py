@@ -1,4 +1,4 @@
-"""Checks of received messages: only whole, new messages of an expected kind pass; the others are counted."""
+"""Check received messages. Only whole, new messages of an expected kind are used; the others are counted."""
 
 import time
 from collections import Counter
@@ -21,16 +21,16 @@ _NUMBERS = {defect: number for number, defect in enumerate(Defect, 1)}
 class Counts:
     """Numbers of messages seen by a receiver since it was opened."""
 
-    received: int = 0  # messages that were used
-    lost: int = 0  # numbers missing since the first message
-    sessions: int = 0  # runs of the publisher
-    refused: int = 0  # from another sender than the address names
-    unverified: int = 0  # not verified by the address's key
-    flawed: Counter[Defect] = field(default_factory=Counter)  # not used, by reason
+    received: int = 0  # number of messages that were used
+    lost: int = 0  # number of messages missing since the first one
+    sessions: int = 0  # number of runs of the publisher
+    refused: int = 0  # messages from another sender than the address permits
+    unverified: int = 0  # messages that the key of the address does not verify
+    flawed: Counter[Defect] = field(default_factory=Counter)  # unusable messages by reason
 
     @classmethod
     def of(cls, receiver: Any, refused: int, unverified: int) -> "Counts":
-        """Return the numbers of a receiver in C, a record of `RECEIVER`."""
+        """Return the counts of a receiver in C, a record of `RECEIVER`."""
         received, lost, sessions = (int(receiver[name]) for name in ("received", "lost", "sessions"))
         flawed = zip(Defect, receiver["flawed"][1:].tolist(), strict=True)
         counted = Counter({defect: count for defect, count in flawed if count})
@@ -38,7 +38,7 @@ class Counts:
 
     @property
     def unused(self) -> int:
-        """Messages received and not used, for any reason."""
+        """Number of messages that were received and not used, for any reason."""
         return self.refused + self.unverified + self.flawed.total()
 
     def __str__(self) -> str:
@@ -54,10 +54,9 @@ class Counts:
 class MessageReader:
     """Reads messages from an inlet and yields the usable ones.
 
-    *kinds*: the expected kinds; each has separate sessions and numbers. *max_flawed*: maximum number of
-    unusable messages in one call; then the rest waits for the next. *uncounted*: one of the kinds, whose
-    messages are counted neither as received nor as lost. The receiver in C decides which ones count: see
-    ``proximity_message.h``.
+    *kinds*: expected kinds of messages, each with separate sessions and numbers. *max_flawed*: maximum number
+    of unusable messages that one call reads. *uncounted*: the kind whose messages are counted neither as
+    received nor as lost. The receiver in C decides which messages are usable, see ``proximity_message.h``.
     """
 
     def __init__(
@@ -84,21 +83,21 @@ class MessageReader:
 
     @property
     def counts(self) -> Counts:
-        """Numbers of messages until now."""
+        """Counts of messages until now."""
         return Counts.of(self._state, self._inlet.refused, self._inlet.unverified)
 
     @property
     def is_new_run(self) -> bool:
-        """True if the last message belongs to another run than the previous one of its kind."""
+        """Whether the last message is from another run of the publisher than the previous one of its kind."""
         return bool(self._state["is_new_run"])
 
     def messages(
         self, content_defect: Callable[[Kind, np.ndarray, int], Defect | None] | None = None
     ) -> Iterator[tuple[Kind, np.ndarray, int]]:
-        """Yield arrived, usable messages, oldest first: kind, bytes, instant of arrival, ns.
+        """Yield the kind, the bytes and the arrival time of each usable message, oldest first.
 
-        The bytes, (size,) uint8, are overwritten by the next message. *content_defect*: returns the defect of
-        a complete, new message, or None.
+        The bytes, (size,) uint8, are overwritten by the next message. The time is in ns. *content_defect*:
+        function that returns the defect of a complete, new message, or None.
         """
         inlet, buffer = self._inlet, self._buffer
         flawed_count = 0
@@ -125,7 +124,7 @@ class MessageReader:
         now: int,
         content_defect: Callable[[Kind, np.ndarray, int], Defect | None] | None,
     ) -> Defect | None:
-        """Count a usable message; return the defect of another."""
+        """Return the defect of a message, or count it as received and return None."""
         defect = validate(data, kind)
         if defect is not None:
             return defect

@@ -1,4 +1,4 @@
-"""Publisher: numbers messages, adds checksums and passes them to a transport."""
+"""Publisher that numbers messages, adds checksums and passes them to a transport."""
 
 import threading
 import time
@@ -9,14 +9,14 @@ from proximity.message import Message
 from proximity.transport.link import Outlet
 
 ASLEEP_NS = 1_000_000_000
-"""If calendar time gains more on the monotonic clock between two messages, the machine was suspended."""
+"""Minimum gain of calendar time on the monotonic clock between two messages that shows a suspension."""
 
 _lock = threading.Lock()
 _newest_session = 0
 
 
 def _next_session() -> int:
-    """Return the calendar time, ns; if its clock is coarse, more than the previous session."""
+    """Return the calendar time, ns, or the previous session plus one if that is greater."""
     global _newest_session
     with _lock:
         _newest_session = max(time.time_ns(), _newest_session + 1)
@@ -28,7 +28,7 @@ def _calendar_offset_ns() -> int:
 
 
 class Publisher:
-    """Publishes messages at an address; made by `open_publisher`.
+    """Publishes messages at an address. It is created by `open_publisher`.
 
     ``session`` is the calendar time, ns, at which it started: receivers recognise a restart by it.
 
@@ -51,19 +51,19 @@ class Publisher:
         self.address = address
         self.session = _next_session()
         self._outlet = outlet
-        self._sequences: dict[int, int] = {}  # number of the next message, by the magic of its kind
+        self._sequences: dict[int, int] = {}  # number of the next message of each kind, by its magic
         self._awake_ns = _calendar_offset_ns()
 
     @property
     def sequence(self) -> int:
-        """Number of messages of this run, of all kinds; with one kind, its next sequence number."""
+        """Number of messages published in this run, of all kinds."""
         return sum(self._sequences.values())
 
     def publish(self, message: Message) -> None:
-        """Number, seal and send a message. A failed message uses its number.
+        """Number a message, add its checksum and send it.
 
-        After a suspension of the machine a new session begins: its monotonic clock stopped, and receivers on
-        other machines must estimate it again.
+        A message that cannot be sent still uses its number. After a suspension of the machine a new session
+        begins, since the monotonic clock stopped and receivers on other machines must estimate it again.
 
         Parameters
         ----------
@@ -98,10 +98,10 @@ class Publisher:
 
 
 def numbering(publisher: Publisher) -> dict[str, int]:
-    """Return the state needed to number and seal messages instead of a publisher."""
+    """Return the state with which other code can number and checksum messages instead of the publisher."""
     return {"session": publisher.session, "awake_ns": publisher._awake_ns}
 
 
 def outlet_of(publisher: Publisher) -> Any:
-    """Return the outlet of a publisher, for sealed messages."""
+    """Return the outlet of a publisher, which sends messages that are numbered already."""
     return publisher._outlet

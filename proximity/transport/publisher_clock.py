@@ -1,4 +1,4 @@
-"""Clock of a publisher on another machine, estimated from the arrival of its messages."""
+"""Estimate the clock of a publisher on another machine from the arrival of its messages."""
 
 from proximity.core.receiver_state import (
     BACK_NS,
@@ -11,12 +11,13 @@ from proximity.core.receiver_state import (
 
 
 class ForeignClock:
-    """Offset of a publisher's clock from this one, by the fastest message, extended by the drift of clocks.
+    """Estimates the offset of a publisher's clock from this machine's clock.
 
-    The minimum transit time is unobservable; `TRANSIT_NS` is allowed for it. A longer transit and a clock set
-    back look the same, and taking the former for the latter is dangerous: so the offset is kept for messages
-    of any delay, and they are old. The estimate restarts, and is unreliable until the clock was seen to
-    advance for `SETTLING_NS`, if
+    The fastest message gives the offset, and later the possible drift of the clocks is added. The minimum
+    transit time cannot be observed; `TRANSIT_NS` is assumed. A longer transit cannot be distinguished from a
+    clock that was set back, and it would be dangerous to adapt the offset to it. So the offset is kept for
+    messages of any delay, and delayed ones count as old. The estimate restarts, and is unreliable until the
+    clock was seen to advance for `SETTLING_NS`, if
 
     - a message comes impossibly early: the publisher's clock was set forward, or this machine was suspended;
     - an instant is before one of an earlier message of its kind. Transit cannot cause that, since messages of
@@ -33,17 +34,18 @@ class ForeignClock:
         self.reset()
 
     def reset(self) -> None:
-        """Reset: the clock is another one."""
+        """Discard the estimate, because the clock is another one."""
         self.is_certain = False
         self._first_ns = self._seen_ns = self._offset_ns = self._first_offset_ns = 0
-        self._sent_ns: dict[int, int] = {}  # latest of each kind since the reset; empty: none yet
-        self._former: tuple[int, int] | None = None  # trusted before a message came too early
+        self._sent_ns: dict[int, int] = {}  # latest instant of each kind since the reset
+        self._former: tuple[int, int] | None = None  # the estimate before a message came too early
 
     def arrived(self, sent_ns: int, now_ns: int, *, is_new_run: bool = False, kind: int = 0) -> None:
-        """Add the arrival at *now_ns*, this clock, of a message sent at *sent_ns*, the publisher's.
+        """Update the estimate with a message that was sent at *sent_ns* and arrived at *now_ns*.
 
-        *is_new_run*: whether the publisher's session differs from that of the previous message of its kind.
-        *kind*: messages of one kind arrive in the order of their numbers; those of several kinds need not.
+        *sent_ns* is on the publisher's clock and *now_ns* on this one. *is_new_run*: whether the publisher's
+        session differs from that of the previous message of its kind. *kind*: kind of the message. Messages
+        of one kind arrive in the order of their numbers; those of several kinds need not.
         """
         offset, fastest = now_ns - sent_ns, _grown(self._offset_ns, self._seen_ns, now_ns)
         pace = PACE_NS + max(now_ns - self._first_ns, 0) // NS_PER_DRIFT
@@ -69,10 +71,10 @@ class ForeignClock:
         self._seen_ns = self._first_ns = now_ns
 
     def theirs(self, now_ns: int) -> int:
-        """Return a lower estimate of the publisher's clock at *now_ns*, this clock."""
+        """Return a lower estimate of the publisher's clock when this clock shows *now_ns*."""
         return now_ns - self._offset_ns + TRANSIT_NS if self._sent_ns else now_ns
 
 
 def _grown(offset_ns: int, seen_ns: int, now_ns: int) -> int:
-    """Return an offset extended by the possible drift of the clocks."""
+    """Return an offset increased by the possible drift of the clocks since *seen_ns*."""
     return offset_ns + max(now_ns - seen_ns, 0) // NS_PER_DRIFT

@@ -1,4 +1,4 @@
-"""A received frame: unpacked once, and checked for values that are impossible."""
+"""A received frame, which is decoded once and checked for impossible values."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ _unpack_header = struct_of(FRAME_FIELDS).unpack_from
 
 
 class ReceivedFrame:
-    """A buffer for a frame of *count* contacts, and its decoded fields."""
+    """Buffer for a frame of *count* contacts, and its decoded fields."""
 
     header: Any  # FRAME_HEADER, read-only
     contacts: Contacts  # (count,) CONTACT, read-only
@@ -37,11 +37,11 @@ class ReceivedFrame:
         shown.flags.writeable = False
         header, contacts = parts_of(shown, FRAME)
         self.contacts = contacts.view(Contacts)
-        self.header = header[()]  # a view, as of all structured scalars
+        self.header = header[()]  # a view, like every structured scalar
         self._content_flaw = receiver_in_c("content_flaw")
 
     def decode(self, data: np.ndarray, now_ns: int | None) -> Defect | None:
-        """Copy a frame and return its defect, or None; a defective one must not be used."""
+        """Copy a frame and decode it. Return its defect, or None if it can be used."""
         self._data[:] = data
         numbers = _unpack_header(self._data.data)
         self.pose_ns, _, self.publish_ns, valid_until_ns = numbers[_INSTANTS]

@@ -1,9 +1,9 @@
-"""``shm://NAME``: a mailbox in shared memory between processes of one machine, without a server.
+"""Transport ``shm://NAME``, a mailbox in shared memory between processes of one machine, without a server.
 
-One writer and any readers share a name. A message is copied into a ring once, and each reader copies it out
-at its own pace, without waiting for others. A slow reader loses the oldest messages; a late one starts with
-the newest. The message itself wakes a waiting reader. When a writer is killed, its readers continue with the
-next one, which takes over the name.
+One writer and any readers share a name. A message is copied into a ring once, and each reader copies it from
+there without waiting for others. A slow reader loses the oldest messages; a late one starts with the newest.
+The message itself wakes a waiting reader. When a writer is killed, its readers continue with the next one,
+which takes over the name.
 
 The mailbox is a file in ``/dev/shm`` that only its owner may open, so all ends run as one user.
 ``proximity_mailbox.h`` defines its layout, and the code with which C and C++ read and write it; Python calls
@@ -28,15 +28,16 @@ from proximity.transport.address import Address
 from proximity.transport.link import NOTHING, wait_until
 
 OK, NOBODY = 0, 1
-"""Results of opening a mailbox, numbered as in ``proximity_mailbox.h``; the others are refusals."""
+"""Results of opening a mailbox, numbered as in ``proximity_mailbox.h``. All other results are refusals."""
 SYSTEM = 7
 FIRST_BYTES = 8192
-"""Initial message size: the ring holds 15, or 74 frames of five fingers. A longer one enlarges it."""
+"""Initial maximum size of a message. The ring holds 15 such messages, or 74 frames of five fingers. A longer
+message enlarges it."""
 HEADER_BYTES = 128
 MIN_PRIVATE, MIN_SLOT_COUNT, MAX_RING_BYTES = 64, 8, 1 << 26
-"""Capacity of a private mailbox in messages, also of thousands of fingers, and in bytes."""
+"""Capacity of a private mailbox in messages, minimum capacity for large messages, and maximum in bytes."""
 SLICE = 0.1
-"""s: period at which a waiting thread wakes, for signals and for a manually removed file."""
+"""Period at which a waiting thread wakes, s, to handle signals and to detect a manually removed file."""
 _BOX, _TEXT, _WORD, _LONG = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_uint64
 _TYPES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "size": (ctypes.c_int64, ()),
@@ -57,7 +58,7 @@ _LONG_CALLS = ("create", "enlarge", "wait")
 
 
 class _Functions:
-    """Functions of the library available on this system, by the names in `_TYPES`."""
+    """Functions of the C library for mailboxes, which are declared in `_TYPES`."""
 
     def __init__(self) -> None:
         self._lets_run, self._short = libraries()
@@ -71,7 +72,7 @@ class _Functions:
 
 
 class _Mailbox:
-    """A mailbox with the name of an address, open or not."""
+    """A mailbox named by an address. It may be open or closed."""
 
     def __init__(self, address: Address) -> None:
         address.check_options()
@@ -96,7 +97,7 @@ class _Mailbox:
         return self._address.refuse(reason)
 
     def close(self) -> None:
-        """Release the memory, and a writer's name."""
+        """Release the memory. A writer also releases the name."""
         if self._is_open:
             self._is_open = False
             self._call.close(self._box)
@@ -112,7 +113,7 @@ def _address_of(array: np.ndarray) -> int:
 
 
 class SharedMemoryOutlet(_Mailbox):
-    """Writes to a mailbox, which it creates."""
+    """Creates a mailbox and writes to it."""
 
     def __init__(self, address: Address) -> None:
         super().__init__(address)
@@ -123,13 +124,13 @@ class SharedMemoryOutlet(_Mailbox):
         _OUTLETS.add(self)
 
     def loop_end(self, largest: int) -> dict[str, Any]:
-        """Return the data with which a service's loop sends messages of up to *largest* bytes from here."""
+        """Return the data with which a service's loop sends messages here, of up to *largest* bytes."""
         if largest > FIRST_BYTES:
             self._enlarge(largest)
         return {"socket": -1, "box": self._box}
 
     def send(self, data: np.ndarray) -> None:
-        """Copy the message into the ring; one that is longer than all before allocates another ring."""
+        """Copy a message into the ring. A message too large for the ring replaces it by a larger ring."""
         if not self._is_open:
             raise PublishError(f"{self._address.text}: is closed, it cannot send")
         if self._call.write(self._box, _address_of(data), len(data)):
@@ -147,7 +148,7 @@ _OUTLETS: WeakSet[SharedMemoryOutlet] = WeakSet()
 
 
 def _close_inherited() -> None:
-    """Release mailboxes, and their names, to the parent process after a fork."""
+    """Close the mailboxes of the parent process in a forked child, so that only the parent writes to them."""
     for outlet in list(_OUTLETS):
         outlet.close()
 
@@ -157,7 +158,7 @@ if hasattr(os, "register_at_fork"):
 
 
 class SharedMemoryInlet(_Mailbox):
-    """Reads a mailbox once it exists, and the next one after it was closed.
+    """Reads a mailbox as soon as it exists. If its writer closes it, reads the next one of the same name.
 
     One thread may wait while another receives.
     """
@@ -170,14 +171,14 @@ class SharedMemoryInlet(_Mailbox):
         super().__init__(address)
         self._lock = threading.Lock()  # the memory is not released while a thread waits in it
         self._is_closed = False
-        self._is_next = 0  # whether all messages of the next mailbox are new: this reader was here first
+        self._is_next = 0  # whether all messages of the next mailbox are new: this reader was first
         self._looked = 0.0  # time of the last check of the name
         self._follow()
         self._is_next = 1
 
     @property
     def is_written(self) -> bool:
-        """True if a live process has the mailbox open for writing."""
+        """Whether a live process has the mailbox open for writing."""
         return self._is_open and bool(self._call.is_written(self._box))
 
     def loop_end(self) -> dict[str, Any]:
@@ -186,7 +187,7 @@ class SharedMemoryInlet(_Mailbox):
         return {"socket": -1, "box": self._box, "name": ctypes.addressof(self._text), "looked_ns": 1}
 
     def receive(self, buffer: np.ndarray) -> int:
-        """Copy the next message of the ring."""
+        """Copy the next message from the ring."""
         if self._is_closed or (not self._is_open and not self._follow()):
             return NOTHING
         size: int = self._call.read(self._box, _address_of(buffer), len(buffer))
@@ -195,7 +196,7 @@ class SharedMemoryInlet(_Mailbox):
         return size
 
     def wait(self, timeout: float) -> bool:
-        """Wait for a wake-up by the mailbox; without one, poll."""
+        """Wait until the mailbox wakes this reader. If the mailbox does not exist yet, poll."""
         ends = time.monotonic() + timeout
         while True:
             left = min(ends - time.monotonic(), SLICE)
@@ -222,7 +223,7 @@ class SharedMemoryInlet(_Mailbox):
         )
 
     def _is_over(self) -> bool:
-        """Return whether no more messages will come; checks the file's name at intervals."""
+        """Return whether no more messages will come. At intervals, check if the name has another mailbox."""
         now = time.monotonic()
         looks = now - self._looked > SLICE
         if looks:
@@ -230,7 +231,7 @@ class SharedMemoryInlet(_Mailbox):
         return bool(self._call.is_over(self._box, looks))
 
     def _follow(self) -> bool:
-        """Open the present mailbox of that name; return whether there is one."""
+        """Open the present mailbox of that name. Return whether there is one."""
         with self._lock:
             if self._is_open:
                 super().close()
@@ -242,9 +243,10 @@ class SharedMemoryInlet(_Mailbox):
 
 
 class PrivateMailbox:
-    """A mailbox without a file or a name, between the loop of a service and a thread; on any system.
+    """A mailbox without a file or a name, between the loop of a service and a thread. It works on any system.
 
-    *size*: of the messages, for a capacity of at least some dozens. *most*: maximum bytes of all of them.
+    *size*: size of the messages, of which the ring holds at least some dozens. *most*: maximum total size in
+    bytes.
     """
 
     def __init__(self, size: int, count: int = MIN_PRIVATE, most: int = MAX_RING_BYTES) -> None:
@@ -252,23 +254,23 @@ class PrivateMailbox:
         needed = max(min(count * (size + 32), most), MIN_SLOT_COUNT * (size + 32))
         ring = 1 << (needed - 1).bit_length()
         self._memory = np.zeros(HEADER_BYTES + ring, np.uint8)
-        self._memory.fill(0)  # here, and not page by page in the loop
+        self._memory.fill(0)  # allocates all pages now, not in the loop
         self._writer, self._reader = np.zeros((2, self._call.size()), np.uint8)
         for box in (self._writer, self._reader):
             self._call.within(box.ctypes.data, self._memory.ctypes.data, ring)
 
     @property
     def writer(self) -> int:
-        """Address of the writer's end."""
+        """Address of the writer's structure."""
         return int(self._writer.ctypes.data)
 
     @property
     def reader(self) -> int:
-        """Address of the reader's end."""
+        """Address of the reader's structure."""
         return int(self._reader.ctypes.data)
 
     def send(self, data: np.ndarray) -> None:
-        """Write a message, and wake its reader."""
+        """Write a message and wake the reader."""
         self._call.write(self.writer, _address_of(data), len(data))
 
     def receive(self, buffer: np.ndarray) -> int:
@@ -277,13 +279,13 @@ class PrivateMailbox:
         return size
 
     def wait(self, timeout: float) -> bool:
-        """Wait until a message is present, or for *timeout* seconds; return whether one is."""
+        """Wait for a message, but at most *timeout* seconds. Return whether there is one."""
         if not sys.platform.startswith("linux"):
             return wait_until(lambda: bool(self._call.has(self.reader)), timeout)
         return bool(self._call.wait(self.reader, time.monotonic_ns() + round(NS_PER_S * timeout)))
 
     def close(self) -> None:
-        """No-op: its memory is released with the object."""
+        """Return without an effect, because the memory is released with the object."""
 
 
 open_outlet = SharedMemoryOutlet

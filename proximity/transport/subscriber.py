@@ -1,4 +1,4 @@
-"""Subscriber: the newest frame, and its present validity (docs/reference/messages.md)."""
+"""Subscriber that provides the newest frame and its present validity (docs/reference/messages.md)."""
 
 import math
 import time
@@ -22,13 +22,13 @@ from proximity.transport.publisher_clock import ForeignClock
 from proximity.transport.received_frame import ReceivedFrame
 
 STALE_AFTER = 1e-9 * STALE_AFTER_NS
-"""s after ``valid_until`` at which a frame becomes useless; poses are then 100 ms old."""
+"""Time after ``valid_until`` when a frame becomes useless, s. Its poses are then 100 ms old."""
 MAX_SPEED = 3.0
-"""m/s: no finger is faster, the tracker's default."""
+"""Maximum speed of a finger, m/s, which is the tracker's default."""
 MAX_ACCELERATION = 120.0
-"""m/s², the tracker's default."""
+"""Maximum acceleration of a finger, m/s², which is the tracker's default."""
 LONGEST_WAIT = 3600.0
-"""s; a longer wait is split."""
+"""Maximum time of one wait, s. A longer wait is split."""
 
 _VALID = (State.OK, State.DEGRADED)
 _USED = (*_VALID, State.LATE)
@@ -38,11 +38,11 @@ _BYTES = np.dtype((np.void, CONTACT.itemsize))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """State of a subscriber: the newest frame and its validity.
+    """State of a subscriber, which is the newest frame and its validity.
 
-    Until ``valid_until``, and at most a second after its oldest pose, a frame is reported as published.
-    After that, or if the frame itself is LATE, only the bounds hold, and they widen with time; the distance
-    stays that of the pose. Later, or if the frame itself says so, the fingers are unknown: STALE or STOPPING.
+    Until ``valid_until``, and at most a second after its oldest pose, a frame is reported as published. After
+    that, or if the frame itself is LATE, only the bounds hold, and they widen with time; the distance stays
+    that of the pose. Later, or if the frame itself says so, the fingers are unknown: STALE or STOPPING.
 
     ``state`` gives the trust in the frame, ``is_new`` whether it is new since the previous reading.
     ``contacts`` are records of `CONTACT`; ``header`` has the fields of the frame, None before the first
@@ -51,25 +51,25 @@ class Reading:
     the first frame.
     """
 
-    state: State  # that of the frame, or worse
-    is_new: bool  # no reading before had this frame
+    state: State  # state of the frame, or a worse one
+    is_new: bool  # whether no previous reading had this frame
     now_ns: int  # instant of the reading, on the publisher's clock
-    age_ns: int  # since the oldest pose of a tracked finger; -1 without a frame
+    age_ns: int  # time since the oldest pose of a tracked finger; -1 without a frame
     header: Any  # FRAME_HEADER, overwritten by a later reading; None: no frame yet
     contacts: Contacts  # (N,) CONTACT, read-only, overwritten by a later reading
 
     @property
     def is_valid(self) -> bool:
-        """True if the distances may be used unchanged: the frame is neither LATE nor STALE."""
+        """Whether the distances may be used unchanged, because the frame is neither LATE nor STALE."""
         return self.state in _VALID
 
 
 class Subscriber:
-    """Receives frames at an address and verifies them; made by `open_subscriber`.
+    """Receives frames at an address and verifies them. It is created by `open_subscriber`.
 
-    Size, version, checksum, sequence number and the values of the contacts of each frame are checked. A
-    frame that fails is dropped and counted; the previous frame stays and ages. After STOPPING, a later
-    frame of the same publisher is used again.
+    Size, version, checksum, sequence number and the values of the contacts of each frame are checked. A frame
+    that fails is dropped and counted; the previous frame stays and ages. After STOPPING, a later frame of the
+    same publisher is used again.
 
     Parameters
     ----------
@@ -123,29 +123,31 @@ class Subscriber:
             None  # buffer of the next one: the newest stays until that is verified
         )
         self._is_new = False
-        self._as_published = self._shown = _NO_CONTACTS  # the newest, degraded; the same, read-only
+        self._as_published = self._shown = _NO_CONTACTS  # of an aged frame; a read-only view
         self._is_forgotten = False
-        self._valid, self._valid_of = _NO_CONTACTS, (0, 0)  # the newest of each finger; session and epoch
-        self._now_ns: int | None = None  # of the last reading; None: the publisher's clock is not known
+        self._valid, self._valid_of = _NO_CONTACTS, (0, 0)  # newest of each finger; session and epoch
+        self._now_ns: int | None = None  # instant of the last reading; None: clock not known
 
     @property
     def counts(self) -> Counts:
-        """Numbers of frames received and lost, and of messages refused, at this instant."""
+        """Numbers of frames received and lost, and of messages refused, until now."""
         return self._reader.counts
 
     @property
     def description(self) -> Description | None:
-        """The newest description: names, hidden parts, radii; None before the first.
+        """Newest description of the service, or None before the first one.
 
-        It is sent next to frames, ten times a second (of more than 640 names once), and on request.
+        It has the names of parts and fingers, the hidden parts and the radii. It is sent next to frames, ten
+        times a second (once a second with more than 640 names), and on request.
         """
         return self._description.newest
 
     @property
     def part_names(self) -> tuple[str, ...]:
-        """Names of the parts that ``contacts["part"]`` of the last reading refers to; empty until known.
+        """Names of the parts, in the order of ``contacts["part"]`` of the last reading.
 
-        They are empty after a change of the scene, until the service has described it again.
+        They are empty until they are known, and after a change of the scene until the service has described
+        it again.
         """
         newest, held = self._description.newest, self._newest
         if newest is None or held is None:
@@ -170,19 +172,19 @@ class Subscriber:
         return names[row] if 0 <= row < len(names) else None
 
     def last_valid(self, finger: int, max_age: float = 0.1) -> Contact | None:
-        """Return the newest valid contact of a finger, as published: for a display while frames are late.
+        """Return the newest valid contact of a finger as it was published, to display while frames are late.
 
         Parameters
         ----------
         finger : int
-            Its number.
+            Number of the finger.
         max_age : float, s
             Largest age of its pose at the last reading.
 
         Returns
         -------
         CONTACT or None
-            None if there is none, or since parts have other numbers. A later frame overwrites it.
+            None if there is none, or if parts have been renumbered since. A later frame overwrites it.
         """
         if self._now_ns is None or not 0 <= finger < len(self._valid):
             return None
@@ -192,17 +194,17 @@ class Subscriber:
 
     @property
     def finger_names(self) -> tuple[str, ...]:
-        """Names of the fingers of a frame; empty until known."""
+        """Names of the fingers of a frame. They are empty until they are known."""
         newest = self._description.newest
         return () if newest is None else newest.finger_names
 
     def read(self) -> Reading:
-        """Return the present state, from all arrived messages; never waits.
+        """Return the present state after reading all arrived messages. The call never waits.
 
         Returns
         -------
         Reading
-            Of the newest frame that can be used; it may be the one of the reading before.
+            State with the newest usable frame, which may be that of the previous reading.
 
         Raises
         ------
@@ -215,19 +217,19 @@ class Subscriber:
         return self._reading()
 
     def wait(self, timeout: float) -> Reading:
-        """Wait for a new frame, at most *timeout*, and return what `read` returns.
+        """Wait for a new frame, but at most *timeout* seconds. Return the same as `read`.
 
         Parameters
         ----------
         timeout : float, s
-            Longest wait; inf: without a limit, 0 or less: none.
+            Longest wait. inf: no limit. 0 or less: no wait.
 
         Raises
         ------
         ArgumentError
             If *timeout* is not a number.
         PublishError
-            As of `read`.
+            See `read`.
         """
         if math.isnan(as_number(timeout)):
             raise ArgumentError(f"timeout is {timeout!r}, expected a number of seconds")
@@ -240,9 +242,9 @@ class Subscriber:
             self._inlet.wait(min(left, LONGEST_WAIT))
 
     def frames(self) -> Iterator[np.ndarray]:
-        """Yield the bytes of every frame that has arrived and can be used, oldest first: for recorders.
+        """Yield the bytes of every usable frame that has arrived, oldest first, for recorders.
 
-        The bytes are overwritten by the next frame. The next reading is of the last one.
+        The bytes are overwritten by the next frame. The next reading is of the last frame.
         """
         for kind, data, now in self._reader.messages(self._decode):
             if kind is FRAME:
@@ -262,7 +264,10 @@ class Subscriber:
         self.close()
 
     def _decode(self, kind: Kind, data: np.ndarray, now: int) -> Defect | None:
-        """Decode into the spare buffer, or add to the description; return the content's defect, or None."""
+        """Decode a message into the spare buffer, or append it to the description.
+
+        Return the defect of its content, or None.
+        """
         if kind is DESCRIPTION:
             return self._description.add(data)
         count = (len(data) - kind.header_size) // kind.record_size
@@ -280,7 +285,7 @@ class Subscriber:
             self._foreign.arrived(self._newest.publish_ns, now, is_new_run=self._reader.is_new_run)
 
     def _keep_valid(self, frame: ReceivedFrame) -> None:
-        """Copy the contacts that `last_valid` returns."""
+        """Store the contacts that `last_valid` returns."""
         of = int(frame.header["session"]), int(frame.header["epoch"])
         if of != self._valid_of or len(self._valid) != frame.count:
             self._valid, self._valid_of = np.zeros(frame.count, CONTACT).view(Contacts), of
@@ -302,7 +307,7 @@ class Subscriber:
         return Reading(state, is_new, now, max(now - held.pose_ns, 0), held.header, contacts)
 
     def _worsened(self, held: ReceivedFrame, now: int) -> tuple[State, Contacts]:
-        """State and contacts of a frame that is not known as it came."""
+        """Return the state and the contacts of a frame that has aged or cannot be trusted."""
         is_believed = self._foreign is None or self._foreign.is_certain
         if not is_believed or now > held.expires_ns + self._stale_after_ns:
             state = max(held.state, State.STALE)

@@ -1,16 +1,17 @@
-"""``udp://HOST:PORT``: one datagram a message, to a microcontroller or across a network. Loses, never delays.
+"""Transport ``udp://HOST:PORT``, which sends datagrams to a microcontroller or across a network.
 
-For a publisher HOST:PORT is the destination. Its socket is bound to loopback unless ``?bind=ADDRESS`` or
-``?bind=ADDRESS:PORT`` is given. For a subscriber HOST:PORT is the listening address, and ``?from=HOST`` or
-``?from=HOST:PORT`` the accepted sender: by default loopback if HOST is loopback, otherwise it is required.
-Datagrams of others are dropped and counted. Names are resolved once, when the address is opened; of several
-addresses the first IPv4 one counts. IPv6 addresses are in brackets: ``udp://[::1]:9100``.
+Datagrams can be lost, but never delay their sender. For a publisher HOST:PORT is the destination. Its socket
+is bound to loopback unless ``?bind=ADDRESS`` or ``?bind=ADDRESS:PORT`` is given. For a subscriber HOST:PORT
+is the listening address, and ``?from=HOST`` or ``?from=HOST:PORT`` the accepted sender: by default loopback
+if HOST is loopback, otherwise it is required. Datagrams of other senders are dropped and counted. Names are
+resolved once, when the address is opened; of several addresses the first IPv4 one counts. IPv6 addresses are
+in brackets: ``udp://[::1]:9100``.
 
 Sending never waits. A datagram for which the system has no buffer space is lost and counted in
 `UdpOutlet.lost`; a missing listener is not an error. The system buffers datagrams for a reader, the oldest
-first, about 0.1 s at 1 kHz; then the newest are lost. A slower reader finds old messages, and must read
-again. Ethernet carries 1472 bytes in one packet: four fingers. Longer datagrams are fragmented, and lost with
-any fragment.
+first, about 0.1 s at 1 kHz; then the newest are lost. A slow reader finds old messages first and must read
+until none is left. Ethernet carries 1472 bytes in one packet: four fingers. Longer datagrams are fragmented,
+and lost with any fragment.
 
 Any program on this machine, and on the other one, can send valid messages. With ``?key=FILE`` at both ends a
 tag follows each message (`key`), and datagrams without the right one are dropped and counted. It prevents
@@ -32,17 +33,17 @@ from proximity.transport.link import NOTHING
 from proximity.transport.message_key import TAG_BYTES, Key, key_of
 
 MAX_DATAGRAM_BYTES = 65507
-"""Maximum of a datagram over IPv4."""
+"""Maximum size of a datagram over IPv4."""
 MAX_STRANGERS = 64
-"""Datagrams of other senders dropped in one call: a flood of them must not block a reader."""
+"""Maximum number of datagrams of other senders dropped in one call, so that a flood cannot block a reader."""
 MAX_FORGED_BYTES = 1 << 17
-"""Bytes of unverified datagrams in one call: some 0.3 ms."""
+"""Maximum number of unverified bytes read in one call, which takes some 0.3 ms."""
 LARGEST_DATAGRAM = 1 << 16
-"""Bytes, more than in any datagram."""
+"""Number of bytes that is larger than any datagram."""
 BUFFER_BYTES = 1 << 19
-"""Buffer size requested from the system for a reader; it may give less."""
+"""Size of a reader's buffer that is requested from the system, which may provide less."""
 
-# Of the network or of the other side, not of the message: temporarily unreachable.
+# Errors that report a temporarily unreachable receiver, not a defect of the message.
 _NOBODY = {
     getattr(errno, name)
     for name in ("ECONNREFUSED", "ECONNRESET", "EHOSTUNREACH", "EHOSTDOWN")
@@ -56,10 +57,10 @@ _IS_CUT_OFF = 10040  # WSAEMSGSIZE, the error of Windows
 
 
 class _Endpoint(NamedTuple):
-    """A network address of a socket or its peer."""
+    """Network address of a socket or of its peer."""
 
     family: int
-    name: Any  # as sockets take it
+    name: Any  # in the format of the socket module
     port: int
 
     @property
@@ -72,12 +73,13 @@ class _Endpoint(NamedTuple):
 
 
 class UdpOutlet:
-    """Sends to HOST:PORT.
+    """Sends messages to HOST:PORT.
 
-    *address*: the destination; ``bind``: local address; ``key``: of the tags.
+    *address*: address of the destination, whose options are ``bind``, the local address, and ``key``, the
+    file of a key.
     """
 
-    lost: int  # messages for which the system had no buffer space
+    lost: int  # number of messages for which the system had no buffer space
 
     def __init__(self, address: Address) -> None:
         address.check_options("bind", "key")
@@ -102,7 +104,7 @@ class UdpOutlet:
             raise address.refuse(f"cannot send there from {source.host} ({_reason(failure)})") from None
 
     def send(self, data: np.ndarray) -> None:
-        """Send one datagram."""
+        """Send a message as one datagram."""
         most = MAX_DATAGRAM_BYTES if self._key is None else MAX_DATAGRAM_BYTES - TAG_BYTES
         if len(data) > most:
             raise PublishError(
@@ -116,11 +118,14 @@ class UdpOutlet:
             self._failed(failure, datagram)
 
     def loop_end(self, largest: int) -> dict[str, Any]:
-        """Return the data with which a service's loop sends messages of up to *largest* bytes from here."""
+        """Return the data with which a service's loop sends messages here, of up to *largest* bytes."""
         return {"socket": self._socket.fileno(), "key": _address_of(self._key)}
 
     def _failed(self, failure: OSError, datagram: memoryview | bytes) -> None:
-        """Retry once if the error belongs to an earlier datagram."""
+        """Handle a failure to send.
+
+        If the error belongs to an earlier datagram, this one is sent again.
+        """
         if failure.errno in _NOBODY:
             # An error here reports that an earlier datagram had no receiver; this one was not sent.
             try:
@@ -139,7 +144,7 @@ class UdpOutlet:
 
 
 class UdpInlet:
-    """Listens at HOST:PORT."""
+    """Receives messages at HOST:PORT."""
 
     shares_clock: bool
     is_keyed: bool
@@ -172,7 +177,7 @@ class UdpInlet:
             self._poll.register(self._socket, select.POLLIN)
 
     def loop_end(self) -> dict[str, Any] | None:
-        """Return the data with which a service's loop receives here; None: it cannot."""
+        """Return the data with which a service's loop receives here, or None if it cannot."""
         hosts = [host for host in sorted(self._hosts) if ":" not in host]
         if not self.shares_clock or self._socket.family != socket.AF_INET:
             return None
@@ -181,7 +186,7 @@ class UdpInlet:
         return {"socket": self._socket.fileno(), "key": _address_of(self._key), **hosts_of}
 
     def receive(self, buffer: np.ndarray) -> int:
-        """Receive the next datagram of the accepted sender."""
+        """Receive the next datagram from the accepted sender."""
         if self._key is not None:
             return self._receive_verified(buffer, self._key)
         for _ in range(MAX_STRANGERS):
@@ -191,7 +196,7 @@ class UdpInlet:
         return NOTHING
 
     def _receive_verified(self, buffer: np.ndarray, key: Key) -> int:
-        """Receive the next datagram that the key verifies, without its tag."""
+        """Receive the next datagram that the key verifies, and remove its tag."""
         forged_bytes = 0
         for _ in range(MAX_STRANGERS):
             size, is_expected = self._receive_from(self._datagram)
@@ -211,7 +216,7 @@ class UdpInlet:
         return NOTHING
 
     def _receive_from(self, buffer: memoryview) -> tuple[int, bool]:
-        """Return the size of the next datagram, or `NOTHING`, and whether it is of the accepted sender."""
+        """Receive a datagram. Return its size, or `NOTHING`, and whether it is from the accepted sender."""
         try:
             size, sender = self._socket.recvfrom_into(buffer, 0, _RETURNS_SIZE)
         except BlockingIOError:
@@ -226,7 +231,7 @@ class UdpInlet:
         return size, False
 
     def wait(self, timeout: float) -> bool:
-        """Wait for any datagram."""
+        """Wait for a datagram of any sender."""
         if self._socket.fileno() < 0:
             raise PublishError(f"{self._text}: cannot receive (it is closed)")
         if self._poll is not None:
@@ -239,7 +244,7 @@ class UdpInlet:
 
 
 def _look_up(address: Address, text: str, *, family: int = 0, needs_port: bool = False) -> _Endpoint:
-    """Return the endpoint of ``HOST:PORT``; without *needs_port* the port may be omitted, which is 0."""
+    """Resolve ``HOST:PORT`` to an endpoint. Unless *needs_port*, the port may be omitted and is 0 then."""
     host, port = _split(address, text, needs_port)
     try:
         found = socket.getaddrinfo(host, port, family, socket.SOCK_DGRAM)
@@ -254,7 +259,7 @@ def _look_up(address: Address, text: str, *, family: int = 0, needs_port: bool =
 
 
 def _split(address: Address, text: str, needs_port: bool) -> tuple[str, int]:
-    """Return host and port of ``HOST:PORT``."""
+    """Split ``HOST:PORT`` into host and port."""
     if text.startswith("["):
         host, _, port = text[1:].partition("]")
     elif text.count(":") > 1:
@@ -276,11 +281,11 @@ def _bracketed(host: str) -> str:
 
 
 def _open(address: Address, endpoint: _Endpoint) -> socket.socket:
-    """Return a socket bound exclusively to an endpoint."""
+    """Open a socket bound exclusively to an endpoint."""
     opened = socket.socket(endpoint.family, socket.SOCK_DGRAM)
     try:
         # SO_REUSEADDR stays off: with it two subscribers could share a port, and one of them would starve.
-        if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows would let another socket in
+        if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows would let another socket bind
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
         if endpoint.family == socket.AF_INET6:
             opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
@@ -300,7 +305,7 @@ def _open(address: Address, endpoint: _Endpoint) -> socket.socket:
 
 
 def _address_of(key: Key | None) -> int:
-    """Return the address of a key's bytes; 0 without a key."""
+    """Return the memory address of a key's bytes, or 0 without a key."""
     return 0 if key is None else int(key.secret.ctypes.data)
 
 

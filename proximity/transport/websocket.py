@@ -1,4 +1,4 @@
-"""``ws://127.0.0.1:PORT``: the user's web pages, whose WebSockets connect here (extra ``web``).
+"""Transport ``ws://127.0.0.1:PORT``, to which web pages of the user connect by WebSockets (extra ``web``).
 
 Both ends listen: published messages go to every connected page, and messages of pages are received here. Ends
 of one process at one port and path share the connections, so that a page needs one WebSocket for frames and
@@ -8,7 +8,7 @@ Only this machine can connect. A browser sends the site of a page: pages of this
 those of ``?origin=https://HOST``. Other programs of this machine may connect as well, and are trusted.
 
 Sending never waits: a page that does not read misses messages. The newest `BUFFER` messages of pages are kept
-until they are received. Thread: any thread may use an end, but one at a time.
+until they are received. Any thread may use an end, but only one at a time.
 """
 
 import asyncio
@@ -27,23 +27,23 @@ from proximity.transport.address import Address
 from proximity.transport.link import NOTHING
 
 BUFFER = 64
-"""Messages that wait for a reader, or for the pages; then the oldest is lost."""
+"""Maximum number of messages that wait for a reader or for the pages. Beyond, the oldest are lost."""
 LARGEST_MESSAGE = 1 << 21
 UNREAD_BYTES = 1 << 17
-"""Waiting for one page; beyond, it misses messages."""
+"""Maximum number of bytes that wait for one page. Beyond, the page misses messages."""
 TIMEOUT_S = 10.0
 OF_THIS_MACHINE = re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")
 LOCATION = re.compile(r"(localhost|127\.0\.0\.1):(\d{1,5})(/[^?]*)?")
 
 
 class _Site:
-    """A port for pages, shared by all its open ends, and the thread that serves it."""
+    """A port to which pages connect, shared by all its open ends, and the thread that serves it."""
 
     sites: ClassVar[dict[int, "_Site"]] = {}
     lock: ClassVar[threading.Lock] = threading.Lock()
 
     def __init__(self, address: Address, port: int) -> None:
-        self.pages: dict[str, set[ServerConnection]] = {}  # by path
+        self.pages: dict[str, set[ServerConnection]] = {}  # connected pages by path
         self.inlets: dict[str, list[WebSocketInlet]] = {}
         self.end_count, self.origin, self._is_due = 0, address.options.get("origin"), False
         self._port, self._to_send = port, deque[tuple[str, bytes]](maxlen=BUFFER)
@@ -57,14 +57,14 @@ class _Site:
             raise address.refuse(f"cannot listen there ({failure.strerror or failure})") from None
 
     def send(self, path: str, data: bytes) -> None:
-        """Send a message to the pages at a path."""
+        """Send a message to all pages connected at a path."""
         self._to_send.append((path, data))
         if not self._is_due:
             self._is_due = True
             self._loop.call_soon_threadsafe(self._send_all)
 
     def close(self) -> None:
-        """End all connections."""
+        """Close all connections and the port."""
         self._call(self._end())
         self._stop()
 
@@ -102,7 +102,7 @@ class _Site:
             pages.discard(page)
 
     def _send_all(self) -> None:
-        self._is_due = False  # first: later additions are sent by another call
+        self._is_due = False  # reset first, so that later messages schedule another call
         while self._to_send:
             path, data = self._to_send.popleft()
             pages = self.pages.get(path, ())
@@ -110,7 +110,7 @@ class _Site:
 
 
 class _End:
-    """An end at a port and a path."""
+    """A sending or receiving end at a port and a path."""
 
     def __init__(self, address: Address) -> None:
         address.check_options("origin")
@@ -127,7 +127,7 @@ class _End:
         self._site: _Site | None = site
 
     def close(self) -> None:
-        """Close the end; the last one closes the port."""
+        """Close this end. The last end of a port closes the port."""
         site, self._site = self._site, None
         if site is None:
             return
@@ -142,7 +142,7 @@ class WebSocketOutlet(_End):
     """Sends messages to every connected page."""
 
     def send(self, data: np.ndarray) -> None:
-        """Pass the message to the thread of the port."""
+        """Pass a message to the thread that serves the port."""
         if self._site is None:
             raise PublishError(f"{self._text}: is closed, it cannot send")
         self._site.send(self._path, data.tobytes())
@@ -168,7 +168,7 @@ class WebSocketInlet(_End):
         self._has_message.set()
 
     def receive(self, buffer: np.ndarray) -> int:
-        """Receive the oldest message."""
+        """Receive the oldest stored message."""
         try:
             data = self._waiting.popleft()
         except IndexError:
@@ -181,7 +181,7 @@ class WebSocketInlet(_End):
         """Wait for a message."""
         if not self._waiting:
             self._has_message.clear()
-            if not self._waiting:  # nor did one come before the line above
+            if not self._waiting:  # no message came before the flag was cleared
                 self._has_message.wait(timeout)
         return bool(self._waiting)
 

@@ -1,7 +1,7 @@
-"""The bridge between pages and a service: files over HTTP, frames down, poses and moves up.
+"""Bridge between pages and a service, which sends files and frames and receives poses and moves.
 
-One thread, `asyncio`. It computes no distances. Text sent to a page is a JSON document with few keys; binary
-data are messages of `proximity.message`, identified by their first four bytes.
+It runs in one thread with `asyncio` and computes no distances. Text sent to a page is a JSON document with
+few keys. Binary data are messages of `proximity.message`, identified by their first four bytes.
 """
 
 import asyncio
@@ -24,31 +24,32 @@ LOOK_S = 0.001
 IDLE_LOOK_S = 0.05
 MAX_PAGES = 8
 LATEST_MS = 1e12
-"""Maximum of a page's clock."""
+"""Maximum time that a page's clock may show, ms."""
 MAX_IN_FLIGHT = 2
-"""Frames sent without an acknowledgement: a slow page skips, and never lags."""
+"""Maximum number of frames sent without an acknowledgement. A slow page skips frames, but never lags."""
 ANSWER_GAP_S = 0.004
-"""Time between two frames of new poses; 250 a second are more than any display shows."""
+"""Minimum time between two frames with new poses. 250 frames a second are more than any display shows."""
 IDLE_GAP_S = 0.012
-"""Time between two frames of the same poses."""
+"""Minimum time between two frames with the same poses."""
 
 
 class PageClient:
-    """A page, and the tasks that send to it."""
+    """A connected page and the state of sending to it."""
 
     def __init__(self, connection: Any) -> None:
         self.connection = connection
         self.clock, self.allowance = PageClock(), Allowance()
         self.feeds = False
-        self._frame: bytes | None = None  # the newest that waits
+        self._frame: bytes | None = None  # the newest waiting frame
         self._in_flight = 0
         self._sent_s = 0.0
         self._ready = asyncio.Event()
 
     def offer(self, data: bytes, *, is_answer: bool) -> None:
-        """Queue a frame to send, unless too many are under way; it replaces an older one.
+        """Queue a frame for sending unless the previous one was sent too recently.
 
-        *is_answer*: whether it has new poses: it is sent sooner.
+        It replaces a frame that is still waiting. *is_answer*: whether it has new poses, and may follow the
+        previous one sooner.
         """
         now = time.monotonic()
         if now - self._sent_s >= (ANSWER_GAP_S if is_answer else IDLE_GAP_S):
@@ -56,12 +57,12 @@ class PageClient:
             self._ready.set()
 
     def acknowledge(self) -> None:
-        """Count a frame as shown by the page."""
+        """Count a frame as shown by the page, so that another one may be sent."""
         self._in_flight = max(self._in_flight - 1, 0)
         self._ready.set()
 
     async def send_frames(self) -> None:
-        """Send offered frames until the connection is closed."""
+        """Send queued frames until the connection is closed."""
         while True:
             await self._ready.wait()
             self._ready.clear()
@@ -69,19 +70,19 @@ class PageClient:
             if data is None:
                 continue
             if self._in_flight >= MAX_IN_FLIGHT:
-                self._frame = data  # or a newer one, after an acknowledgement
+                self._frame = data  # sent after an acknowledgement, unless a newer one replaces it
                 continue
             self._in_flight += 1
             self._sent_s = time.monotonic()
             await self.connection.send(data)
 
     async def send(self, **what: Any) -> None:
-        """Send a document."""
+        """Send the arguments as a JSON document."""
         await self.connection.send(json.dumps(what, ensure_ascii=False))
 
 
 class Bridge:
-    """Pages and their contents."""
+    """Connects pages to their contents and to the service."""
 
     def __init__(self, shown: Shown, access: Access, files: PageFiles) -> None:
         self.server = PageServer(access, files, self._serve_page, shown.content)
@@ -90,7 +91,10 @@ class Bridge:
         self._tasks: set[asyncio.Task[Any]] = set()
 
     async def publish_frames(self) -> None:
-        """Send frames of the service to pages, until cancelled; pages request those of a log."""
+        """Send frames of the service to pages, until cancelled.
+
+        Without a service it returns immediately, since pages request the frames of a log.
+        """
         frames = self._shown.frames
         while isinstance(frames, LiveFrames):
             await asyncio.sleep(LOOK_S if self._clients else IDLE_LOOK_S)
@@ -148,7 +152,7 @@ class Bridge:
         self._clients.append(client)
 
     def _remove(self, client: PageClient) -> None:
-        """Remove a page; its fingers are no longer tracked, and another page may feed."""
+        """Remove a page. Its fingers are no longer tracked, and another page may send poses."""
         if client not in self._clients:
             return
         self._clients.remove(client)
@@ -168,7 +172,7 @@ class Bridge:
             raise _TooMuchError("too many messages")
         if isinstance(data, bytes):
             if not client.feeds:
-                return  # sent before another page took over
+                return  # sent before another page began to send poses
             done = self._shown.feed.receive(data, client.clock)
             if done is not None:
                 self._broadcast(done)
@@ -179,7 +183,7 @@ class Bridge:
         asked = document(data)
         if "clock" in asked:
             theirs, now_ns = _number(asked["clock"]), time.monotonic_ns()
-            with contextlib.suppress(HeldUpError):  # only poses and moves must be recent
+            with contextlib.suppress(HeldUpError):  # requests for the clock need not be recent
                 client.clock.ahead_ns(round(1e6 * theirs), now_ns)
             self._run_beside(client.send(clock=theirs, now_ns=str(now_ns)))
         elif "feed" in asked:
@@ -204,7 +208,7 @@ class Bridge:
             self._run_beside(client.connection.send(data))
 
     def _run_beside(self, coroutine: Any) -> None:
-        """Run a coroutine as a task; a disconnected page is not an error."""
+        """Run a coroutine as a task that ignores a disconnected page."""
 
         async def guarded() -> None:
             with contextlib.suppress(ConnectionClosed):

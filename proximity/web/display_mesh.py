@@ -1,6 +1,7 @@
-"""Displayed form of a mesh: faces with normals that are smooth on smooth surfaces, and its sharp edges.
+"""Convert a mesh to its displayed form, with smooth normals on smooth surfaces and sharp edges.
 
-For display alone: single precision, relative to the middle of the part; distances are never computed from it.
+It is only for display and has single precision relative to the middle of the part. Distances are never
+computed from it.
 """
 
 from dataclasses import dataclass
@@ -8,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 SHARP_DEGREES = 30.0
-"""Angle of two faces from which their edge is drawn."""
+"""Minimum angle between two faces whose common edge is drawn."""
 MAX_CELLS = 1024
-"""Cells along an axis of the grid in which corners of an open surface are merged."""
+"""Maximum number of cells along an axis of the grid in which corners of an open surface are merged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisplayMesh:
-    """A drawn part, relative to its centre."""
+    """Displayed form of a part, relative to its centre."""
 
-    centre: np.ndarray  # (3,) float64, m, part frame: offset of the positions
+    centre: np.ndarray  # (3,) float64, m, part frame; origin of the positions
     positions: np.ndarray  # (V, 3) float32, m, from the centre
     normals: np.ndarray  # (V, 3) float32, unit
     faces: np.ndarray  # (F, 3) uint32
@@ -25,7 +26,7 @@ class DisplayMesh:
 
 
 def display_mesh(vertices: np.ndarray, faces: np.ndarray) -> DisplayMesh:
-    """Return the drawn form of a mesh.
+    """Return the displayed form of a mesh.
 
     *vertices*: (V, 3) m; *faces*: (F, 3).
 
@@ -60,8 +61,8 @@ def display_mesh(vertices: np.ndarray, faces: np.ndarray) -> DisplayMesh:
 def coarser(vertices: np.ndarray, faces: np.ndarray, target: int) -> tuple[np.ndarray, np.ndarray]:
     """Return a simplified mesh of similar appearance with about *target* faces at most.
 
-    *vertices*: (V, 3) m; *faces*: (F, 3). *target*: wanted number of faces; a larger one than present has no
-    effect.
+    *vertices*: (V, 3) m; *faces*: (F, 3). *target*: maximum number of faces; a mesh with fewer faces is
+    returned unchanged.
 
     Notes
     -----
@@ -78,10 +79,14 @@ def coarser(vertices: np.ndarray, faces: np.ndarray, target: int) -> tuple[np.nd
 def _simplified(
     vertices: np.ndarray, faces: np.ndarray, target: int, extent: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Simplify by manifold3d, with the least of a few tolerances; None if it fails or stays too fine."""
-    import manifold3d  # slow to import, and only for large parts
+    """Simplify a closed mesh by manifold3d.
 
-    mesh = manifold3d.Mesh64(np.array(vertices), np.array(faces, np.uint64))  # writeable: it insists
+    The smallest of some tolerances that gives at most *target* faces is used. Return None if the mesh is not
+    closed or no tolerance suffices.
+    """
+    import manifold3d  # slow to import, and needed for large parts only
+
+    mesh = manifold3d.Mesh64(np.array(vertices), np.array(faces, np.uint64))  # writeable copies
     solid = manifold3d.Manifold(mesh)
     if solid.status() != manifold3d.Error.NoError or solid.is_empty():
         return None
@@ -96,7 +101,7 @@ def _simplified(
 def _clustered(
     vertices: np.ndarray, faces: np.ndarray, target: int, extent: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Merge the corners in each cell into their mean; faces that lose an edge are removed."""
+    """Merge the corners in each cell of a grid into their mean, and remove faces that lose an edge."""
     lower, cells = vertices[np.unique(faces)].min(axis=0), MAX_CELLS
     while True:
         cell = np.floor((vertices - lower) * (cells / extent)).astype(np.int64)
@@ -126,9 +131,10 @@ def _corner_angles(corners: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _edges(faces: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs of corners joined by a smooth surface, and the drawn edges, by their vertices.
+    """Return the pairs of corners that a smooth surface joins, and the edges to draw.
 
-    A corner is numbered by its position among all corners. An edge of two nearly parallel faces is smooth.
+    The former are numbers of corners among all corners of faces, the latter numbers of vertices. An edge of
+    two nearly parallel faces is smooth.
     """
     corner = np.arange(faces.size).reshape(-1, 3)
     start, end = corner.reshape(-1), np.roll(corner, -1, axis=1).reshape(-1)
@@ -154,7 +160,7 @@ def _edges(faces: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _smooth_groups(faces: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Return for every corner the number of its drawn vertex, shared by all corners joined with it."""
+    """Return the number of the drawn vertex of every corner. Joined corners share one."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 

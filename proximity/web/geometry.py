@@ -1,6 +1,6 @@
-"""Geometry of a scene as a GLB file, made from the loaded parts, whatever their formats.
+"""Convert a scene to a GLB file, whatever the formats of its parts.
 
-A part is a node with its name and pose; below it are its faces and its edges relative to its centre, so that
+A part is a node with its name and pose. Below it are its faces and its edges relative to its centre, so that
 single precision is enough at any distance from the origin. ``extras`` contain the numbers of faces and of
 drawn faces for the page.
 """
@@ -16,15 +16,15 @@ from proximity.scene.scene import Scene
 from proximity.web.display_mesh import coarser, display_mesh
 
 MAX_FACES = 500_000
-"""Maximum number of drawn faces of a scene, which a browser turns smoothly."""
+"""Maximum number of faces of a scene that a browser can turn smoothly."""
 MIN_FACES = 200
-"""Minimum number of faces of a part of a larger scene."""
+"""Minimum number of faces to which a part of a large scene is simplified."""
 COLOURS = (
     (0.32, 0.42, 0.55), (0.78, 0.31, 0.07), (0.10, 0.49, 0.29), (0.56, 0.19, 0.52), (0.61, 0.59, 0.09),
     (0.26, 0.23, 0.77), (0.17, 0.62, 0.73), (0.19, 0.32, 0.09), (0.86, 0.48, 0.64), (0.08, 0.21, 0.42),
     (0.38, 0.18, 0.04), (0.24, 0.24, 0.24),
 )  # fmt: skip
-"""Colours of parts, in turn, as linear red, green and blue; red is reserved for crossing parts."""
+"""Colours that parts have in turn, as linear red, green and blue. Red is reserved for crossing parts."""
 EDGE_COLOUR = (0.03, 0.035, 0.05)
 
 _FLOAT, _UNSIGNED = 5126, 5125
@@ -35,9 +35,9 @@ _CHUNK = struct.Struct("<II")
 
 
 def scene_glb(scene: Scene, *, max_faces: int = MAX_FACES) -> bytes:
-    """Return a scene as GLB, metres, in the scene's axes (z up).
+    """Return a scene as a GLB file, in metres and in the scene's axes (z up).
 
-    *max_faces*: of the drawing; a larger scene is simplified, each part by its share.
+    *max_faces*: maximum number of faces; in a larger scene all parts are simplified by the same factor.
     """
     total = sum(part.solid.mesh.face_count for part in scene.parts)
     share = min(1.0, max_faces / total)
@@ -52,7 +52,7 @@ def scene_glb(scene: Scene, *, max_faces: int = MAX_FACES) -> bytes:
 
 
 class _Glb:
-    """The growing document."""
+    """A GLB file under construction."""
 
     def __init__(self) -> None:
         self._binary = bytearray()
@@ -61,7 +61,7 @@ class _Glb:
         self._lists: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
 
     def add_part(self, number: int, part: Part, target: int) -> int:
-        """Add a part with about *target* faces at most; return their number."""
+        """Add a part with about *target* faces at most. Return their number."""
         mesh = part.solid.mesh
         drawn = display_mesh(*coarser(mesh.vertices, np.asarray(mesh.faces, np.int64), target))
         attributes = {"POSITION": self._vertices(drawn.positions), "NORMAL": self._vertices(drawn.normals)}
@@ -92,7 +92,7 @@ class _Glb:
         return len(drawn.faces)
 
     def data(self, extras: dict[str, Any]) -> bytes:
-        """Return the complete file."""
+        """Return the bytes of the complete file."""
         document = {
             "asset": {"version": "2.0", "generator": "proximity"},
             "scene": 0,
@@ -121,7 +121,10 @@ class _Glb:
         )
 
     def _view(self, rows: np.ndarray, target: int) -> int:
-        """Add an array of 4 bytes a number, so that the next one is aligned; return its number."""
+        """Add an array of 4-byte numbers as a buffer view, and return its index.
+
+        The next array stays aligned.
+        """
         data, offset = np.ascontiguousarray(rows).tobytes(), len(self._binary)
         self._binary += data
         return self._add("bufferViews", buffer=0, byteOffset=offset, byteLength=len(data), target=target)

@@ -1,4 +1,4 @@
-"""Contents of a page over HTTP: its files, the engine, and, with its token, the scene."""
+"""Contents of a page over HTTP, which are its files, the engine, and the scene, which requires the token."""
 
 import json
 import tempfile
@@ -19,11 +19,11 @@ PAGE = Path(__file__).parent / "page"
 READ = ("reals", "words", "frames", "parts")
 """Arrays of a compiled scene that the engine reads, in the order of the file."""
 TEXT_SIZE = 4
-"""Position of the size of the description in the header."""
+"""Index of the size of the description in the fields of the header."""
 
 
 def scene_page_files(frame_ancestors: str = "'self'") -> PageFiles:
-    """Return the page with the engine for browsers, and with the client for messages of a service."""
+    """Return the files of the page, of the engine for browsers, and of the client of a service."""
     engine = package_files()
     made = {f"/{name}": content for name, content in engine.items() if name != "example.mjs"}
     return PageFiles(PAGE, made, frame_ancestors)
@@ -32,9 +32,10 @@ def scene_page_files(frame_ancestors: str = "'self'") -> PageFiles:
 def shown_contents(
     scene: Scene | None, welcome: dict[str, Any] | None = None, points: bytes = b""
 ) -> dict[str, bytes]:
-    """Return the scene for pages, by names: compiled for the engine, and as geometry to draw.
+    """Return the contents for pages by name, including the scene in two forms.
 
-    *welcome*: data for a page that computes distances itself; None if a service does. *points*: float64.
+    It is compiled for the engine, and as geometry to draw. *welcome*: data for a page that computes distances
+    itself; None if a service does. *points*: coordinates to show, float64.
     """
     contents = {"welcome": json.dumps(welcome).encode(), "points": points}
     if scene is not None:
@@ -43,9 +44,9 @@ def shown_contents(
 
 
 def _compiled(scene: Scene) -> bytes:
-    """Return the compiled scene for the engine, except coordinates of triangles.
+    """Return the compiled scene for the engine without the coordinates of triangles.
 
-    They are those of the parts' corners: `local_scene.js` fills them in.
+    They equal those of the parts' corners, so that `local_scene.js` fills them in.
     """
     with tempfile.TemporaryDirectory(prefix="proximity_page_") as folder:
         path = Path(folder, "scene.prox")

@@ -1,7 +1,8 @@
-"""Messages of a page to the service: poses of fingers, moves and changes of parts, untrusted.
+"""Receive messages of a page, which are poses of fingers and moves and changes of parts, for the service.
 
-Messages arrive in the service's format with instants on the page's clock. They are validated, their instants
-converted to this machine's clock, and published again: a page never chooses session or sequence.
+The messages are untrusted. They have the service's format, with instants on the page's clock. They are
+validated, their instants converted to this machine's clock, and published again, so that a page never chooses
+session or sequence.
 """
 
 import contextlib
@@ -22,25 +23,25 @@ from proximity.web.server.access import UnfitError
 
 KINDS = {kind.magic: kind for kind in (POSES, PATH_POSES, MOVES, CHANGES)}
 FARTHEST = 1e4
-"""m from the origin: beyond any hand or part."""
+"""Maximum distance from the origin, m. No hand or part is farther."""
 OLDEST_NS = 1_000_000_000
-"""Maximum delay of a message; a longer one means a blocked connection, or a suspended machine."""
+"""Maximum delay of a message. A longer one is due to a blocked connection or a suspended machine."""
 SPREAD_NS = 1_000_000_000
-"""Maximum difference between the instant of a pose and that of its sending."""
+"""Maximum difference between the instant of a pose and that at which it was sent."""
 
 
 class HeldUpError(UnfitError):
-    """Raised for messages so late that the connection, and with it the clock, must be restarted."""
+    """Raised for messages that are so late that the page must connect again to restart its clock."""
 
 
 class PageClock:
-    """Clock of a page; the fastest message gives its offset from this machine's."""
+    """Clock of a page, whose offset from this machine's clock is given by the fastest message."""
 
     def __init__(self) -> None:
         self._clock = ForeignClock()
 
     def ahead_ns(self, sent_ns: int, now_ns: int) -> int | None:
-        """Return the offset to add to instants of the page; None until its clock is seen to advance."""
+        """Return the offset to add to instants of the page, or None until its clock is seen to advance."""
         self._clock.arrived(sent_ns, now_ns)
         ahead = now_ns - self._clock.theirs(now_ns)
         if now_ns - (sent_ns + ahead) > OLDEST_NS:
@@ -49,9 +50,10 @@ class PageClock:
 
 
 class PageInbox:
-    """The path from pages to the service, at the addresses that are not None; closed at the end.
+    """Passes messages of pages to the addresses of a service that are not None.
 
-    *scene* is changed like the service's, and reset to its initial state.
+    *scene*: changed like the service's scene, to which it is equal initially. The addresses are closed at the
+    end.
     """
 
     def __init__(
@@ -74,7 +76,10 @@ class PageInbox:
         self._gone.records["finger"] = np.arange(count)
 
     def receive(self, data: bytes, clock: PageClock, now_ns: int | None = None) -> bytes | None:
-        """Validate and publish a message of a page; return the moves or changes for other pages."""
+        """Validate and publish a message of a page.
+
+        Return the message for other pages if it contains moves or changes, else None.
+        """
         now_ns = time.monotonic_ns() if now_ns is None else now_ns
         array = np.frombuffer(data, np.uint8)
         kind = KINDS.get(int.from_bytes(data[:4], "little"))
@@ -102,17 +107,17 @@ class PageInbox:
         return bytes(message.data) if kind is MOVES else None
 
     def release(self) -> None:
-        """Report that no finger is tracked: the feeding page has disconnected."""
+        """Report that no finger is tracked, because the page that sent poses has disconnected."""
         if self._poses is not None:
             self._gone.records["pose_ns"] = self._gone.header["send_ns"] = time.monotonic_ns()
             self._publish(self._poses, self._gone)
 
     def state(self) -> list[bytes]:
-        """Return messages of moved, hidden and shown parts, for a new page."""
+        """Return messages with the moved, hidden and shown parts, for a new page."""
         return [bytes(message.seal(0, 0)) for message in (self._where(), self._hidden()) if message]
 
     def resend(self) -> None:
-        """Send moved, hidden and shown parts to a service that has restarted with the state of its file."""
+        """Send moved, hidden and shown parts to a service that has restarted with the initial scene."""
         for publisher, message in ((self._moves, self._where()), (self._changes, self._hidden())):
             if message is not None:
                 self._publish(publisher, message)
@@ -206,10 +211,10 @@ class PageInbox:
 
     def _publish(self, publisher: Publisher | None, message: Message) -> None:
         if publisher is not None:
-            with contextlib.suppress(ProximityError):  # the service detects the absence by their age
+            with contextlib.suppress(ProximityError):  # the service detects missing poses by their age
                 publisher.publish(message)
 
 
 def _most(numbers: np.ndarray) -> float:
-    """Return the largest magnitude; nan counts as 0, infinity as itself."""
+    """Return the largest absolute value. Nan counts as 0, infinity as infinity."""
     return float(np.nan_to_num(np.abs(numbers), nan=0.0, posinf=np.inf).max(initial=0.0))

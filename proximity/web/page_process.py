@@ -1,4 +1,4 @@
-"""Life of a page: parts, service and bridge in one process, and one event that stops all."""
+"""Run a page, whose parts, service and bridge are in one process and are stopped by one event."""
 
 import asyncio
 import errno
@@ -48,11 +48,11 @@ if TYPE_CHECKING:
 LOOK_S = 0.05
 RECORDED_STEP_S = 1 / 90
 LONGEST_RECORDED_S = 300.0
-"""Maximum duration of a recorded hand replayed by a page."""
+"""Maximum duration of a recorded hand that a page replays."""
 FINGERS_OF_PAGE = 10
-"""Fingers of two hands, thumb to little finger, the left hand first."""
+"""Number of fingers of two hands, from thumb to little finger with the left hand first."""
 TRACKER = ("working_range", "tolerance", "horizon", "max_speed", "max_acceleration")
-"""Settings of fingers that a page's tracker takes from a scene file."""
+"""Settings of fingers in a scene file that the tracker of a page uses."""
 FRAMED_BY_NOTEBOOKS = "'self' http://localhost:* http://127.0.0.1:*"
 
 
@@ -60,23 +60,23 @@ FRAMED_BY_NOTEBOOKS = "'self' http://localhost:* http://127.0.0.1:*"
 class PageSettings:
     """Contents and addresses of a page."""
 
-    files: tuple[str, ...]  # parts; or a scene file; or a log of frames and parts
+    files: tuple[str, ...]  # files of parts, a scene file, or a log of frames and files of parts
     units: str = "mm"
     reading: tuple[tuple[str, float], ...] = ()  # more options of `load`, for every file
-    recording: str | None = None  # a hand to replay
-    is_recording_fitted: bool = False  # so that it touches
+    recording: str | None = None  # recording of a hand to replay
+    is_recording_fitted: bool = False  # whether to place the hand so that it touches
     first_input: str = ""  # "replay": the recording from the start; "mouse": a hand
-    points_name: str = ""  # of points shown with their distances
-    points: bytes = b""  # their coordinates, m, float64
-    find_clashes: Callable[[Scene], Sequence[MeasuredPair]] | None = None  # None: they are not listed
-    radius: float | None = None  # m; None: as in the scene file
+    points_name: str = ""  # name of the points shown with their distances
+    points: bytes = b""  # coordinates of the points, m, float64
+    find_clashes: Callable[[Scene], Sequence[MeasuredPair]] | None = None  # None: clashes are not listed
+    radius: float | None = None  # m; None: that of the scene file
     port: int = 0
     bind: str = "127.0.0.1"
     names: tuple[str, ...] = ()  # further names of this machine
     certificate: str | None = None
     key: str | None = None
-    beside: str | None = None  # address of the frames of a running service: a scene file's
-    may_be_framed: bool = False  # by a notebook on this machine
+    beside: str | None = None  # address of the frames of a running service of the scene file
+    may_be_framed: bool = False  # whether a notebook on this machine may show it in a frame
 
 
 def run_page(
@@ -86,9 +86,9 @@ def run_page(
     say: Callable[[str], None],
     begun: Callable[[dict[str, Any]], None],
 ) -> dict[str, Any]:
-    """Show a page until stopped; return the counts of refusals.
+    """Show a page until stopped. Return the numbers of refused requests.
 
-    *begun*: called with ``url`` and more when the page can be opened.
+    *begun*: function that is called with ``url`` and more when the page can be opened.
     """
     with needed("the page needs", "web"):
         from proximity.web.bridge import Bridge
@@ -120,7 +120,7 @@ def run_page(
 async def _until_stopped(
     bridge: "Bridge", shown: Shown, stop: threading.Event, begun: Callable[[], None]
 ) -> None:
-    """Send frames to pages."""
+    """Send frames to pages until *stop* is set."""
     publishing = asyncio.create_task(bridge.publish_frames())
     begun()
     while not stop.is_set():
@@ -132,7 +132,7 @@ async def _until_stopped(
 
 
 def _free_port(settings: PageSettings) -> int:
-    """Return the port to listen on; raise if another program has it, before parts are read."""
+    """Return the port to listen on. Raise an error if it is in use, before parts are read."""
     try:
         family = socket.AF_INET6 if ":" in settings.bind else socket.AF_INET
         with socket.create_server((settings.bind, settings.port), family=family) as free:
@@ -144,14 +144,14 @@ def _free_port(settings: PageSettings) -> int:
 
 
 def _shown_host(bind: str) -> str:
-    """Return the host of the URL for a listening address."""
+    """Return the host in the URL of a listening address."""
     if bind in ("0.0.0.0", "::"):
         return socket.gethostname()
     return f"[{bind}]" if ":" in bind else bind
 
 
 def _shown(settings: PageSettings, opened: ExitStack) -> Shown:
-    """Load and open the contents."""
+    """Load and open the contents of a page."""
     logs = [name for name in settings.files if name.endswith(".frames")]
     parts = tuple(name for name in settings.files if name not in logs)
     for name in settings.files:
@@ -167,7 +167,10 @@ def _shown(settings: PageSettings, opened: ExitStack) -> Shown:
 
 
 def page_settings(files: Sequence[str], settings: PageSettings) -> SceneFile:
-    """Return the parts and fingers of a page: from files of parts, or one scene file."""
+    """Return the parts and fingers of a page as settings.
+
+    They are read from a scene file, or refer to files of parts.
+    """
     if len(files) == 1 and files[0].endswith(".toml"):
         given = read_scene_file(files[0])
     else:
@@ -180,7 +183,10 @@ def page_settings(files: Sequence[str], settings: PageSettings) -> SceneFile:
 
 
 def _attach_to_service(settings: PageSettings, path: str, frames: str, opened: ExitStack) -> Shown:
-    """Attach a page to a running service: it feeds if the scene file permits."""
+    """Return the contents of a page of a running service.
+
+    The page may send poses and moves if the scene file permits it.
+    """
     served = read_scene_file(path)
     scene = PartFiles().scene(served) if served.parts else None
     given = served.input if served.web.feed else InputSettings()
@@ -198,7 +204,7 @@ def _attach_to_service(settings: PageSettings, path: str, frames: str, opened: E
 
 
 def _open_log(settings: PageSettings, log: str, served: SceneFile | None) -> Shown:
-    """Open the log of a service, over its parts if given."""
+    """Return the contents of a page that plays the log of a service, with its parts if given."""
     frames, files = LoggedFrames(log), PartFiles(**dict(settings.reading))
     scene = None if served is None else files.scene(served)
     count = frames.finger_count
@@ -212,7 +218,7 @@ def _open_log(settings: PageSettings, log: str, served: SceneFile | None) -> Sho
 
 
 def _open_parts(settings: PageSettings) -> Shown:
-    """Load parts over which pages compute distances themselves, each for its hands."""
+    """Return the contents of pages that compute distances to parts themselves, each for its own hands."""
     served, files = page_settings(settings.files, settings), PartFiles(**dict(settings.reading))
     scene, count = files.scene(served), finger_count(served, None)
     shown = Shown(_title(settings), scene, None, PageInbox(None, None, None, scene, count))
@@ -232,7 +238,7 @@ def _without_hand(settings: PageSettings) -> PageSettings:
 
 
 def _about(settings: PageSettings, served: SceneFile, scene: Scene, count: int) -> dict[str, Any]:
-    """Return the page's data on its fingers."""
+    """Return data on fingers, points, clashes and the recording for the page."""
     radius = served.fingers.radius
     radii = [radius] * count if isinstance(radius, float) else list(radius)
     recording = None if settings.recording is None else read_recording(settings.recording)
@@ -249,7 +255,7 @@ def _about(settings: PageSettings, served: SceneFile, scene: Scene, count: int) 
 
 
 def _listed(clash: MeasuredPair) -> dict[str, Any]:
-    """Return a clash for the page's list, in m, scene's frame."""
+    """Return a clash for the list of the page, in metres and in the scene's frame."""
     return {
         "names": clash.clearance[:2],
         "deepest": clash.deepest,
@@ -260,7 +266,7 @@ def _listed(clash: MeasuredPair) -> dict[str, Any]:
 
 
 def write_page(settings: PageSettings, path: Path) -> int:
-    """Write a page that computes distances itself, in one file; return its size in bytes."""
+    """Write one file with a page that computes distances itself. Return its size in bytes."""
     if any(name.endswith(".frames") for name in settings.files):
         raise ServiceError("a log cannot be saved as a page, expected parts or a scene file")
     return save_page(path, _open_parts(settings).content)
@@ -271,7 +277,7 @@ def _title(settings: PageSettings) -> str:
 
 
 def _drum_degrees(served: SceneFile, count: int) -> list[list[float]] | None:
-    """Return the drum angle of each finger for bends evenly from 0 to 1; None without a glove."""
+    """Return drum angles of each finger at equally spaced bends from 0 to 1, or None without gloves."""
     if served.glove is None:
         return None
     from proximity.decaff.glove.calibrated_glove import as_many, read_glove
@@ -285,7 +291,7 @@ def _drum_degrees(served: SceneFile, count: int) -> list[list[float]] | None:
 def _recorded(
     recording: Recording, scene: Scene, radius: float, settings: PageSettings
 ) -> dict[str, Any] | None:
-    """Return a recorded hand for a page; None if it cannot be placed."""
+    """Return a recorded hand for the page, or None if it cannot be placed."""
     try:
         recording = recording.first(LONGEST_RECORDED_S).resampled(RECORDED_STEP_S)
         if settings.is_recording_fitted:
@@ -306,7 +312,7 @@ def _recorded(
 
 
 def _tls(settings: PageSettings) -> ssl.SSLContext | None:
-    """Return the TLS context, required for any address except this machine's."""
+    """Return the TLS context, or None if it is not needed. Only the loopback address needs none."""
     is_local = settings.bind in ("127.0.0.1", "::1", "localhost")
     if settings.certificate is None or settings.key is None:
         if not is_local or settings.certificate or settings.key:
@@ -324,7 +330,7 @@ def _tls(settings: PageSettings) -> ssl.SSLContext | None:
 
 
 def _names(settings: PageSettings) -> tuple[str, ...]:
-    """Return the names of this machine."""
+    """Return the names under which this machine can be reached."""
     names = [*LOOPBACK, *settings.names]
     if settings.bind in ("0.0.0.0", "::"):
         names += [socket.gethostname(), socket.getfqdn()]

@@ -1,4 +1,4 @@
-"""A page started from Python, in a separate process."""
+"""Start a page from Python in a separate process."""
 
 import os
 import socket
@@ -16,11 +16,12 @@ from proximity.service.hosting.process import STOP_TIMEOUT
 from proximity.web.server.access import open_in_browser
 
 BEGIN_TIMEOUT = 600.0
-"""s. Large parts may have to be read, and once kernels compiled."""
+"""Maximum wait until the page can be opened, s. Large parts may have to be read, and kernels compiled
+once."""
 
 
 class Addresses(NamedTuple):
-    """Addresses of a service: its outputs and its inputs."""
+    """Addresses of a service, which are those of its outputs and its inputs."""
 
     frames: str
     poses: str
@@ -29,7 +30,7 @@ class Addresses(NamedTuple):
 
 
 def own_addresses() -> Addresses:
-    """Return unused addresses: shared memory, or datagrams if it is not supported."""
+    """Return unused addresses of shared memory, or of datagrams if that is not supported."""
     if sys.platform == "linux":
         name = f"shm://proximity-page-{os.getpid()}-{os.urandom(4).hex()}"
         return Addresses(name, f"{name}/poses", f"{name}/moves", f"{name}/changes")
@@ -41,9 +42,10 @@ def own_addresses() -> Addresses:
 
 
 class RunningPage(RunningService):
-    """A page that can be opened at ``url``; made by `view`, ended by ``stop()`` or with this process.
+    """A page that can be opened at ``url``.
 
-    As the last value of a notebook's cell, it is shown below the cell.
+    It is created by `view` and ends by ``stop()`` or with this process. As the last value of a notebook's
+    cell, it is shown below the cell.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A page in one file: parts, engine and page together, without a service, a server or a network."""
+"""Save a page as one file with parts and engine, which needs no service, server or network."""
 
 import base64
 import gzip
@@ -11,15 +11,17 @@ from pathlib import Path
 from proximity.system.whole_file import whole_file
 from proximity.web.page_content import scene_page_files
 
-LEVEL = 6  # of the compression
+LEVEL = 6  # level of the compression
 CHARSET = "windows-1252"
-"""Every byte is a letter: 2 % more than the bytes, instead of a third more for base64."""
+"""Character set in which every byte is a letter. The text is 2 % longer than the bytes, while base64 would be
+a third longer."""
 POLICY = (
     """<meta http-equiv="Content-Security-Policy" content="default-src 'none'; base-uri 'none'; """
     """form-action 'none'; img-src blob: data:; style-src 'nonce-{nonce}'; """
     """script-src 'nonce-{nonce}' 'wasm-unsafe-eval' blob:">"""
 )
-"""Only code of the file runs, and no data leave it: code in a part's name does not run."""
+"""Policy under which only code of the file runs and no data leave it. Code in the name of a part does not
+run."""
 _IMPORTED = re.compile(r"""(\bfrom\s*|\bimport\s*\(?\s*)(["'])([^"']+)\2""")
 _THREE = "page/vendor/three/three.module.js"
 _SCRIPTS = re.compile(r'<script type="(?:importmap|module)".*?</script>\n', re.DOTALL)
@@ -54,11 +56,14 @@ const { nonce } = document.currentScript;
   document.getElementById("cover-text").textContent = `This browser cannot show the page: ${failure.message}`;
 });
 """
-"""Makes modules from the file's contents, and starts the page."""
+"""Code that creates modules from the contents of the file and starts the page."""
 
 
 def save_page(path: Path, shown: dict[str, bytes]) -> int:
-    """Write a page with a scene in it, from `shown_contents`; return its size in bytes."""
+    """Write a page that contains a scene. Return its size in bytes.
+
+    *shown*: contents from `shown_contents`.
+    """
     files = scene_page_files().contents
     modules = {
         f"page{name}": _by_names(f"page{name}", content.decode())
@@ -89,7 +94,7 @@ def save_page(path: Path, shown: dict[str, bytes]) -> int:
 
 
 def _by_names(module: str, text: str) -> str:
-    """Return the text of a module, whose imports use the names of the page's import map."""
+    """Return the text of a module in which the imports use the names of the page's import map."""
 
     def named(match: re.Match[str]) -> str:
         name = match[3]
@@ -103,7 +108,10 @@ def _by_names(module: str, text: str) -> str:
 
 
 def _packed(content: bytes) -> bytes:
-    """Return compressed content, a byte a letter, with characters that a page may not contain escaped."""
+    """Return compressed content, in which each byte is one letter of the page's character set.
+
+    Characters that a page may not contain are escaped.
+    """
     packed = gzip.compress(content, LEVEL, mtime=0)
     for letter in b"=\0\r<":
         packed = packed.replace(bytes([letter]), b"=" + bytes([letter + 64]))

@@ -1,4 +1,7 @@
-"""Sources of a page: a running service and other programs that change its scene, or the log of one."""
+"""Sources of the frames that a page shows, which are a running service or a log.
+
+Other programs that change the scene are a source of moves and changes.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -19,22 +22,22 @@ from proximity.web.page_content import shown_contents
 from proximity.web.page_inbox import PageInbox
 
 LARGEST_LOG = 2_000_000_000
-"""Bytes of frames, kept in memory while a log is viewed."""
+"""Maximum size of the frames of a log, bytes. They are in memory while the log is shown."""
 SHARED = ("shm://", "zenoh://")
 """Addresses at which any number of programs can listen."""
 _POSE_AT = FRAME_HEADER.fields["pose_ns"][1]  # type: ignore[index]
 
 
 class NewFrame(NamedTuple):
-    """The newest frame, as bytes."""
+    """The newest frame as bytes, and how it differs from the previous frame."""
 
     data: bytes
-    is_new_run: bool  # of a restarted service
-    is_answer: bool  # its poses differ from those of the previous frame
+    is_new_run: bool  # whether the service has restarted
+    is_answer: bool  # whether its poses differ from those of the previous frame
 
 
 class LiveFrames:
-    """Frames published by a service; invalid ones are never returned."""
+    """Frames that a service publishes. Invalid frames are never returned."""
 
     def __init__(self, address: str) -> None:
         self._subscriber = open_subscriber(address)
@@ -42,7 +45,7 @@ class LiveFrames:
         self._poses = b""
 
     def newest(self) -> NewFrame | None:
-        """Return the newest frame since the last call, or None."""
+        """Return the newest frame that has arrived since the last call, or None."""
         taken = b""
         for frame in self._subscriber.frames():
             taken = frame.tobytes()  # copied now: the next message, even an invalid one, overwrites it
@@ -60,10 +63,10 @@ class LiveFrames:
 
 
 class OtherPrograms:
-    """Moves, hiding and showing by other programs, for pages that only display.
+    """Receives moves, hiding and showing by other programs, for pages that only display.
 
-    Addresses with a single possible listener belong to the service. *addresses*: of moves and changes, or
-    None.
+    Addresses that can have only one listener are left to the service. *addresses*: addresses of moves and
+    changes, or None.
     """
 
     def __init__(self, addresses: Sequence[str | None] = (), scene: Scene | None = None) -> None:
@@ -75,7 +78,7 @@ class OtherPrograms:
         ]
 
     def messages(self) -> Iterator[bytes]:
-        """Yield arrived messages, after applying them to the scene."""
+        """Apply arrived messages to the scene, and yield them."""
         for reception in self._receptions:
             for kind, records, ahead_ns in reception.messages():
                 message = Message(kind, len(records))
@@ -100,11 +103,11 @@ class OtherPrograms:
             elif record["action"] in (PartAction.HIDE, PartAction.SHOW):
                 carry_out(self._scene, ((name, PartAction(record["action"])),))
         except ProximityError:
-            return  # the service has reported it
+            return  # the service reports the error
 
 
 class LoggedFrames:
-    """The frames of a log, by index and by time."""
+    """Frames of a log, which can be read by index or by time."""
 
     def __init__(self, path: Any) -> None:
         reader = FrameReader(path)
@@ -133,7 +136,7 @@ class LoggedFrames:
 
     @property
     def finger_count(self) -> int:
-        """Number of fingers of the first frame."""
+        """Number of fingers in the first frame."""
         return int(self._runs[0]["header"]["count"][0])
 
     @property
@@ -142,25 +145,28 @@ class LoggedFrames:
         return float(self._times_ns[-1]) / 1e6
 
     def at(self, place: int) -> bytes:
-        """Return a frame.
+        """Return the frame at an index.
 
-        *place*: index from 0; beyond the ends the first or the last.
+        *place*: index from 0. Beyond the ends it is the first or the last frame.
         """
         place = min(max(place, 0), self.count - 1)
         run = int(np.searchsorted(self._begins, place, side="right")) - 1
         return self._runs[run][place - int(self._begins[run])].tobytes()
 
     def place_at(self, ms: float) -> int:
-        """Return the index of the last frame not after a time, ms from the first."""
+        """Return the index of the last frame at or before a time, in ms from the first frame."""
         return max(int(np.searchsorted(self._times_ns, ms * 1e6, side="right")) - 1, 0)
 
     def ms_at(self, place: int) -> float:
-        """Return the time of a frame, ms from the first."""
+        """Return the time of a frame, in ms from the first frame."""
         return float(self._times_ns[min(max(place, 0), self.count - 1)]) / 1e6
 
 
 def _times(runs: list[np.ndarray]) -> Iterator[np.ndarray]:
-    """Yield instants of frames from the first, ns; a later session continues at the previous one's end."""
+    """Yield arrays with the instants of frames, ns from the first frame.
+
+    The first frame of another session has the instant of the last one of the previous session.
+    """
     offset, last, session = -int(runs[0]["header"]["start_ns"][0]), 0, runs[0]["header"]["session"][0]
     for run in runs:
         starts, sessions = run["header"]["start_ns"], run["header"]["session"]
@@ -175,7 +181,7 @@ def _times(runs: list[np.ndarray]) -> Iterator[np.ndarray]:
 
 @dataclass(slots=True, eq=False)
 class Shown:
-    """Contents of pages."""
+    """Contents that pages show."""
 
     title: str
     scene: Scene | None
@@ -184,4 +190,4 @@ class Shown:
     content: dict[str, bytes] = field(default_factory=lambda: shown_contents(None))
     others: OtherPrograms = field(default_factory=OtherPrograms)
     about: dict[str, Any] = field(default_factory=dict)  # first data sent to pages
-    notes: tuple[str, ...] = ()  # on the files of parts
+    notes: tuple[str, ...] = ()  # notes on the files of parts

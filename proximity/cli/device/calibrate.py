@@ -1,4 +1,4 @@
-"""``proximity calibrate``: measure a finger's glove and its drum, step by step, into a calibration."""
+"""Command ``proximity calibrate``, which measures a finger's glove and its drum and writes a calibration."""
 
 import sys
 from contextlib import AbstractContextManager, nullcontext, redirect_stdout
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from proximity.decaff.calibration.simulated_glove import SimulatedGlove
     from proximity.decaff.glove.glove import Glove
 
-OLD_READINGS_H = 12.0  # after which the glove was probably taken off
+OLD_READINGS_H = 12.0  # hours after which the glove was probably taken off
 MM = 1e-3
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Options for the measured glove and its instruments."""
+    """Options that select the glove to measure and its instruments."""
 
     simulate: Annotated[bool, flag("--simulate", "Measure a simulated glove, for practice.")] = False
     seed: Annotated[int, option("N", "Seed of the simulated glove.")] = 0
@@ -130,7 +130,7 @@ def calibrate(
 
 
 def _design(measured: Measured) -> "Glove":
-    """Return the designed glove: that of the file, with the given lengths."""
+    """Return the glove as designed, from the file or the default, with the given lengths."""
     from proximity.cli.options import designed
     from proximity.decaff.glove.calibrated_glove import read_any_glove
     from proximity.decaff.glove.glove import Glove, with_gear
@@ -153,7 +153,7 @@ def _port(address: str | None, design: "Glove") -> "AbstractContextManager[Motor
 def _opened(
     path: Path, measured: Measured, design: "Glove", port: "MotorPort | None", skip: list[str] | None
 ) -> tuple["Session", "TypedInstruments", "SimulatedGlove | None"]:
-    """Return the session, the typed instruments, and the simulated glove, if any."""
+    """Return the session, the typed instruments, and the simulated glove or None."""
     from proximity.cli.device.typed_instruments import TypedInstruments
     from proximity.decaff.calibration.instruments import Instruments
     from proximity.decaff.calibration.readings import Readings
@@ -174,7 +174,7 @@ def _opened(
 
 
 def _written(session: "Session", path: Path, name: str) -> str:
-    """Write the calibration; return a report."""
+    """Write the calibration. Return a sentence that reports it."""
     from proximity.cli.device.guide import UnfinishedError
     from proximity.decaff.calibration.results import as_document
     from proximity.decaff.glove.calibration import write_calibration
@@ -187,7 +187,7 @@ def _written(session: "Session", path: Path, name: str) -> str:
 
 
 def _begin(session: "Session", again: str | None) -> None:
-    """Delete the readings of *again*, and report the remaining ones."""
+    """Delete the readings of the tasks *again*, and report the remaining ones."""
     from datetime import UTC, datetime, timedelta
 
     readings = session.readings

@@ -1,4 +1,4 @@
-"""Calibration in the terminal: instructions, readings and results."""
+"""Run a calibration in the terminal, with instructions, readings and results."""
 
 import math
 from collections.abc import Sequence
@@ -13,14 +13,14 @@ HINT = "Type r to repeat the last reading, s to skip the task. Ctrl-C stops and 
 
 
 class Terminal:
-    """Prompts and input of a calibration."""
+    """Prints the prompts of a calibration and reads the input."""
 
     def __init__(self) -> None:
-        self._bend: float | None = None  # shown last
+        self._bend: float | None = None  # bend that was shown last
         self._prompt: Prompt | None = None
 
     def begin(self, prompt: Prompt) -> None:
-        """Print heading and pose, unless they were printed before."""
+        """Print the heading and the pose of a prompt, unless they were printed before."""
         if self._prompt is None:
             typer.echo(HINT)
         self._prompt = prompt
@@ -34,14 +34,14 @@ class Terminal:
         self._bend = prompt.bend
 
     def ready(self, part: int) -> None:
-        """Print an instruction; if the prompt waits, return on Enter."""
+        """Print an instruction. If the prompt waits, return when Enter is pressed."""
         assert self._prompt is not None, "a prompt begins first"
         typer.echo(f"  {self._prompt.parts[part]}")
         if self._prompt.waits:
             _answer("  Press Enter when you are ready ")
 
     def numbers(self, questions: Sequence[str]) -> list[float]:
-        """Return typed numbers; repeat the question for other input."""
+        """Return typed numbers. A question is repeated until the input is a number."""
         return [_asked_number(f"  {question}: ") for question in questions]
 
     def read(self, sentence: str) -> None:

@@ -1,4 +1,4 @@
-"""``proximity demo``: a sample scene, a recorded hand, a service and its drums, shown in one terminal."""
+"""Command ``proximity demo``, which shows a sample scene, a recorded hand, a service and its drums."""
 
 import sys
 import time
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 TURN_S = 0.02
 DRUM_RATE_HZ = 250.0
 WATCHDOG_NS = 200_000_000  # 10 ms for a real drum; simulated ones tolerate a busy machine
-SWITCH_S = 1e-3  # longest delay of the drums while the display is drawn in the same process
+SWITCH_S = 1e-3  # maximum delay of the drums while the display is drawn in the same process
 SCENE = "demo.toml"
 FIRST_LINE = "A recorded hand approaches a bracket. Starting its service and the drums of a glove ..."
 
@@ -96,7 +96,7 @@ def _start(publish: set[str], stop: Event) -> "RunningService":
 
 
 def _addresses() -> tuple[str, str]:
-    """Return the addresses for the drums and for the display: datagrams have one reader each."""
+    """Return separate addresses for the drums and for the display, since datagrams have only one reader."""
     from proximity.web.running_page import own_addresses
 
     own = own_addresses()

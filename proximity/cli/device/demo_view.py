@@ -1,7 +1,7 @@
-"""Display of ``proximity demo``: the hand and its drums, and at the end a summary.
+"""Display of ``proximity demo``, which shows the hand and its drums, and at the end a summary.
 
-The headline rates the last second, not one frame. An untracked finger is lost in the recording, the only
-input of the demo.
+The headline rates all frames of the last second. An untracked finger is one that is lost in the recording,
+since the demo has no other input.
 """
 
 import math
@@ -26,13 +26,15 @@ if TYPE_CHECKING:
     from proximity.cli.service.watch_view import Seen
 
 MIN_IN_TIME, FAIR_IN_TIME = 0.99, 0.9
-"""Shares of frames: smallest of "in time", and of "mostly in time"."""
+"""Minimum shares of frames that are rated as in time and as mostly in time."""
 FARTHEST_TOUCH = 1e-3
-"""m between the predicted and the actual touch: threshold of a fingertip, assumed."""
+"""Maximum distance between the predicted and the actual touch, m. It is the threshold of a fingertip,
+assumed."""
 FORESEEN_S = 0.010
-"""s before a touch: lead of the prediction, for the last millimetres of a drum, assumed."""
+"""Time before a touch at which its prediction is judged, s. A drum needs it for the last millimetres,
+assumed."""
 WINDOW_S, SILENT_S = 1.0, 0.3
-SCALE_MM, MIN_BAR = 60.0, 8  # of a bar; its cells
+SCALE_MM, MIN_BAR = 60.0, 8  # length of a bar in mm, and its minimum number of cells
 COLUMNS = (
     Column("finger", "finger", False, width=7),
     Column("bar", f"0 to {SCALE_MM:.0f} mm", False),
@@ -65,16 +67,19 @@ class LastSecond:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """Numbers of received and due frames."""
+        """Numbers of received and due frames of the last second."""
         (_, came, due), (_, came_now, due_now) = self._samples[0], self._samples[-1]
         return came_now - came, due_now - due
 
 
 class TouchWatch:
-    """Distances between predicted and actual touches; the controllers' thread adds each reading."""
+    """Measures distances between predicted and actual touches.
+
+    The thread of the controllers adds each reading.
+    """
 
     def __init__(self) -> None:
-        self.touches, self.farthest = 0, 0.0  # m
+        self.touches, self.farthest = 0, 0.0  # number of touches, and the largest distance, m
         self._predicted: dict[int, deque[tuple[int, int, float]]] = {}
         self._was_free: set[int] = set()
 
@@ -98,7 +103,7 @@ class TouchWatch:
                 self._compare(self._predicted.pop(finger, deque()), contact)
 
     def _compare(self, predicted: "deque[tuple[int, int, float]]", contact: Any) -> None:
-        """Compare a touch with its prediction of `FORESEEN_S` before."""
+        """Compare a touch with the prediction that was made `FORESEEN_S` before it."""
         touched_ns = int(contact["pose_ns"])
         before = [each for each in predicted if S_PER_NS * (touched_ns - each[0]) >= FORESEEN_S]
         if not before:
@@ -110,7 +115,7 @@ class TouchWatch:
 
 
 def picture(reading: Reading, seen: "Seen", last: LastSecond, drums: "DrumThread") -> RenderableType:
-    """Return the display for a terminal."""
+    """Return the display of a reading for a terminal."""
     if not len(reading.contacts) or _is_outdated(reading, seen):
         return headline(seen, last)
     words, rows = drums.reported(), []
@@ -128,13 +133,13 @@ def picture(reading: Reading, seen: "Seen", last: LastSecond, drums: "DrumThread
 
 
 def _is_outdated(reading: Reading, seen: "Seen") -> bool:
-    """Whether frames are missing or late, so that the hand is unknown."""
+    """Return whether frames are missing or late, so that the hand is unknown."""
     is_forgotten = reading.state is State.STALE and reading.header["state"] != State.STALE
     return bool(seen.silent_s > SILENT_S or is_forgotten)
 
 
 def headline(seen: "Seen", last: LastSecond) -> Text:
-    """Return the rating of the last second."""
+    """Return a line that rates the last second."""
     came, due = last.counts
     if seen.silent_s > SILENT_S or due <= 0:
         return Text(f" no frame for {seen.silent_s:.1f} s ", "bold white on red")
@@ -145,7 +150,7 @@ def headline(seen: "Seen", last: LastSecond) -> Text:
 
 
 def _what_comes(reading: Reading, names: Sequence[str]) -> Text:
-    """Return the touching fingers, the next one with its time, and those lost in the recording."""
+    """Return a line with the touching fingers, the next finger to touch, and the lost fingers."""
     contacts, tracked = reading.contacts, is_tracked(reading.contacts)
     if not tracked.any():
         return Text("the hand is away: the recording restarts", "dim")
@@ -168,7 +173,7 @@ def _name(row: int, names: Sequence[str]) -> str:
 
 
 def _cells(contact: Any) -> dict[str, Any]:
-    """Return bar, distance and time of a finger."""
+    """Return the cells with the bar, the distance and the time to contact of a finger."""
     if not is_tracked(contact):
         return {"bar": Drawn(lambda width: Text("lost in the recording"[:width], "dim"), MIN_BAR)}
     distance, left_s = MM_PER_M * float(contact["signed_distance"]), float(contact["time_to_contact"])
@@ -185,7 +190,7 @@ def _cells(contact: Any) -> dict[str, Any]:
 
 
 def closing_lines(report: dict[str, Any], touches: TouchWatch, drums: "DrumThread") -> list[Text]:
-    """Return three results, each with its limit, and suggested commands."""
+    """Return three results of the demo with their limits, and commands to try next."""
     due, fingers, limit = report["ticks"] + report["missed"], drums.bench.fingers, Limits().peak_force
     share, held = report["ticks"] / max(due, 1), sum(each.touches for each in fingers)
     peak = max((each.peak_force for each in fingers), default=0.0)

@@ -1,4 +1,4 @@
-"""``proximity drum``: drums for the fingers of a service, simulated or moved by motors."""
+"""Command ``proximity drum``, which runs drums for the fingers of a service, simulated or with motors."""
 
 import json
 import sys
@@ -15,8 +15,8 @@ from proximity.system.stop_signals import stopped_by_signals
 
 MAX_RATE_HZ = 5000.0
 MIN_RATE_HZ = 150.0  # slower, each sample would trip the watchdog of 10 ms
-TURN_S = 0.02  # longest delay of a stop
-SWITCH_S = 1e-3  # longest delay of the drums while the display is drawn
+TURN_S = 0.02  # maximum delay of a stop
+SWITCH_S = 1e-3  # maximum delay of the drums while the display is drawn
 
 
 RATE = Annotated[
@@ -99,7 +99,7 @@ def drum(
             Screen(Console(), is_silent=as_json) as screen,
         ):
             bench = DrumBench(rate, gloves, motors=motors, cable=rule)
-            bench.warm_up()  # takes long, so before a motor is on
+            bench.warm_up()  # takes long, so that it is done before a motor is on
             home_all(motors, stop.wait, report)
             started = time.monotonic()
             stop_after(limit, stop)

@@ -1,4 +1,4 @@
-"""The loop of ``proximity drum``, its display, and the summary of its drums.
+"""Loop of ``proximity drum``, its display, and the summary of its drums.
 
 The drums have a separate thread, because drawing a table takes longer than a drum's watchdog allows.
 """
@@ -27,7 +27,7 @@ LOG_TITLES = (
     "now_ns", "finger", "state", "mode", "drum_rad", "force_N", "motor_torque_Nm",
     "target_rad", "target_force_N", "target_torque_Nm", "torque_cap_Nm", "motor_speed_cap_rad_s",
 )  # fmt: skip
-"""State of drum and motor, then targets of the controller."""
+"""Titles for the state of drum and motor, and then for the targets of the controller."""
 COLUMNS = {  # titles and formats
     "finger": "{finger}",
     "drum": "{state}",
@@ -42,19 +42,20 @@ COLUMNS = {  # titles and formats
 LINE = "{finger}: {state}, drum at {drum_mm:.1f} mm ({angle:.1f}°), finger at {finger_mm:.1f} mm"
 LINE_OF_FORCE = LINE + ", {force_n:.2f} N by {torque_mnm:.1f} mNm"
 FOR_PEOPLE = ("angle", "force_n", "torque_mnm")
-"""Fields of an instant, omitted from JSON."""
-OTHER_LINES = 5  # of a terminal, in addition to the fingers
+"""Fields that are valid for one instant only, which are omitted from JSON."""
+OTHER_LINES = 5  # lines of a terminal besides those of the fingers
 STYLES = {DrumState.RETRACTED: "green", DrumState.APPROACH: "yellow", DrumState.FAULT: "black on red"}
 TOUCHING_STYLE = "bold red"
 
 
 class DrumThread:
-    """Thread that runs drums with a separate subscriber.
+    """Thread that controls drums with a separate subscriber.
 
-    An exception in the thread turns the motors off, and is raised at the end of the ``with`` block.
+    An exception in the thread turns the motors off, and is raised at the end of the ``with`` block. Missed
+    samples are skipped.
 
-    *bench*: of all fingers; other threads only read it. *look*: called by the thread with the reading after
-    each step. Missed samples are skipped, not caught up.
+    *bench*: drums of all fingers, which other threads only read. *look*: function that the thread calls with
+    the reading after each step.
     """
 
     def __init__(
@@ -72,7 +73,7 @@ class DrumThread:
 
     @property
     def is_running(self) -> bool:
-        """Whether the thread has not failed."""
+        """Whether the thread has not failed so far."""
         return self._failure is None
 
     @property
@@ -81,7 +82,7 @@ class DrumThread:
         return self._subscriber.counts.received
 
     def reported(self) -> list[Text]:
-        """Return the state of each drum, in words."""
+        """Return the state of each drum in words."""
         return [_short_words(finger) for finger in self.bench.fingers]
 
     def _run(self) -> None:
@@ -110,7 +111,7 @@ class DrumThread:
 
 
 def show_drums(screen: Screen, reading: Reading, bench: DrumBench) -> None:
-    """Show the drums; report their warnings on stderr."""
+    """Show the drums on the screen, and report their warnings on stderr."""
     for warning in bench.warnings():
         report(warning)
     screen.show(
@@ -119,7 +120,7 @@ def show_drums(screen: Screen, reading: Reading, bench: DrumBench) -> None:
 
 
 def line(reading: Reading, bench: DrumBench) -> str:
-    """Return one line of text."""
+    """Return the state of the drums as one line of text."""
     fingers = [
         (LINE_OF_FORCE if finger.plant.force > 0.0 else LINE).format(**_fields(number, finger))
         for number, finger in enumerate(bench.fingers[:LINE_FINGERS])
@@ -130,7 +131,7 @@ def line(reading: Reading, bench: DrumBench) -> str:
 
 
 def table(reading: Reading, bench: DrumBench, row_count: int) -> Table:
-    """Return the display for a terminal."""
+    """Return the state of the drums as a table for a terminal."""
     shown = Table(title=f"{reading.state.name}, {len(bench.fingers)} fingers", title_justify="left", box=None)
     for name in COLUMNS:
         shown.add_column(name, justify="left" if name == "drum" else "right", no_wrap=True)
@@ -144,7 +145,7 @@ def summary(bench: DrumBench, address: str, counts: Counts, seconds: float) -> d
     """Return the summary of the drums, for JSON."""
     fingers = [
         {name: value for name, value in _fields(number, finger).items() if name not in FOR_PEOPLE}
-        | {"samples": dict(finger.samples)}  # grows while the drums run
+        | {"samples": dict(finger.samples)}  # copied, since it grows while the drums run
         for number, finger in enumerate(bench.fingers)
     ]
     return {
@@ -158,7 +159,10 @@ def summary(bench: DrumBench, address: str, counts: Counts, seconds: float) -> d
 
 
 def _fields(number: int, finger: FingerBench) -> dict[str, Any]:
-    """Return the fields of a finger: lengths in mm, angles in radians and, for people, in degrees."""
+    """Return the values of a finger for the display and the summary.
+
+    Lengths are in mm, angles in radians and, for people, also in degrees.
+    """
     plant, frames = finger.plant, finger.controller.frames
     return {
         "finger": number,
@@ -180,7 +184,7 @@ def _fields(number: int, finger: FingerBench) -> dict[str, Any]:
 
 
 def _state_of(finger: FingerBench) -> DrumState:
-    """Return the state of a drum; retracted before its first sample."""
+    """Return the state of a drum. It is retracted before its first sample."""
     return DrumState.RETRACTED if finger.action is None else finger.action.state
 
 
@@ -189,7 +193,7 @@ def _style_of(finger: FingerBench) -> str:
 
 
 def _short_words(finger: FingerBench) -> Text:
-    """Return the state of a drum, in up to twenty letters."""
+    """Return the state of a drum in at most twenty letters."""
     words, plant = [_state_of(finger).value], finger.plant
     if _state_of(finger) is DrumState.APPROACH:
         gap = max(0.0, plant.position - finger.path.position(finger.bend))
@@ -208,7 +212,10 @@ def _written(path: Path) -> Iterator[None]:
 
 
 class DrumLog:
-    """CSV file with a line per finger and sample, replacing an existing file. None: no file."""
+    """CSV file with a line for each finger and sample. It replaces an existing file.
+
+    A path of None writes no file.
+    """
 
     def __init__(self, path: Path | None) -> None:
         self._path = path or Path()
@@ -219,7 +226,7 @@ class DrumLog:
             self._write([LOG_TITLES])
 
     def append(self, reading: Reading, bench: DrumBench) -> None:
-        """Write a sample of every finger."""
+        """Write a line for each finger."""
         rows: list[Any] = []
         for number, finger in enumerate(bench.fingers):
             action, plant = finger.action, finger.plant

@@ -1,4 +1,4 @@
-"""Guide through a calibration: the steps in order, shown by a `Face`."""
+"""Guide through a calibration, whose steps a `Face` shows in their order."""
 
 import math
 from collections.abc import Sequence
@@ -13,8 +13,8 @@ from proximity.decaff.glove.glove import Glove
 from proximity.errors import ArgumentError, DecaffError
 
 MAX_FAILURES = 10  # successive invalid readings of a task
-MAX_DIGITS = 5  # of a number: the step of a simulated encoder repeats to eight
-SHOWN = {  # factor and unit of the compared quantity of repeats
+MAX_DIGITS = 5  # digits of a number: the step of a simulated encoder repeats to eight
+SHOWN = {  # factor and unit of the quantity that is compared between repeats
     "counts": (1.0, "counts"),
     "backlash": (1e6, "µm of backlash"),
     "compliance": (1e6, "µm/N of stretch"),
@@ -26,7 +26,7 @@ SHOWN = {  # factor and unit of the compared quantity of repeats
 
 
 class UnfinishedError(Exception):
-    """Raised when the user stops, or input ends; the message is empty or states the reason."""
+    """Raised when the user stops or the input ends. The message may state the reason."""
 
 
 class RepeatError(Exception):
@@ -34,25 +34,25 @@ class RepeatError(Exception):
 
 
 class SkipError(Exception):
-    """Raised to skip the task."""
+    """Raised to skip the current task."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prompt:
-    """Prompt for one reading."""
+    """Prompt that instructs the user to take one reading."""
 
     glove: Glove
     title: str
     parts: tuple[str, ...]  # instruction before each number
-    advice: str  # "" unless readings differ
-    bend: float | None  # of the finger
+    advice: str  # "" unless the readings differ
+    bend: float | None  # bend of the finger
     done: int
     total: int
-    is_automatic: bool  # repeats without instructions
-    waits: bool  # for Enter before a reading; else numbers are typed, or read automatically
+    is_automatic: bool  # whether the reading repeats without instructions
+    waits: bool  # whether to wait for Enter before a reading
 
     def joint_angles(self) -> str:
-        """Return the angles of the three joints at the bend, in words."""
+        """Return the angles of the three joints at the bend of the prompt, in words."""
         flexions = self.glove.finger.flexions
         knuckle, middle, last = (round(math.degrees((self.bend or 0.0) * each)) for each in flexions)
         return f"knuckle {knuckle}°, middle joint {middle}°, last joint {last}°"
@@ -61,17 +61,17 @@ class Prompt:
 class Face(Protocol):
     """User interface of the guide.
 
-    Methods that wait raise `UnfinishedError`, `RepeatError` and `SkipError`.
+    Methods that wait for input raise `UnfinishedError`, `RepeatError` and `SkipError`.
     """
 
     def begin(self, prompt: Prompt) -> None:
         """Show the next prompt."""
 
     def ready(self, part: int) -> None:
-        """Show the instruction *part*; if the prompt waits, return when it is done."""
+        """Show the instruction with number *part*. If the prompt waits, return when the user is ready."""
 
     def numbers(self, questions: Sequence[str]) -> list[float]:
-        """Return a number for each question."""
+        """Return the user's answers to the questions, one number each."""
 
     def read(self, sentence: str) -> None:
         """Show a reading."""
@@ -83,8 +83,9 @@ class Face(Protocol):
 def guide(session: Session, face: Face, simulated: SimulatedGlove | None, *, waits: bool) -> None:
     """Prompt for readings until all are complete.
 
-    *session*: saved after each reading. *simulated*: follows the instructions instead of a person; None: a
-    person. *waits*: wait for Enter before readings; always the case before a motor moves.
+    *session*: saved after each reading. *simulated*: glove that follows the instructions instead of a person;
+    None if there is a person. *waits*: whether to wait for Enter before readings. The guide always waits
+    before a motor moves.
     """
     failures, last = 0, ""
     while (asked := session.next()) is not None:
@@ -118,7 +119,10 @@ def guide(session: Session, face: Face, simulated: SimulatedGlove | None, *, wai
 
 
 def result_rows(estimates: Sequence[Estimate], truth: dict[str, float] | None) -> list[tuple[str, ...]]:
-    """Return a heading and the results, with the model's values, and the true ones if known."""
+    """Return the results as rows below a heading.
+
+    They include the values of the model, and the true values if known.
+    """
     rows = [("", "measured", "± 95 %", "model", *(("true",) if truth else ()), "readings", "")]
     for one in estimates:
         digits = _digits(one.value * one.shown, one.half_width * one.shown)
@@ -158,7 +162,10 @@ def _what_was_read(session: Session, asked: Asked) -> str:
 
 
 def _digits(value: float, half_width: float) -> int:
-    """Return the decimal places for two digits of an uncertainty, with at most `MAX_DIGITS` of the number."""
+    """Return the number of decimal places that shows two digits of an uncertainty.
+
+    The number itself has at most `MAX_DIGITS` digits.
+    """
     if not (math.isfinite(half_width) and half_width > 0.0):
         return 3
     places = MAX_DIGITS - 1 - (math.floor(math.log10(abs(value))) if value else 0)

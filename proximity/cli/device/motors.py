@@ -1,4 +1,4 @@
-"""Motors of ``drum`` and ``calibrate``: opened with a warning, and shown while they are not armed."""
+"""Open the motors of ``drum`` and ``calibrate`` with a warning, and show them while they are not armed."""
 
 import threading
 import time
@@ -14,12 +14,15 @@ from proximity.decaff.glove.finger_path import FingerPath
 from proximity.decaff.glove.glove import Glove
 from proximity.decaff.motors.motor_drum import NOT_ON_HARDWARE, MotorDrum, opened_motors
 
-LOOK_S, SHOWN_S = 0.005, 1.0  # between two readings of unarmed motors, and between two lines
+LOOK_S, SHOWN_S = 0.005, 1.0  # s between two readings of unarmed motors, and between two lines
 
 
 @contextmanager
 def armable_motors(addresses: list[str], gloves: list[Glove | CalibratedGlove]) -> Iterator[list[MotorDrum]]:
-    """Open motors, which stay off, with a warning about untested drivers; switch them off at the end."""
+    """Open motors, which stay off, and switch them off at the end of the block.
+
+    A warning reports that the drivers were not tested.
+    """
     if addresses:
         report(NOT_ON_HARDWARE)
     each: list[Glove | CalibratedGlove] = [*gloves] or [Glove()]
@@ -32,7 +35,7 @@ def armable_motors(addresses: list[str], gloves: list[Glove | CalibratedGlove]) 
 
 
 def watch_motors(motors: list[MotorDrum], stop: threading.Event) -> None:
-    """Show the readings of motors, each second, without moving them."""
+    """Show the readings of motors every second without moving them."""
     report("not armed: the motors are read, and stay off (--arm lets them move)")
     due = 0.0
     for motor in motors:
@@ -50,7 +53,7 @@ def watch_motors(motors: list[MotorDrum], stop: threading.Event) -> None:
 
 @contextmanager
 def opened_port(address: str, glove: Glove) -> Iterator[MotorPort]:
-    """Open a motor, which stays off until its port homes it; switch it off at the end."""
+    """Open a motor and switch it off at the end of the block. It stays off until its port homes it."""
     with (
         armable_motors([address], [glove]) as (motor,),
         MotorPort(motor, FingerPath(glove).drum) as port,

@@ -1,4 +1,4 @@
-"""``proximity bench``: the latency certificate of a scene, and whether the scene fits a period."""
+"""Command ``proximity bench``, which tests whether the ticks of a scene fit a period."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""The terminal report of ``proximity bench``: a latency certificate."""
+"""Report of ``proximity bench`` for the terminal."""
 
 import sys
 from typing import Any
@@ -16,7 +16,7 @@ WORDS = {"p50": "p50", "p99": "p99", "p999": "p99.9", "max": "max"}
 
 
 def write(reported: dict[str, Any]) -> None:
-    """Write the certificate to stdout: scene, worst positions, times against the period, the verdict."""
+    """Write the report to stdout, with the scene, worst positions, times and the verdict."""
     console, scene, settings = results_console(), reported["scene"], reported["settings"]
     machine, felt = reported["machine"], reported["at_the_finger"]
     names, speed = ", ".join(map(printable, scene["files"])), felt["speeds"][0]

@@ -1,4 +1,4 @@
-"""``proximity experiment``: walls compared in an experiment with people, from the design to the figure."""
+"""Command ``proximity experiment``, which compares walls in an experiment with people."""
 
 import sys
 from collections.abc import Callable
@@ -32,7 +32,7 @@ OUT = Annotated[Path, option("DIR", "Folder of the sessions; created if missing.
 
 
 def _command(example: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Register a command by its example, whose first word is the command's name."""
+    """Register a command. The first word of its example is its name."""
     epilog = f"\nExample:\n  proximity experiment {example}\n"
     return experiment.command(example.partition(" ")[0], cls=Command, epilog=epilog, no_args_is_help=True)
 

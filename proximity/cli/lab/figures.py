@@ -1,4 +1,4 @@
-"""``proximity figures`` and ``claims``: the figures of the paper and of this project, with their numbers."""
+"""Commands ``proximity figures`` and ``claims``, for the figures of the paper and of this project."""
 
 import re
 import time
@@ -21,9 +21,9 @@ from proximity.cli.options import (
 )
 from proximity.cli.output import report
 
-WIDEST = 120  # columns of a table of sentences
+WIDEST = 120  # width of a table of sentences in columns
 LINK = re.compile(r"\[(.*?)\]\(.*?\)")
-SENTENCE = re.compile(r"(?<=[.]) (?=[A-Z])")  # each on a separate line
+SENTENCE = re.compile(r"(?<=[.]) (?=[A-Z])")  # between two sentences
 
 
 @with_option_groups

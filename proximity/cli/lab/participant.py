@@ -1,4 +1,4 @@
-"""Session of an experiment with a person: the drums in a thread, and questions in the terminal."""
+"""Session of an experiment with a person, with drums in a thread and questions in the terminal."""
 
 import time
 from collections.abc import Sequence
@@ -26,18 +26,18 @@ from proximity.transport import open_subscriber
 
 @dataclass(frozen=True, slots=True)
 class Drums:
-    """The drums that a session needs."""
+    """Options of the drums in a session."""
 
-    address: str  # of the service
+    address: str  # address of the service
     rate: float  # Hz
     finger: int
     gloves: list[Path]
-    max_age: float | None  # days
-    motors: list[str]  # addresses; they are armed
+    max_age: float | None  # maximum age of calibrations, days
+    motors: list[str]  # addresses of motors, which are armed
 
 
 def run_session(design: Design, folder: Path, participant: str, drums: Drums) -> str:
-    """Run the remaining session; return the reason for an early end, or an empty string."""
+    """Run the remaining trials of a session. Return the reason for an early end, or ""."""
     gloves = [read_any_glove(path, drums.max_age) for path in drums.gloves]
     try:
         with ExitStack() as stack:
@@ -58,15 +58,18 @@ def run_session(design: Design, folder: Path, participant: str, drums: Drums) ->
 
 
 class Terminal:
-    """Prompts in the terminal; Ctrl-C and the end of input stop the session and retract the drum."""
+    """Asks a participant in the terminal.
+
+    Ctrl-C or the end of input stops the session and retracts the drum.
+    """
 
     def consents(self, text: str) -> bool:
-        """Show the consent text; return whether the participant agrees."""
+        """Show the consent text. Return whether the participant agrees."""
         _print(text)
         return _chosen("  Do you agree? yes or no: ", ("yes", "no")) == "yes"
 
     def read(self, text: Text) -> None:
-        """Show a text until Enter."""
+        """Show a text until Enter is pressed."""
         _print(text.text)
         if text.seconds:
             typer.echo(f"  Break of {text.seconds / 60.0:g} minutes.")
@@ -74,7 +77,10 @@ class Terminal:
         input("  Enter to continue ")
 
     def wait_ready(self, trial: Trial, interval: int) -> None:
-        """Wait for Enter; the sentence for a real surface is for the experimenter."""
+        """Wait until Enter is pressed before an interval.
+
+        If the interval has a real surface, the prompt asks the experimenter to put it in place.
+        """
         if interval == 0:
             typer.echo(f"\n[{trial.number + 1}]")
         is_real = intervals_of(trial)[interval].wall is Wall.REAL
@@ -82,11 +88,11 @@ class Terminal:
         input(f"  {placed}Enter, then press on surface {interval + 1} ")
 
     def answer(self, trial: Trial, felt: Sequence[Presentation]) -> int:
-        """Return the answer to a trial."""
+        """Return the participant's answer to a trial."""
         return int(_chosen(f"  {trial.task.question or '1 or 2?'} ", ("1", "2")))
 
     def explain(self, why: str) -> None:
-        """Show the reason for the early end of a trial."""
+        """Show the reason why a trial ended early."""
         typer.echo(f"  This trial ended early: {why}.")
 
 

@@ -1,4 +1,4 @@
-"""``proximity simulate``: a press on a wall, or on a CAD part with the engine in the loop, and its report."""
+"""Press of ``proximity simulate`` on a wall, or on a CAD part with the engine in the loop, and its report."""
 
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,8 @@ from proximity.lab.simulation.metrics import drum_offset
 from proximity.lab.simulation.sweeps import Stretch
 from proximity.service.config import PartFiles, read_scene_file
 
-SHAKING = 0.1  # of the real force at rest: ripple of a wall that does not come to rest
-SHOWN_LONG = 1e7  # smaller numbers are shown with all digits
+SHAKING = 0.1  # share of the real force at rest; more ripple means that a wall does not come to rest
+SHOWN_LONG = 1e7  # smaller numbers are shown with all decimal places
 ROWS = (  # label, field, factor from SI units, digits
     ("force begins [ms after the touch]", "onset", 1e3, 2),
     ("peak force [N]", "peak", 1.0, 3),
@@ -32,7 +32,7 @@ ROWS = (  # label, field, factor from SI units, digits
 
 
 def simulate_press(surface: WallOptions, out: Path | None, *, as_json: bool) -> None:
-    """Simulate a press on a wall, and report it."""
+    """Simulate a press on a wall and print or write the results."""
     setup = surface.setup(is_on_part=False)
     with progress.spinner("simulating"):
         press = simulated_press.simulate(setup)
@@ -61,7 +61,10 @@ def simulate_press(surface: WallOptions, out: Path | None, *, as_json: bool) -> 
 def simulate_press_on_part(
     surface: WallOptions, pressed: PartOptions, out: Path | None, *, as_json: bool
 ) -> None:
-    """Simulate a press on a part, and report it; without a policy the drum's controller reads distances."""
+    """Simulate a press on a part and print or write the results.
+
+    Without a policy the drum's controller uses the distances directly.
+    """
     setup, file = surface.setup(is_on_part=True), pressed.scene
     assert file is not None, "asked for"
     reported = EngineSetup(
@@ -100,7 +103,7 @@ def simulate_press_on_part(
 
 
 def _scene(surface: WallOptions, pressed: PartOptions, file: Path) -> proximity.Scene:
-    """Return the parts of a file or scene file, or only the named one."""
+    """Return the scene of a file, or only the part that the options name."""
     if file.suffix.lower() == ".toml":
         scene = PartFiles().scene(read_scene_file(file))
     else:
@@ -128,5 +131,5 @@ def _print(lines: Any, titles: tuple[str, ...], rows: list[tuple[str, ...]]) -> 
 
 
 def _shown(value: float, digits: int) -> str:
-    """Return a number with decimal places; a number of an unstable wall in short form."""
+    """Return a number with the given decimal places. The large number of an unstable wall is shortened."""
     return f"{value:.{digits}f}" if abs(value) < SHOWN_LONG else f"{value:.3g}"

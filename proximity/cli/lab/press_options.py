@@ -1,4 +1,4 @@
-"""Options of ``proximity simulate``: the wall, what drives the drum, and the part of a scene."""
+"""Options of ``proximity simulate`` for the wall, the motion of the drum, and the part of a scene."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ from proximity.cli.options import (
 if TYPE_CHECKING:
     from proximity.lab.simulation.simulated_press import Setup
 
-USED_BY = {  # options of some walls only
+USED_BY = {  # options that only some walls have
     "--latency": ("coupled", "decaff"),
     "--rate": ("coupled", "decaff"),
     "--drum": ("decaff",),
@@ -39,7 +39,7 @@ STRETCHES = ("left", "torque", "sensor")
 
 @dataclass(frozen=True, slots=True)
 class WallOptions:
-    """Options of the wall and of the drum; None if not given."""
+    """Options of the wall and of the drum. They are None if not given."""
 
     wall: Annotated[str, option("WALL", "Kind of wall: real, coupled or decaff.")] = "decaff"
     speed: Annotated[float, option("M/S", "Speed of the approach.")] = 0.1
@@ -71,7 +71,7 @@ class WallOptions:
     ] = None
 
     def check(self) -> None:
-        """Reject options that a wall of this kind lacks."""
+        """Reject options that a wall of this kind does not have."""
         given = {"--" + name.replace("_", "-"): value for name, value in asdict(self).items()}
         refuse(
             (self.wall not in WALLS, "--wall", f"{self.wall!r}: expected one of {', '.join(WALLS)}"),
@@ -83,7 +83,7 @@ class WallOptions:
         self._check_stretch()
 
     def check_on_part(self) -> None:
-        """Reject options that a press on a part lacks."""
+        """Reject options that a press on a part does not have."""
         alone = self.damping is not None and self.stiffness is None
         refuse(
             (self.wall != "decaff", "--wall", "must be decaff on a part of a scene"),
@@ -124,7 +124,10 @@ class WallOptions:
         return simulated_press.Setup(wall=simulated_press.Wall(self.wall), speed=self.speed, **chosen)
 
     def _worn(self) -> dict[str, Any]:
-        """Return the glove of the file, with its cable, and its measured latency if any."""
+        """Return the settings that the glove file provides.
+
+        They are the glove, its cable, and its measured latency if any.
+        """
         if self.glove is None:
             return {}
         from proximity.decaff.glove.calibrated_glove import CalibratedGlove, read_any_glove

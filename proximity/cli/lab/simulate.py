@@ -1,4 +1,4 @@
-"""``proximity simulate``: simulate one press on a wall, and compare it with a press on a real wall."""
+"""Command ``proximity simulate``, which compares a press on a wall with a press on a real wall."""
 
 from pathlib import Path
 from typing import Annotated

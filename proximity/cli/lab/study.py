@@ -1,4 +1,4 @@
-"""``proximity study``: run a job for every condition of a study file, and draw the results."""
+"""Command ``proximity study``, which runs a job for every condition of a study file and draws the results."""
 
 import contextlib
 import time
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from proximity.lab.study.study_run import Progress
 
 EXIT_FAILED = 1
-SAY_EVERY_S = 30.0  # if stderr is not a terminal, which shows a bar
+SAY_EVERY_S = 30.0  # interval of lines if stderr is not a terminal
 
 STUDY = Annotated[Path, argument("STUDY", "Study file (.toml).")]
 RESULTS = Annotated[Path | None, option("DIR", "Folder of results. Default: next to STUDY.", "--results")]
@@ -111,7 +111,10 @@ def _read(path: Path) -> "Study":
 
 @contextlib.contextmanager
 def _progress(name: str) -> "Iterator[Callable[[Progress], None]]":
-    """Show a bar with rate and remaining time; if stderr is not a terminal, a line every `SAY_EVERY_S`."""
+    """Show a bar with the rate and the remaining time.
+
+    If stderr is not a terminal, write a line every `SAY_EVERY_S` instead.
+    """
 
     due = time.monotonic() + SAY_EVERY_S
     with progress.bar(name) as show:

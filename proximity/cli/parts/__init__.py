@@ -1,1 +1,1 @@
-"""Commands that ask and show parts."""
+"""Commands that query and show parts."""

@@ -1,4 +1,4 @@
-"""``proximity check`` and ``compile``: the contents of a file, and a file that opens in milliseconds."""
+"""Commands ``proximity check`` and ``compile``, which report on a file or save it as a compiled scene."""
 
 from pathlib import Path
 from typing import Annotated

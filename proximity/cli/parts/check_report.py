@@ -1,4 +1,4 @@
-"""The report of ``proximity check`` on a scene: as plain values and as text."""
+"""Report of ``proximity check`` on a scene, as values and as text."""
 
 import math
 import re
@@ -24,12 +24,12 @@ from proximity.cli.output import (
 from proximity.cli.tables import Column, print_fitting, results_console
 from proximity.mesh.topology import open_edges
 
-NAMES_SHOWN = 3  # parts named in a remark; the others are counted
+NAMES_SHOWN = 3  # number of parts named in a remark; the others are counted
 PARTS_SHOWN = 20
 A_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 ALL_OF_RANGE = re.compile(r"(\S+ to \S+) of \1 ")
 DISPENSABLE = ("volume", "manifold3d", "shells", "oriented", "watertight")
-"""Columns omitted, in this order, until the table fits the terminal."""
+"""Columns that are omitted in this order until the table fits the terminal."""
 YES = {True: "yes", False: "no"}
 
 Values = dict[str, Any]
@@ -38,7 +38,10 @@ Lines = Iterator[tuple[str, str]]
 
 
 def _corner(position: list[float], size: list[float]) -> str:
-    """Format a position, with more digits if it is far from the origin compared with *size*."""
+    """Return a position as text.
+
+    It has more digits if it is far from the origin compared with *size*.
+    """
     ratio = max(map(abs, position)) / (max(size) or math.inf)
     digits = FEW_DIGITS + math.ceil(math.log10(max(ratio, 1.0)))
     return "  ".join(length(coordinate, min(digits, DIGITS)) for coordinate in position)
@@ -63,7 +66,7 @@ def _share(key: str) -> Cell:
 
 COLUMNS: dict[
     str, tuple[str, bool, Cell, Cell]
-] = {  # its unit, whether aligned to the right, a part, all parts
+] = {  # unit, whether aligned to the right, cell of a part, cell of all parts
     "part": ("", False, lambda part: printable(part["name"]), lambda total: f"{total['part_count']} parts"),
     "size": (" [{}]", True, _size, _size),
     "faces": ("", True, lambda part: str(part["face_count"]), lambda total: str(total["face_count"])),
@@ -77,7 +80,7 @@ COLUMNS: dict[
 
 
 def report_of(scene: "proximity.Scene", file: str, units: str, metres: float) -> Values:
-    """Return the report as plain values; lengths, areas and volumes in the unit."""
+    """Return the report as values for JSON. Lengths, areas and volumes are in the user's unit."""
     origin = scene.report
     assert origin is not None, "a scene read from a file has a report"
     parts = [_part_values(part, metres) for part in scene.parts]
@@ -96,7 +99,7 @@ def report_of(scene: "proximity.Scene", file: str, units: str, metres: float) ->
 
 
 def print_report(report: Values, *, is_whole: bool) -> None:
-    """Print the report for people, with all parts or the first `PARTS_SHOWN`."""
+    """Print the report. Unless *is_whole*, only the first `PARTS_SHOWN` parts are listed."""
     console, parts = results_console(), report["parts"]
     shown = parts if is_whole else parts[:PARTS_SHOWN]
     print_block(_head(report))
@@ -152,7 +155,7 @@ def _part_values(part: "proximity.Part", metres: float) -> Values:
         "boundary_edge_count": found.boundary_edge_count,
         "nonmanifold_edge_count": found.nonmanifold_edge_count,
         "misoriented_edge_count": found.misoriented_edge_count,
-        "open_edge_count": len(unclosed),  # with vertices within the weld tolerance merged
+        "open_edge_count": len(unclosed),  # after merging vertices within the weld tolerance
         "open_edge": in_units(unclosed[0], metres).tolist() if len(unclosed) else None,  # in the scene
         "is_watertight": found.is_watertight,
         "is_oriented": found.is_oriented,
@@ -205,7 +208,10 @@ def _remarks(parts: list[Values], units: str) -> Lines:
 
 
 def _grouped(parts: list[Values], label: str, sentence_of: Cell) -> Lines:
-    """Yield each sentence once, with its parts; sentences that differ only in numbers have ranges."""
+    """Yield each sentence once, with the parts that it is about.
+
+    Sentences that differ only in numbers are merged, with ranges of the numbers.
+    """
     groups: dict[str, list[tuple[str, str]]] = {}
     for part in parts:
         if sentence := sentence_of(part):
@@ -218,7 +224,7 @@ def _grouped(parts: list[Values], label: str, sentence_of: Cell) -> Lines:
 
 
 def _with_ranges(sentences: tuple[str, ...]) -> str:
-    """Merge sentences that differ only in numbers: "Merged 4 to 28 equal vertices."."""
+    """Merge sentences that differ only in numbers, as in "Merged 4 to 28 equal vertices."."""
     columns = zip(*(A_NUMBER.findall(sentence) for sentence in sentences), strict=True)
     ranges = iter([sorted(set(column), key=float) for column in columns])
 

@@ -1,4 +1,4 @@
-"""``proximity clearance``: distances between the parts of a file, contacts and overlaps."""
+"""Command ``proximity clearance``, which measures distances, contacts and overlaps between parts."""
 
 import csv
 import io
@@ -42,11 +42,11 @@ if TYPE_CHECKING:
 
 EXIT_NEARER = 1
 DIGITS = 6
-"""Significant, of numbers in the table."""
+"""Number of significant digits of numbers in the table."""
 FEW_DIGITS = 4
-"""Significant, of depths, whose bounds are a thousandth apart."""
+"""Number of significant digits of depths, whose bounds differ by a thousandth."""
 DISPENSABLE = ("to", "from", "depth", "overlap")
-"""Columns omitted, in this order, until the table fits the terminal."""
+"""Columns that are omitted in this order until the table fits the terminal."""
 Values = dict[str, Any]
 
 
@@ -176,7 +176,10 @@ def clearance(
 
 
 def _files_and_names(words: list[str]) -> tuple[list[Path], list[str]]:
-    """Split arguments into files (the first, and all that exist) and names of parts."""
+    """Split the arguments into files and names of parts.
+
+    The first argument is a file, and so is every other one with a known extension that exists.
+    """
     from proximity.formats import EXTENSIONS
 
     known = (*EXTENSIONS, ".prox", SCENE_FILE)
@@ -186,7 +189,7 @@ def _files_and_names(words: list[str]) -> tuple[list[Path], list[str]]:
 
 
 def _values(pair: "MeasuredPair", metres: float) -> Values:
-    """Return the values of a pair, in the user's unit."""
+    """Return the values of a pair in the user's unit."""
     import numpy as np
 
     from proximity.cli.output import in_units
@@ -224,7 +227,7 @@ def _point(position: list[float]) -> str:
 
 
 def _lines(pair: Values, units: str) -> Iterator[tuple[str, str]]:
-    """Yield labels and values of one pair."""
+    """Yield the labels and values that describe one pair."""
     yield "distance", f"{length(pair['distance'])} {units}, {pair['relation']}"
     for end, part in (("from", "first"), ("to", "second")):
         yield end, f"{_point(pair[end])} {units} ({pair[part]})"
@@ -248,7 +251,10 @@ def _print_table(pairs: list[Values], units: str) -> None:
 
 
 def _columns(pairs: list[Values], units: str, width: int) -> "list[Column]":
-    """Return the columns of a table; names longer than *width* letters take several lines."""
+    """Return the columns of the table of pairs.
+
+    Names longer than *width* letters take several lines.
+    """
     from proximity.cli.tables import Column
 
     cube, deep = f"{units}\N{SUPERSCRIPT THREE}", any(pair["deepest"] for pair in pairs)
@@ -270,7 +276,7 @@ def _columns(pairs: list[Values], units: str, width: int) -> "list[Column]":
 
 
 def in_lines(name: str, width: int) -> str:
-    """Return a name in lines of up to *width* letters, broken after an assembly, else after a separator."""
+    """Split a name into lines of up to *width* letters, after assemblies or else after separators."""
     lines = [""]
     for word in re.findall(r"[^/]+/?" if "/" in name else r"[^-_. ]*[-_. ]?", name):
         if lines[-1] and len(lines[-1]) + len(word) > width:
@@ -312,7 +318,7 @@ def _print_verdict(sentence: str, *, is_clash: bool) -> None:
 
 
 def _write_csv(path: Path, pairs: list[Values], units: str) -> None:
-    """Write a line per pair; columns of lengths end in their unit."""
+    """Write a CSV file with a line for each pair. Names of columns with lengths end in the unit."""
     from proximity.system.whole_file import whole_file
 
     text = io.StringIO(newline="")

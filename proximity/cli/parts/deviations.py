@@ -1,4 +1,4 @@
-"""Statistics of signed distances: the deviations of a scan from its part."""
+"""Statistics of signed distances, for the deviations of a scan from its part."""
 
 import math
 from array import array
@@ -13,19 +13,20 @@ from proximity.cli.parts.answers import Answers
 from proximity.errors import ArgumentError
 from proximity.formats.units import UNIT_NAMES, metres_per_unit, scan_unit
 
-SHARE = 95  # per cent of the points, for the percentile of the deviations
+SHARE = 95  # percentile of the deviations
 MAX_KEPT = 20_000_000
-"""Points: the percentile is that of the first ones, which bounds the memory."""
+"""Maximum number of points for the percentile, which limits the memory. Later points do not affect it."""
 DIGITS, PLACE_DIGITS = 5, 9
 MAX_WORST = 10
-MAX_DRAWN = 20_000  # points of a picture
+MAX_DRAWN = 20_000  # maximum number of points in a picture
 _WORST = ("query", "signed_distance", "part_name")
 
 
 def check_unit(sides: list[float], scene: "proximity.Scene", units: str, *, is_gate: bool) -> None:
-    """Report a scan that is probably in another unit than *units*; *is_gate*: raise an error.
+    """Report a scan that is probably in another unit than *units*.
 
-    *sides*: of the box around the scan, in *units*; empty without a point.
+    *is_gate*: whether to raise an error instead. *sides*: sides of the box around the scan, in *units*; empty
+    if it has no points.
     """
     metres, part = metres_per_unit(units), np.subtract(*scene.bounds[::-1]).tolist()
     unit = scan_unit([side * metres for side in sides], part, units) if sides else None
@@ -38,27 +39,27 @@ def check_unit(sides: list[float], scene: "proximity.Scene", units: str, *, is_g
 
 
 class Deviations:
-    """Collects signed distances from the stream of answers.
+    """Collects signed distances from a stream of answers.
 
-    *units*: of the answers, *metres* long. *within*: in that unit; points farther from the surface are
-    counted.
+    *units*: unit of the answers, which is *metres* long. *within*: tolerance in this unit; points farther
+    from the surface are counted.
     """
 
     def __init__(self, units: str, metres: float, within: float | None) -> None:
         self.units, self.metres, self.within = units, metres, within
         self.count = self.farther_count = 0
-        self.worst: list[dict[str, Any]] = []  # answers of the farthest points, with their rows
-        self.shown, self._stride = np.empty((0, 3)), 1  # points, evenly thinned
+        self.worst: list[dict[str, Any]] = []  # answers for the farthest points, with their rows
+        self.shown, self._stride = np.empty((0, 3)), 1  # points to draw, of which every `_stride`-th is kept
         self._min, self._max, self._sum, self._squares = np.inf, -np.inf, 0.0, 0.0
         self._unknown_count, self._distances = 0, array("d")
 
     @property
     def distances(self) -> np.ndarray:
-        """First `MAX_KEPT` known signed distances."""
+        """The first `MAX_KEPT` signed distances that are known."""
         return np.frombuffer(self._distances) if self._distances else np.empty(0)
 
     def collected(self, chunks: Iterator[Answers]) -> Iterator[Answers]:
-        """Yield the answers unchanged, and collect them."""
+        """Collect answers, and yield them unchanged."""
         for chunk in chunks:
             self._add(chunk)
             yield chunk
@@ -76,7 +77,7 @@ class Deviations:
             self.shown, self._stride = self.shown[::2], 2 * self._stride
         self.count += len(distances)
         self._unknown_count += len(distances) - len(known)
-        if self.within is not None:  # an unknown distance is not within
+        if self.within is not None:  # an unknown distance is not within the tolerance
             self.farther_count += len(distances) - int(np.sum(np.abs(known) <= self.within))
         if len(known):
             self._min = min(self._min, float(known.min()))
@@ -86,7 +87,7 @@ class Deviations:
             self._distances.frombytes(known[: max(MAX_KEPT - len(self._distances), 0)].tobytes())
 
     def values(self) -> dict[str, Any]:
-        """Return the statistics as plain values, nan without a known distance."""
+        """Return the statistics as values for JSON. They are nan if no distance is known."""
         known = self.count - self._unknown_count
         sizes = np.abs(self.distances) if known else np.array([np.nan])
         values: dict[str, Any] = {
@@ -105,12 +106,15 @@ class Deviations:
         return values
 
     def share_within(self) -> str:
-        """Return the share of the points within the tolerance, in words; 100 % means all."""
+        """Return the share of the points within the tolerance in words.
+
+        It is rounded down, so that 100 % means all points.
+        """
         tenths = math.floor(1e3 * (self.count - self.farther_count) / max(self.count, 1))
         return f"{tenths / 10:.1f} % within ±{number(self.within or 0.0, DIGITS)} {self.units}"
 
     def sentence(self) -> str:
-        """Return the statistics in a line, and the worst point in another."""
+        """Return the statistics as one line, and the worst point as another."""
         found = {name: number(value, DIGITS) for name, value in self.values().items() if name != "worst"}
         unknown = f", {self._unknown_count} not answered" if self._unknown_count else ""
         share = found[f"within_{SHARE}_percent"]

@@ -1,4 +1,7 @@
-"""The report of ``proximity check`` on a folder: each file in a separate process, within a time limit."""
+"""Report of ``proximity check`` on a folder.
+
+Each file is checked in a separate process, with a time limit.
+"""
 
 import json
 import os
@@ -23,18 +26,24 @@ Values = dict[str, Any]
 
 SUFFIXES = {*EXTENSIONS, EXTENSION}
 _PARTICULARS = re.compile(r"""'[^']*'|"[^"]*"|\d[\d_.,]*(?:e[+-]?\d+)?""")
-"""Names and numbers, in which sentences of one kind differ."""
+"""Pattern of names and numbers, which are the differences between sentences of one kind."""
 
 
 def check_files(folder: Path, words: Sequence[str], limit: float) -> Iterator[Values]:
-    """Yield ``file``, ``status``, ``notes``, ``reason`` and ``report`` of files, in the order of paths."""
+    """Check the files below a folder in the order of their paths.
+
+    Yield ``file``, ``status``, ``notes``, ``reason`` and ``report`` of each.
+    """
     for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES):
         if path.is_file():
             yield {"file": str(path), **_check(path, words, limit)}
 
 
 def counts_by_kind(results: Iterable[Values]) -> dict[str, dict[str, int]]:
-    """Return the numbers of files loaded without a note, noted and rejected, by kind of sentence."""
+    """Return the numbers of files that were loaded without a note, noted and rejected.
+
+    They are counted by the kind of their notes or reasons.
+    """
     counts: dict[str, dict[str, int]] = {"loaded": {}, "noted": {}, "refused": {}}
     for result in results:
         for kind in {_kind(sentence) for sentence in result["notes"] or [result["reason"]]}:
@@ -45,7 +54,10 @@ def counts_by_kind(results: Iterable[Values]) -> dict[str, dict[str, int]]:
 
 
 def check_folder(folder: Path, reading: Reading, limit: float, *, as_json: bool, is_strict: bool) -> bool:
-    """Report on every file below a folder; return whether one was rejected, or lacks an inside if strict."""
+    """Report on every file below a folder.
+
+    Return whether a file was rejected or, if *is_strict*, a part has no inside.
+    """
     words = ["--units", reading.units, "--step-tolerance", str(reading.step_tolerance)]
     words += ["--unpacked-limit", str(reading.unpacked_limit), "--scale", str(reading.scale)]
     words += ["--no-cache"] * reading.no_cache
@@ -102,7 +114,7 @@ def _check(path: Path, words: Sequence[str], limit: float) -> Values:
         return {"status": status, "notes": report["notes"], "reason": "", "report": report}
     lines = said.decode(errors="replace").strip().splitlines() or ["no message"]
     sentence = lines[-1].removeprefix("proximity: ").removeprefix(f"{path}: ")
-    is_refusal = running.returncode == 2  # else a bug, or ended by the system
+    is_refusal = running.returncode == 2  # another code is due to a bug, or to the system
     return _refused(sentence if is_refusal else f"reading ended with code {running.returncode}: {sentence}")
 
 

@@ -1,4 +1,4 @@
-"""Pairs of parts for ``proximity clearance``: selection, measurement and verdict."""
+"""Select and measure pairs of parts for ``proximity clearance``, and state the verdict."""
 
 import csv
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ FEW_DIGITS = 3
 
 
 def matching(scene: proximity.Scene, name: str) -> list[str]:
-    """Return the part of a name, or the parts that match a pattern such as ``bolt*``."""
+    """Return the part with a name, or the parts whose names match a pattern such as ``bolt*``."""
     names = [part.name for part in scene.parts]
     found = [name] if name in names else [each for each in names if fnmatchcase(each, name)]
     return found or [scene.part(name).name]
@@ -31,7 +31,8 @@ def find_pairs(
 ) -> list[proximity.Clearance]:
     """Return pairs of all parts, of one group and the rest, or of two groups.
 
-    *limit*, m: only pairs within it. None: the nearest `MAX_SHOWN` and those that touch or overlap, or all.
+    *limit*: maximum distance of a pair, m. If it is None, the result is all pairs if *is_whole*, else the
+    nearest `MAX_SHOWN` and those that touch or overlap.
     """
     found: list[proximity.Clearance] = []
     if len(groups) == 2:
@@ -51,7 +52,10 @@ def find_pairs(
 
 
 def read_allowed(path: Path, scene: proximity.Scene) -> dict[frozenset[str], int]:
-    """Return the allowed pairs of a CSV file with the columns first and second, with their line numbers."""
+    """Read the allowed pairs from a CSV file, and return them with their line numbers.
+
+    The file has the columns first and second.
+    """
     shown = {table_text(part.name): part.name for part in scene.parts}
     allowed: dict[frozenset[str], int] = {}
     line = 1
@@ -76,7 +80,7 @@ def read_allowed(path: Path, scene: proximity.Scene) -> dict[frozenset[str], int
 def without_allowed(
     pairs: list[MeasuredPair], allowed: dict[frozenset[str], int], path: Path | None
 ) -> list[MeasuredPair]:
-    """Return the pairs that are not allowed; report the number of unused lines of *path*."""
+    """Return the pairs that are not allowed. Report how many allowed pairs of *path* were not found."""
     found = {pair.names for pair in pairs}
     used = {line for pair, line in allowed.items() if pair in found}
     if unused := len({*allowed.values()} - used):
@@ -85,7 +89,7 @@ def without_allowed(
 
 
 def find_clashes(scene: proximity.Scene, contact: float | None, path: Path | None) -> list[MeasuredPair]:
-    """Return the pairs that overlap by more than *contact*, m, and are not allowed in *path*."""
+    """Return the pairs that overlap by more than *contact*, m, except those allowed in *path*."""
     allowed = {} if path is None else read_allowed(path, scene)
     limit = contact_limit(scene) if contact is None else contact
     pairs = measure_pairs(scene, scene.closest_pairs(max_distance=0.0), limit)
@@ -93,14 +97,17 @@ def find_clashes(scene: proximity.Scene, contact: float | None, path: Path | Non
 
 
 def _rounded(value: float) -> str:
-    """Return a number with `FEW_DIGITS`, or with all its integer digits."""
+    """Return a number with at least `FEW_DIGITS` significant digits and all its integer digits."""
     return length(value, max(FEW_DIGITS, len(str(int(value)))))
 
 
 def verdict(
     pairs: Sequence[MeasuredPair], contact: float, approximation: float, metres: float, units: str
 ) -> str:
-    """Return a sentence about clashes and fits; *approximation*, m: that of the file, if it is the limit."""
+    """Return a sentence about the pairs that clash and those that fit.
+
+    *approximation*: deviation of the file's triangles from curved surfaces, m, named if it is the limit.
+    """
     clashes = [pair for pair in pairs if pair.is_clash]
     fits = sum(pair.is_fit for pair in pairs)
     said = []

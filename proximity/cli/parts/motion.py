@@ -1,4 +1,4 @@
-"""``proximity clearance`` over a motion: ``--hinge``, ``--slide`` and ``--poses``."""
+"""Measure the clearance of a moving part for the options ``--hinge``, ``--slide`` and ``--poses``."""
 
 import csv
 import math
@@ -30,7 +30,7 @@ DEGREE = math.pi / 180.0
 
 @dataclass(frozen=True, slots=True)
 class Moving:
-    """Options for the motion of a part."""
+    """Options that describe the motion of a part."""
 
     hinge: Annotated[
         tuple[str, str, str] | None,
@@ -50,16 +50,19 @@ class Moving:
 
     @property
     def is_given(self) -> bool:
-        """Whether a motion is given."""
+        """True if one of the options gives a motion."""
         return any(each is not None for each in (self.hinge, self.slide, self.poses))
 
     @property
     def option_name(self) -> str:
-        """The first given option."""
+        """Name of the first option that is given."""
         return next(f"--{name}" for name in ("hinge", "slide", "poses", "plot") if getattr(self, name))
 
     def motion(self, metres: float) -> tuple["proximity.Motion", float, str]:
-        """Return the motion, the size of the user's unit of positions, and its name, "" for a length."""
+        """Return the motion, the size of the unit of its positions, and the name of the unit.
+
+        The name is "" for a length.
+        """
         from proximity.scene.motion import Motion
 
         if sum(each is not None for each in (self.hinge, self.slide, self.poses)) > 1:
@@ -97,7 +100,10 @@ def _range(text: str, name: str) -> tuple[float, float]:
 
 
 def read_poses(path: Path, metres: float) -> tuple[list[float], list["proximity.Pose"]]:
-    """Return positions and poses, scene from part, of a CSV file; *metres*: m per unit of x, y, z."""
+    """Read positions and poses, scene from part, from a CSV file.
+
+    *metres*: length of the unit of x, y and z, m.
+    """
     from proximity.errors import PoseError
     from proximity.pose import Pose
 
@@ -133,7 +139,10 @@ def measure_motion(
     csv_path: Path | None,
     as_json: bool,
 ) -> None:
-    """Measure a part over its motion and print the result; exit with 1 if it may come nearer than *below*."""
+    """Measure the clearance of a part over its motion and print the result.
+
+    Exit with code 1 if the part may come nearer than *below*.
+    """
     motion, scale, unit = moving.motion(metres)
     found = scene.clearance_along(
         part, motion, others=others, below=None if below is None else below * metres
@@ -199,7 +208,7 @@ def _verdict(values: dict[str, Any], below: float, units: str) -> str:
 def _write_curve(
     path: Path, found: "proximity.MotionClearance", scale: float, metres: float, units: str
 ) -> None:
-    """Write positions, distances and lower bounds up to the next position."""
+    """Write a CSV file with positions, distances, and lower bounds up to the next position."""
     with text_output(path) as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(["position", f"distance_{units}", f"lower_{units}"])
@@ -213,7 +222,7 @@ def _write_curve(
 def _draw(
     path: Path, found: "proximity.MotionClearance", scale: float, metres: float, label: str, units: str
 ) -> None:
-    """Draw the distance over the motion, with the bounds as an area."""
+    """Draw the distance over the motion, and its bounds as an area."""
     import numpy as np
 
     from proximity.scene.picture.distance_field import load_matplotlib

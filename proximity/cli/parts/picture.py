@@ -1,4 +1,4 @@
-"""``proximity picture``: a PNG of the parts of a file, of points, and of a slice of the signed distance."""
+"""Command ``proximity picture``, which draws parts, points and a slice of the signed distance as a PNG."""
 
 import re
 import sys
@@ -95,7 +95,10 @@ def picture(
 
 
 def _ends(text: str, *, has_points: bool) -> tuple[float, float]:
-    """Return the ends of the bar: one length on both sides of zero, or a negative and a positive one."""
+    """Return the ends of the colour bar.
+
+    The text has one length for both sides of zero, or a negative and a positive number.
+    """
     try:
         first, *more = (number(word, is_finite=True) for word in text.split(","))
         low, high = (-first, first) if not more else (first, *more)

@@ -1,7 +1,7 @@
-"""Points from text, three numbers per line, as CSV or separated by spaces, in chunks; and vertices of meshes.
+"""Read points in chunks from text with three numbers per line, or from the vertices of meshes.
 
-Text needs only the standard library, so that an invalid start is rejected before NumPy and the parts are
-loaded.
+Numbers are separated by commas or spaces. Reading text needs only the standard library, so that an invalid
+start is rejected before NumPy and the parts are loaded.
 """
 
 import csv
@@ -21,28 +21,29 @@ STANDARD_INPUT = "-"
 BEGINS_A_NUMBER = tuple("+-.0123456789")
 NO_LETTER = re.compile(r"[\W\d_]")
 BEFORE_COMMENT = re.compile(r'(?:"[^"]*"|[^#]|(?<=\S)#)*')
-"""Text before a # at the start of a line or after white space; others belong to names, as in pin#2."""
+"""Pattern of the text before a comment. A comment begins with # at the start of a line or after white space;
+any other # belongs to a name such as pin#2."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
-NAME = "name"  # of a column, in any case
+NAME = "name"  # name of a column, in upper or lower case
 LONGEST_LINE = 1_000_000
-"""Characters: a longer line is not text of points."""
+"""Maximum length of a line, letters. A longer line is not text of points."""
 
 Note = Callable[[str], None]
 
 
 @dataclass(slots=True)
 class Points:
-    """Points, as typed or read."""
+    """Points that were typed or read."""
 
-    coordinates: array = field(default_factory=lambda: array("d"))  # flat: x y z x y z ...
-    kept: dict[str, list[str]] = field(default_factory=dict)  # by the names of the other columns
+    coordinates: array = field(default_factory=lambda: array("d"))  # x y z x y z ...
+    kept: dict[str, list[str]] = field(default_factory=dict)  # values of the other columns by their names
 
     def __len__(self) -> int:
         return len(self.coordinates) // 3
 
 
 class Columns(NamedTuple):
-    """Meaning of the fields of a line."""
+    """Meaning of the fields in a line."""
 
     axes: tuple[int, ...] = (0, 1, 2)
     kept: tuple[tuple[str, int], ...] = ()  # names and indices of the other fields
@@ -51,7 +52,7 @@ class Columns(NamedTuple):
 
 
 NORMALS = Columns(kept=(("nx", 3), ("ny", 4), ("nz", 5)), field_count=6)
-"""Of lines with six numbers and no header."""
+"""Columns of lines with six numbers and no header, which are positions and normals."""
 MESHES = (".ply", ".stl", ".obj")
 
 
@@ -64,18 +65,18 @@ def read_points(
 ) -> Iterator[Points]:
     """Yield the points of a text file, or the vertices of a PLY, STL or OBJ file, in chunks.
 
-    Blank lines and comments are skipped; a comment begins with ``#`` at the start of a line or after white
+    Blank lines and comments are skipped. A comment begins with ``#`` at the start of a line or after white
     space. Fields are separated by commas, semicolons or white space. The first line may name the columns: x,
     y and z among others, optionally with their unit, or three other names in this order. A name does not
     begin like a number. Other columns are kept as text.
 
-    *units*: of the coordinates; another unit in the header raises an error. *points_units*: that of the
-    file, if it is not *units*, to which its points are converted. *limit*: points in a chunk. A shorter chunk
-    is the last; there is at least one, which may be empty. *note*: called with a note about text without a
-    point.
+    *units*: unit of the returned coordinates. Another unit in the header raises an error. *points_units*:
+    unit of the file if it is not *units*; the points are converted. *limit*: maximum number of points in a
+    chunk. Only the last chunk is shorter; there is at least one, which may be empty. *note*: function called
+    with a note if a text has no points.
     """
     if points_units is not None:
-        from proximity.formats import metres_per_unit  # slow
+        from proximity.formats import metres_per_unit  # slow to import
 
         factor = metres_per_unit(points_units) / metres_per_unit(units)
         for chunk in read_points(path, points_units, limit, note):
@@ -99,9 +100,10 @@ def read_points(
 
 
 def read_ahead(chunks: Iterator[Points], limit: int) -> tuple[Iterator[Points], list[float]]:
-    """Read chunks up to a limit, at least one; return all chunks, and the sides of the box around those read.
+    """Read the first chunks, up to *limit* points.
 
-    The sides are empty without a finite point. Errors in the read chunks are raised immediately.
+    Return an iterator over all chunks, and the sides of the box around the points that were read. At least
+    one chunk is read, and errors in it are raised immediately. The sides are empty if no point is finite.
     """
     read, failure = [next(chunks)], None
     try:
@@ -141,7 +143,7 @@ def parse_points(
     limit: int = 20_000,
     note: Note = lambda sentence: None,
 ) -> Iterator[Points]:
-    """Yield the points of *lines* as `read_points` does.
+    """Yield the points in lines of text as `read_points` does.
 
     *lines*: the text, with invalid UTF-8 as surrogates.
     """
@@ -212,7 +214,7 @@ def _append(points: Points, columns: Columns, fields: list[str], line: str, wher
             raise ValueError(f"{values}, expected {columns.field_count}{hint}")
         points.coordinates.extend([number(fields[column]) for column in columns.axes])
     except ValueError as invalid:
-        words = re.split(r"[;\s]+", line.strip("; \t\r\n"))  # between which a comma is a decimal one
+        words = re.split(r"[;\s]+", line.strip("; \t\r\n"))  # a comma within a word is a decimal comma
         with_comma = [word for word in words if DECIMAL_COMMA.fullmatch(word)]
         are_numbers = all(word in with_comma or _is_number(word) for word in words)
         is_comma = len(words) >= 3 and with_comma and (are_numbers or ";" in line)
@@ -222,13 +224,13 @@ def _append(points: Points, columns: Columns, fields: list[str], line: str, wher
 
 
 def _header(fields: list[str], where: str, units: str) -> Columns | None:
-    """Return the columns of a header, or None if *fields* are numbers, perhaps misspelt ones."""
+    """Return the columns that a header names, or None if *fields* are numbers, which may be misspelt."""
     if any(_is_number(word) or word.startswith(BEGINS_A_NUMBER) for word in fields):
         return None
     names = [word.lower() for word in fields]
     words = [NO_LETTER.split(name, maxsplit=1)[0] for name in names]
     axes = (0, 1, 2) if len(fields) == 3 and all(names) and not {*"xyz"} & {*words} else None
-    for spelt in (words, names):  # "x" rather than "x [mm]"
+    for spelt in (words, names):  # first the words before a unit, such as "x" of "x [mm]"
         if all(spelt.count(axis) == 1 for axis in "xyz"):
             axes = spelt.index("x"), spelt.index("y"), spelt.index("z")
     if axes is None:
@@ -247,11 +249,14 @@ def _header(fields: list[str], where: str, units: str) -> Columns | None:
 
 
 def _check_unit(name: str, units: str, where: str) -> None:
-    """Reject a column declared in another unit: answers would be wrong by a factor."""
+    """Raise an error for a column whose name has another unit.
+
+    Otherwise answers would be wrong by a factor.
+    """
     behind = [word for word in NO_LETTER.split(name.casefold()) if word][1:]
     if not behind or behind[-1] == units:
         return
-    from proximity.formats import SYNONYMS, UNITS  # slow, and only needed for names other than x
+    from proximity.formats import SYNONYMS, UNITS  # slow to import, and only needed for names with a unit
 
     known = [unit for word in behind if (unit := SYNONYMS.get(word.removesuffix("s"), word)) in UNITS]
     if known and units not in known:
@@ -262,7 +267,7 @@ def _check_unit(name: str, units: str, where: str) -> None:
 
 
 def number(text: str, *, is_finite: bool = False) -> float:
-    """Return the number in *text*, including nan and inf unless it must be finite."""
+    """Return the number in *text*. Unless *is_finite*, it may be nan or infinite."""
     try:
         value = float("" if "_" in text else text)  # Python would read 1_000
     except ValueError:
@@ -292,7 +297,7 @@ def _is_number(text: str) -> bool:
 
 
 def _shown(text: str) -> str:
-    """Quote *text* for a message: printable and not too long."""
+    """Return *text* quoted and shortened, with escapes for unprintable characters, for a message."""
     return repr(_cut(text))
 
 

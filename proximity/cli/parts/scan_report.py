@@ -1,4 +1,7 @@
-"""The report of a scan against its part: verdict, picture, histogram and worst points in one HTML file."""
+"""Report of a scan against its part, as one HTML file.
+
+It has the verdict, a picture, a histogram and the worst points.
+"""
 
 import base64
 from collections.abc import Callable
@@ -16,19 +19,22 @@ from proximity.system.extras import needed
 from proximity.system.whole_file import whole_file
 
 _TEMPLATE = Path(__file__).parent.parent / "report_page.html.j2"
-_BINS = 61  # odd: one is around zero
+_BINS = 61  # odd, so that one bin is around zero
 _HEAD = ("point", "x", "y", "z", "signed distance", "nearest part")
 
 
 def check_libraries() -> None:
-    """Import the libraries for drawing, so that a missing one is reported before the scan is read."""
+    """Import the libraries for drawing.
+
+    A missing one is thus reported before the scan is read.
+    """
     load_renderer()
     with needed("a report needs", "picture"):
         import jinja2  # noqa: F401
 
 
 def write_report(path: Path, scene: "proximity.Scene", part: str, scan: str, found: Deviations) -> None:
-    """Write the page, replacing an existing file."""
+    """Write the report as a page. It replaces an existing file."""
     within, units = found.within or 0.0, found.units
     reach = within * found.metres
     picture = Picture(
@@ -70,7 +76,7 @@ def write_report(path: Path, scene: "proximity.Scene", part: str, scan: str, fou
 
 
 def _histogram(found: Deviations, within: float) -> Callable[[Any, Any], None]:
-    """Draw the histogram of the signed distances."""
+    """Return a function that draws the histogram of the signed distances."""
     end = max(1.5 * within, min(4.0 * within, float(np.abs(found.distances).max(initial=0.0)))) or 1.0
     counts, edges = np.histogram(np.clip(found.distances, -end, end), _BINS, (-end, end))
     middles = (edges[1:] + edges[:-1]) / 2

@@ -1,4 +1,4 @@
-"""``proximity view``: parts in a browser, with distances at the mouse, of points, and of fingertips."""
+"""Command ``proximity view``, which shows parts in a browser with distances at the mouse or at fingertips."""
 
 import json
 from array import array
@@ -63,7 +63,7 @@ class Clashes:
     allow: ALLOW = None
 
     def finder(self, units: str) -> "Callable[[Scene], list[MeasuredPair]] | None":
-        """Return the search of a scene for clashes; None if they are not listed."""
+        """Return a function that finds the clashes in a scene, or None if they are not listed."""
         has_more = self.contact is not None or self.allow is not None
         refuse((has_more and not self.clashes, "--contact, --allow", "requires --clashes"))
         if not self.clashes:
@@ -181,7 +181,7 @@ def view(
 
 
 def _coordinates(path: str, units: str) -> bytes:
-    """Return the points of a text file as float64, metres."""
+    """Return the points of a text file as bytes of float64, in metres."""
     from proximity.formats import metres_per_unit
 
     metres = metres_per_unit(units)

@@ -1,7 +1,7 @@
-"""One finger of a frame, as the cells of a table, in words or for JSON; its distance also as a bar.
+"""Show one finger of a frame as cells of a table, in words or as JSON values.
 
-The length of a bar is the clearance of the finger, on a scale from 0 to `SCALE_MM`. In a touch the whole bar
-is a red field.
+The cells include a bar, whose length is the clearance of the finger on a scale from 0 to `SCALE_MM`. If the
+finger touches, the whole bar is a red field.
 """
 
 import math
@@ -23,7 +23,7 @@ HEADER_FIELDS = (
 )  # fmt: skip
 NAMED: dict[str, type[IntEnum]] = {"mode": Mode, "surface": Surface, "source": Source}
 SCALE_MM = 120.0
-"""Default working range of the tracker."""
+"""Largest distance on the scale, which is the default working range of the tracker."""
 MARKS_MM = (0, 30, 60, 90, 120)
 MIN_BAR, MAX_BAR = 25, 60
 EIGHTHS = " ▏▎▍▌▋▊▉"
@@ -50,7 +50,7 @@ FLAG_LETTERS = {
     ContactFlag.ON_PATH: ("W", "on its path"),
     ContactFlag.CONTACT_FOUND: ("C", "contact found"),
 }
-"""The letter of each flag, always in the same position, and its meaning."""
+"""Letter and meaning of each flag. A letter is always in the same position."""
 MODE_STYLES: dict[int, str] = {
     Mode.RETRACT: "green",
     Mode.POSITION: "yellow",
@@ -62,14 +62,14 @@ CLOSING_STYLE = "yellow"
 
 
 def is_tracked(contacts: np.ndarray) -> np.ndarray:
-    """Return which *contacts*, (N,) CONTACT, are of tracked fingers."""
+    """Return which *contacts*, (N,) CONTACT, belong to tracked fingers."""
     return (contacts["flags"] & ContactFlag.TRACKED) != 0
 
 
 def finger_cells(contact: Any, part_names: Sequence[str] = ()) -> dict[str, Text | Drawn]:
-    """Return the cells of a finger by column name.
+    """Return the cells of a finger by the names of their columns.
 
-    *part_names*: by the number of the part; a part without a name is shown by its number.
+    *part_names*: names in the order of the parts' numbers. A part without a name is shown by its number.
     """
     cells: dict[str, Text | Drawn] = {
         "finger": Text(str(contact["finger"]), "bold"),
@@ -97,7 +97,7 @@ def _bar_cell(draw: Callable[[int], Text]) -> Drawn:
 
 
 def finger_words(contact: Any, part_names: Sequence[str] = ()) -> str:
-    """Return a finger, or a connection of a held part, in words."""
+    """Return the contact of a finger, or of a connection of a held part, in words."""
     if not is_tracked(contact):
         return f"{contact['finger']}: not tracked"
     lower, upper = MM_PER_M * float(contact["lower"]), MM_PER_M * float(contact["upper"])
@@ -110,9 +110,9 @@ def finger_words(contact: Any, part_names: Sequence[str] = ()) -> str:
 
 
 def frame_document(frame: Any, part_names: Sequence[str]) -> dict[str, Any]:
-    """Return a frame as plain values: fields of its header, and of the contact of each finger.
+    """Return a frame as values for JSON, with the fields of its header and of each contact.
 
-    *part_names*: as in `finger_cells`; if they are empty, ``part_name`` is null.
+    *part_names*: names in the order of the parts' numbers. If they are empty, ``part_name`` is null.
     """
     header = frame["header"]
     return {
@@ -134,7 +134,7 @@ def _finger(contact: Any, part_names: Sequence[str]) -> dict[str, Any]:
 
 
 def _name(kind: type[IntEnum], number: Any) -> str:
-    """Return the name of a member; for a member of a newer publisher, its number."""
+    """Return the name of a member of an enumeration, or its number if it is not known here."""
     return kind(number).name.lower() if number in set(kind) else str(number)
 
 
@@ -147,7 +147,7 @@ def _part(number: int, names: Sequence[str]) -> str:
 
 
 def _distance(lower: float, upper: float) -> str:
-    """Return the distance, or its bounds, mm."""
+    """Return a distance as text, mm, or its bounds if they differ."""
     if math.isclose(lower, upper, rel_tol=1e-12):
         return f"{lower + 0.0:.2f}"
     digits = 1 if max(abs(lower), abs(upper)) < FEW_DIGITS_FROM else 0
@@ -156,7 +156,7 @@ def _distance(lower: float, upper: float) -> str:
 
 
 def _time(contact: Any) -> str:
-    """Return the time to contact, or its lower bound if the distance is not exact."""
+    """Return the time to contact as text, or its lower bound if the distance is not exact."""
     seconds, at_least = float(contact["time_to_contact"]), float(contact["time_to_contact_lower"])
     if math.isnan(seconds):
         return UNKNOWN
@@ -184,7 +184,7 @@ def _flags(contact: Any) -> Text:
 
 
 def ruler(width: int) -> str:
-    """Return the scale above the bars."""
+    """Return the scale that is shown above the bars."""
     cells = [" "] * width
     for mark in MARKS_MM[:: 1 if width >= 24 else 2 if width >= 12 else 4]:
         text = str(mark)
@@ -194,10 +194,10 @@ def ruler(width: int) -> str:
 
 
 def bar(lower_mm: float, upper_mm: float, predicted_mm: float, width: int, style: str) -> Text:
-    """Return the bar of a distance.
+    """Return a bar that shows a distance.
 
-    *lower_mm*: lower bound, the full part of the bar. *upper_mm*: upper bound, up to which the bar is shaded.
-    *predicted_mm*: shown as a mark, if it is on the scale.
+    *lower_mm*: lower bound, which is the full part of the bar. *upper_mm*: upper bound, up to which the bar
+    is shaded. *predicted_mm*: predicted distance, shown as a mark if it is on the scale.
     """
     if upper_mm <= 0.0:
         return touch(-lower_mm, width)
@@ -214,13 +214,13 @@ def bar(lower_mm: float, upper_mm: float, predicted_mm: float, width: int, style
 
 
 def filled(cells: float) -> str:
-    """Return the full part of a bar of *cells* cells, to an eighth of one."""
+    """Return the full part of a bar that is *cells* cells long, to an eighth of a cell."""
     full, eighths = divmod(math.floor(8.0 * cells), 8)
     return "█" * full + (EIGHTHS[eighths] if eighths else "")
 
 
 def touch(depth_mm: float, width: int) -> Text:
-    """Return the red field of a touching finger."""
+    """Return the red field that is shown for a touching finger."""
     reported = f"{depth_mm + 0.0:.2f} mm inside"
     if width > len(reported) + len("touches, "):
         reported = f"touches, {reported}"
@@ -228,5 +228,5 @@ def touch(depth_mm: float, width: int) -> Text:
 
 
 def _cells(distance_mm: float, width: int) -> float:
-    """Return the number of cells for a distance, within the scale."""
+    """Return the number of cells for a distance, at most that of the whole scale."""
     return min(max(distance_mm, 0.0), SCALE_MM) / SCALE_MM * width

@@ -1,4 +1,4 @@
-"""``proximity record`` and ``export``: every frame of a service in a log, and a log as a table."""
+"""Commands ``proximity record`` and ``export``, which log frames of a service and convert logs to tables."""
 
 import sys
 import time
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from proximity.recording import FrameLog
     from proximity.transport import Counts, Inlet, Subscriber
 
-TURN_S = 0.05  # longest delay of a stop
-GATHER_S = 0.002  # for several frames, as waking for each costs more; buffers hold 60 and more
-ANNOUNCE_AFTER_S = 2.0  # of waiting for a first frame
+TURN_S = 0.05  # maximum delay of a stop
+GATHER_S = 0.002  # wait for several frames, since waking for each costs more; buffers hold 60 and more
+ANNOUNCE_AFTER_S = 2.0  # wait for a first frame before a note reports it
 
 
 def record(
@@ -58,7 +58,7 @@ def record(
         stop_after(limit, stop)
         try:
             _record(inlet, subscriber, log, stop)
-        finally:  # also on a full disk: the log holds what is reported here
+        finally:  # also on a full disk: the summary reports the frames in the log
             summary = _summary(log, time.monotonic() - started, subscriber.counts)
             if as_json:
                 write_document(summary)
@@ -69,7 +69,7 @@ def record(
 
 
 def _summary(log: "FrameLog", seconds: float, counts: "Counts") -> dict[str, Any]:
-    """Return the numbers of recorded, lost and rejected messages, with the reasons."""
+    """Return the numbers of recorded, lost and rejected messages, and the reasons of rejections."""
     others = {"from another sender": counts.refused, "not verified by the key": counts.unverified}
     reasons = {defect.value: count for defect, count in counts.flawed.most_common()}
     return {
@@ -105,7 +105,7 @@ def _record(inlet: "Inlet", subscriber: "Subscriber", log: "FrameLog", stop: Eve
             elif elapsed > ANNOUNCE_AFTER_S and not has_waited:
                 report(f"no frame from {subscriber.address} yet")
                 has_waited = True
-        for data in subscriber.frames():  # received while the last one was written
+        for data in subscriber.frames():  # frames received while the last one was written
             log.append(data)
 
 
@@ -149,11 +149,11 @@ def export(
 
 
 def _write(out: Path, runs: "Iterable[np.ndarray]", *, is_parquet: bool) -> int:
-    """Write a table, replacing an existing file at the end; return the number of lines."""
+    """Write a table, which replaces an existing file at the end. Return the number of lines."""
     from proximity.recording import load_pyarrow, write_frames_csv, write_frames_parquet
 
     if is_parquet:
-        load_pyarrow()  # raises before a file is created
+        load_pyarrow()  # raises an error before a file is created
         from proximity.system.whole_file import whole_file
 
         with whole_file(out) as stream:

@@ -1,4 +1,4 @@
-"""``proximity serve``: run the service of a scene file until it is stopped."""
+"""Command ``proximity serve``, which runs the service of a scene file until it is stopped."""
 
 import contextlib
 import os
@@ -112,7 +112,10 @@ def serve(
 
 
 def _write_beginning(beginning: "Beginning", *, as_json: bool) -> None:
-    """Report scene, addresses, rate and the system's grants, on stderr or as a document."""
+    """Report scene, addresses, rate and permitted real-time settings.
+
+    The report is text on stderr, or a document on stdout.
+    """
     service = beginning.settings.service
     begun = {
         "event": "begun",
@@ -161,7 +164,10 @@ def _print_end(ended: dict[str, Any]) -> None:
 
 
 class _PageStarter(threading.Thread):
-    """Thread that starts a page in a separate process; the service publishes to it at a separate address."""
+    """Thread that starts a page in a separate process.
+
+    The service publishes to the page at a separate address.
+    """
 
     def __init__(self, scene: Path, given: dict[str, Any], port: int) -> None:
         super().__init__(name="starts the page", daemon=True)
@@ -175,7 +181,7 @@ class _PageStarter(threading.Thread):
         self._is_over = False
 
     def run(self) -> None:
-        """Start the page while the loop runs, and report its address."""
+        """Start the page while the loop runs. Report its address."""
         from proximity.web import RunningPage
 
         try:

@@ -1,4 +1,4 @@
-"""Commands that write client sources, the layout of messages, and keys."""
+"""Commands that write sources for clients, the layout of messages, and keys."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -75,7 +75,7 @@ def _client_of(name: str, language: str, text: str) -> Callable[[Path], None]:
 
 
 def _report(written: dict[Any, bool]) -> None:
-    """Print the written files; existing examples are kept."""
+    """Print the paths of the written files, and of existing examples that were kept."""
     for path, is_written in written.items():
         typer.echo(f"{path}: {'written' if is_written else 'kept, as it exists already'}")
 
@@ -165,7 +165,7 @@ CLIENTS = {
     "csharp": ("csharp", "Write the client for Unity and .NET, as a package that the engine may share."),
     "js": ("javascript", "Write the client as ES modules, for browsers and Node."),
 }
-"""Languages by the names of their commands."""
+"""Programming languages by the names of their commands."""
 
 library = group_of(
     "library",

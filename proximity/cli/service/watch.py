@@ -1,4 +1,4 @@
-"""``proximity watch``: show the frames of a service, live."""
+"""Command ``proximity watch``, which shows the frames of a service live."""
 
 import time
 from threading import Event
@@ -11,7 +11,7 @@ from proximity.cli.output import write_document
 from proximity.cli.program import EXIT_NOTHING, stop_after
 from proximity.system.stop_signals import stopped_by_signals
 
-TURN_S = 0.02  # longest delay of a stop, and of showing a silence
+TURN_S = 0.02  # maximum delay of a stop, and of showing that no frames arrive
 
 
 def watch(
@@ -41,7 +41,7 @@ def watch(
 
 
 def _show(address: str, stop: Event) -> int:
-    """Show the newest frame repeatedly; return the number of received frames."""
+    """Show the newest frame until stopped. Return the number of received frames."""
     from proximity.cli.service.watch_view import Follower, show
     from proximity.cli.tables import Console, Screen
     from proximity.transport import open_subscriber
@@ -54,7 +54,7 @@ def _show(address: str, stop: Event) -> int:
 
 
 def _write_lines(address: str, stop: Event) -> int:
-    """Write every frame as a line; return the number of received frames."""
+    """Write every frame as a line until stopped. Return the number of received frames."""
     from proximity.cli.service.finger_view import frame_document
     from proximity.recording.frame_bytes import frame_type
     from proximity.transport import Subscriber, open_inlet

@@ -1,4 +1,4 @@
-"""Readings of a service for ``watch`` and ``demo``: a table for a terminal, or a line of text."""
+"""Show readings of a service for ``watch`` and ``demo``, as a table for a terminal or a line of text."""
 
 import time
 from collections import deque
@@ -29,9 +29,9 @@ NS_IN_S = 1e9
 GATHER_S = 0.005
 RATE_OVER_S = 1.0
 SAMPLED_EVERY_S = 0.05
-OTHER_LINES = 9  # of a terminal, in addition to the fingers
+OTHER_LINES = 9  # lines of a terminal besides those of the fingers
 TWO_HANDS = 10  # fingers: thumb to little finger of the left hand, then of the right
-LINE_FINGERS = 8  # reported in a line of text
+LINE_FINGERS = 8  # number of fingers reported in a line of text
 
 STATE_STYLES = {
     State.STARTING: "black on cyan",
@@ -57,7 +57,7 @@ HELD_MEANINGS = {
 FLAGS = f"Flags: {', '.join(f'{letter} {word}' for letter, word in FLAG_LETTERS.values())}"
 BARS = "Bars: █ certainly free, ▒ between the bounds, ◆ predicted, » farther"
 MAX_NAME_CELLS = 16
-"""Of the name of a part; longer names are truncated."""
+"""Maximum width of the name of a part. Longer names are truncated."""
 COLUMNS = (
     Column("finger", "finger", True, width=6),
     Column("part", "part", True, width=4),
@@ -74,20 +74,20 @@ DISPENSABLE = ("flags", "mode", "closing", "part")  # omitted in this order for 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """Values shown with a reading."""
+    """Values that are shown together with a reading."""
 
     address: str
     counts: Counts
-    rate_hz: float  # of frames, over the last second
-    silent_s: float  # since the last frame, or else since the start
-    part_names: tuple[str, ...] = ()  # empty: unknown, parts are numbered
-    finger_names: tuple[str, ...] = ()  # or of the connections of a held part; empty: unknown
+    rate_hz: float  # rate of frames over the last second
+    silent_s: float  # time since the last frame, or else since the start
+    part_names: tuple[str, ...] = ()  # empty if unknown; then parts are shown by their numbers
+    finger_names: tuple[str, ...] = ()  # or names of connections of a held part; empty if unknown
 
 
 class Follower:
-    """The newest reading of a subscriber, and the frame rate.
+    """Reads the newest frame of a subscriber and measures the frame rate.
 
-    *gather*: s to wait for several frames, as waking for each takes a third of a core at 1 kHz.
+    *gather*: time to wait for several frames, s, since waking for each takes a third of a core at 1 kHz.
     """
 
     def __init__(
@@ -97,10 +97,10 @@ class Follower:
         self._gather = gather
         self._clock = clock
         self._came_at = clock()
-        self._samples = deque([(self._came_at, 0)])  # instant, frames received until then
+        self._samples = deque([(self._came_at, 0)])  # instant, and number of frames received until then
 
     def look(self, timeout: float) -> tuple[Reading, Seen]:
-        """Wait up to *timeout* for new frames; return the newest reading and its figures."""
+        """Wait up to *timeout* for new frames. Return the newest reading and the values to show with it."""
         time.sleep(self._gather)
         reading = self._subscriber.wait(timeout)
         now, counts = self._clock(), self._subscriber.counts
@@ -126,9 +126,9 @@ class Follower:
 
 
 def show(screen: Screen, reading: Reading, seen: Seen, drums: Sequence[Text] | None = None) -> None:
-    """Show a reading, if the display is due.
+    """Show a reading if the display is due for an update.
 
-    *drums*: state of the drum of each finger; None: without a controller.
+    *drums*: state of the drum of each finger; None without a controller.
     """
 
     def drawn(size: ConsoleDimensions) -> RenderableType:
@@ -140,9 +140,9 @@ def show(screen: Screen, reading: Reading, seen: Seen, drums: Sequence[Text] | N
 def picture(
     reading: Reading, seen: Seen, *, row_count: int, drums: Sequence[Text] | None = None
 ) -> RenderableType:
-    """Return the display for a terminal.
+    """Return the display of a reading for a terminal.
 
-    *drums*: state of the drum of each finger; None: without a controller.
+    *drums*: state of the drum of each finger; None without a controller.
     """
     if not len(reading.contacts):
         return headline(reading, seen)
@@ -162,17 +162,17 @@ def picture(
 
 
 def headline(reading: Reading, seen: Seen) -> Group:
-    """Return the two lines above the table: the state with its meaning, and the figures."""
+    """Return the two lines above the table, with the state, its meaning and the figures."""
     style = STATE_STYLES[reading.state]
     badge, meaning = f" {reading.state.name} ", _meaning(reading, seen)
     state: RenderableType = Text.assemble((badge, style), f"  {meaning}")
-    if reading.state is State.STALE:  # a whole line, so that the table is not taken for the present
+    if reading.state is State.STALE:  # a whole line, since the table below is outdated
         state = Drawn(lambda width: Text(f"{badge} {meaning}".ljust(width), style))
     return Group(state, Text(f"{seen.address}  {',  '.join(_figures(reading, seen))}"))
 
 
 def line(reading: Reading, seen: Seen) -> str:
-    """Return one line of text, without a terminal."""
+    """Return a reading as one line of text, for outputs that are not terminals."""
     head = f"{time.strftime('%H:%M:%S')} {reading.state.name}: {', '.join(_figures(reading, seen))}"
     if reading.state is State.STALE:
         return f"{head}; {_meaning(reading, seen)}"
@@ -183,7 +183,7 @@ def line(reading: Reading, seen: Seen) -> str:
 
 
 def nearest(contacts: np.ndarray, count: int) -> list[int]:
-    """Return the rows of the *count* nearest fingers, in the order of the frame.
+    """Return the rows of the *count* nearest fingers in the order of the frame.
 
     *contacts*: (N,) CONTACT.
     """
@@ -192,7 +192,7 @@ def nearest(contacts: np.ndarray, count: int) -> list[int]:
 
 
 def _lacking(contacts: np.ndarray) -> str:
-    """Return the reason for DEGRADED: most often a hand that is out of sight."""
+    """Return the reason why a frame is DEGRADED, which most often is a hand out of sight."""
     tracked = is_tracked(contacts)
     lost = int((~tracked).sum())
     if not lost:
@@ -205,7 +205,7 @@ def _lacking(contacts: np.ndarray) -> str:
 
 
 def _is_held(reading: Reading) -> bool:
-    """Whether a frame is of a held part, not of fingers."""
+    """Return whether the contacts of a frame are those of a held part, not of fingers."""
     return reading.header is not None and reading.header["source"] == Source.HELD
 
 

@@ -1,4 +1,4 @@
-"""Accessors of a glTF document: arrays of positions and indices, checked against the available bytes."""
+"""Read arrays of a glTF document, which it calls accessors, and check them against the available bytes."""
 
 from typing import Any
 
@@ -8,33 +8,33 @@ from proximity.errors import MeshFormatError
 from proximity.formats.gltf.buffers import Document, integer, numbers, shown
 
 INDEX_TYPES = (5121, 5123, 5125)
-"""Unsigned whole numbers of 1, 2 and 4 bytes."""
+"""Component types of indices, which are unsigned whole numbers of 1, 2 and 4 bytes."""
 POSITION_TYPES = (5126, 5120, 5121, 5122, 5123)
-"""Numbers of single precision, and the whole numbers of KHR_mesh_quantization."""
+"""Component types of positions, which are single precision and the whole numbers of KHR_mesh_quantization."""
 
 _DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _COMPONENTS = {"SCALAR": 1, "VEC3": 3, "MAT4": 16}
-_BOUNDS_ROUNDING = 1e-5  # of the largest coordinate: single precision, or six digits of text
+_BOUNDS_ROUNDING = 1e-5  # share of the largest coordinate, for single precision or six digits
 
 
 def read_positions(document: Document, index: int, place: str) -> np.ndarray:
-    """Return positions as stored in the file, (V, 3), not copied unless they are sparse."""
+    """Return positions with the numbers of the file, (V, 3). They are only copied if they are sparse."""
     return _read(document, index, place, "VEC3", POSITION_TYPES)
 
 
 def read_indices(document: Document, index: int, place: str) -> np.ndarray:
-    """Return integers as stored in the file, (count,), not copied unless they are sparse."""
+    """Return integers with the numbers of the file, (count,). They are only copied if they are sparse."""
     return _read(document, index, place, "SCALAR", INDEX_TYPES)[:, 0]
 
 
 def read_matrices(document: Document, index: int, place: str) -> np.ndarray:
     """Return matrices, (count, 4, 4) float64."""
     stored = _read(document, index, place, "MAT4", (5126,))
-    return stored.astype(np.float64).reshape(-1, 4, 4).swapaxes(1, 2)  # column after column
+    return stored.astype(np.float64).reshape(-1, 4, 4).swapaxes(1, 2)  # stored column by column
 
 
 def as_lengths(document: Document, index: int, stored: np.ndarray) -> np.ndarray:
-    """Return the positions encoded by the stored values of an accessor, a copy in float64."""
+    """Convert the numbers of positions to lengths. Return a copy in float64."""
     points = stored.astype(np.float64)
     if stored.dtype.kind != "f" and document.entry("accessors", index).get("normalized"):
         points = np.maximum(points / np.iinfo(stored.dtype).max, -1.0)
@@ -44,7 +44,7 @@ def as_lengths(document: Document, index: int, stored: np.ndarray) -> np.ndarray
 def _read(
     document: Document, index: int, place: str, kind: str, component_types: tuple[int, ...]
 ) -> np.ndarray:
-    """Return the entries of an accessor, (count, components); each accessor is checked once."""
+    """Return the entries of an accessor, (count, components). Each accessor is checked once."""
     accessor = document.entry("accessors", index)
     name = f"accessor {index} ({place})"
     if accessor.get("type") != kind or accessor.get("componentType") not in component_types:
@@ -65,7 +65,7 @@ def _stored(document: Document, accessor: dict[str, Any], kind: str, name: str) 
     sparse = accessor.get("sparse")
     if accessor.get("bufferView") is not None:
         array = _strided(document, accessor, count, width, dtype, name)
-    else:  # zeros: the file contains only their count
+    else:  # an accessor of zeros, for which the file contains only the count
         held = sum(map(len, document.buffers))
         if count > held:
             raise MeshFormatError(
@@ -78,7 +78,7 @@ def _stored(document: Document, accessor: dict[str, Any], kind: str, name: str) 
 def _strided(
     document: Document, holder: dict[str, Any], count: int, width: int, dtype: np.dtype, name: str
 ) -> np.ndarray:
-    """Return rows at a buffer view and an offset, either of which may be unaligned."""
+    """Return the rows at an offset in a buffer view. The address of either may be unaligned."""
     view_index = integer(holder.get("bufferView"), f"the buffer view of {name}")
     view = document.view(view_index)
     entry_bytes = width * dtype.itemsize
@@ -93,7 +93,7 @@ def _strided(
 
 
 def _with_sparse(document: Document, sparse: Any, base: np.ndarray, name: str) -> np.ndarray:
-    """Return a copy of *base* with the rows replaced that a sparse accessor lists."""
+    """Return a copy of *base* in which the rows that a sparse accessor lists are replaced."""
     name = f"the sparse part of {name}"
     if not isinstance(sparse, dict) or not all(
         isinstance(sparse.get(k), dict) for k in ("indices", "values")
@@ -115,7 +115,10 @@ def _with_sparse(document: Document, sparse: Any, base: np.ndarray, name: str) -
 
 
 def _check_bounds(document: Document, accessor: dict[str, Any], stored: np.ndarray, name: str) -> None:
-    """Record bounds that contradict the positions. Many writers omit them."""
+    """Compare the declared bounds with the positions, and record differences.
+
+    Many writers omit the bounds.
+    """
     measured = {
         "min": np.fmin.reduce(stored).astype(np.float64).tolist(),
         "max": np.fmax.reduce(stored).astype(np.float64).tolist(),

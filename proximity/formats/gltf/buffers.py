@@ -1,4 +1,4 @@
-"""JSON of a glTF document and the bytes that it refers to: chunks, buffers, buffer views."""
+"""Read the JSON of a glTF document, and the chunks, buffers and buffer views that it refers to."""
 
 import base64
 import binascii
@@ -20,27 +20,27 @@ from proximity.system.regular_file import open_regular
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 _GLB_HEADER_BYTES, _CHUNK_HEADER_BYTES = 12, 8
 _CONVERSION = " (gltf-pipeline converts files of version 1)"
-_LARGEST_INTEGER = 2**53  # of JSON, where numbers are float64
+_LARGEST_INTEGER = 2**53  # largest exact integer in JSON, where numbers are float64
 
 
 @dataclass(slots=True, eq=False)
 class Document:
-    """A parsed header and the buffers that it refers to."""
+    """Parsed JSON of a document and the buffers that it refers to."""
 
     json: dict[str, Any]
     buffers: list[bytes] = field(default_factory=list)
-    arrays: dict[int, np.ndarray] = field(default_factory=dict)  # of the accessors that were read
-    wrong_bounds: list[str] = field(default_factory=list)  # sentences about min and max of accessors
+    arrays: dict[int, np.ndarray] = field(default_factory=dict)  # arrays of the accessors that were read
+    wrong_bounds: list[str] = field(default_factory=list)  # sentences about wrong min and max of accessors
 
     def entry(self, kind: str, index: int) -> dict[str, Any]:
-        """Return one entry of a list of the header, as "nodes" or "meshes"."""
+        """Return one entry of a list in the JSON, such as "nodes" or "meshes"."""
         found = entries(self.json, kind)
         if not 0 <= index < len(found) or not isinstance(found[index], dict):
             raise MeshFormatError(f"it refers to {kind} {index}, but holds {len(found)}")
         return found[index]
 
     def view(self, index: int) -> memoryview:
-        """Return the bytes of a buffer view, not copied."""
+        """Return the bytes of a buffer view without copying them."""
         view = self.entry("bufferViews", index)
         buffer_index = integer(view.get("buffer"), f"the buffer of buffer view {index}")
         start = integer(view.get("byteOffset", 0), f"the offset of buffer view {index}")
@@ -52,7 +52,7 @@ class Document:
 
 
 def entries(holder: dict[str, Any], key: str) -> list[Any]:
-    """Return a list of the header; an absent list is empty."""
+    """Return a list in the JSON. A missing list is empty."""
     values = holder.get(key) or []
     if not isinstance(values, list):
         raise MeshFormatError(f"its JSON has {key} that are not a list")
@@ -60,7 +60,7 @@ def entries(holder: dict[str, Any], key: str) -> list[Any]:
 
 
 def extension(holder: dict[str, Any], name: str, place: str) -> dict[str, Any]:
-    """Return an entry's content in an extension; an absent extension is empty."""
+    """Return the content that an entry has in an extension. A missing extension is empty."""
     extensions = holder.get("extensions") or {}
     if not isinstance(extensions, dict):
         raise MeshFormatError(f"{place} has extensions that are not a JSON object")
@@ -69,7 +69,7 @@ def extension(holder: dict[str, Any], name: str, place: str) -> dict[str, Any]:
 
 
 def integer(value: Any, what: str) -> int:
-    """Return a non-negative integer, also one written as 8.0."""
+    """Return a non-negative integer. A number such as 8.0 is accepted."""
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _LARGEST_INTEGER:
@@ -89,7 +89,7 @@ def numbers(values: Any, count: int, what: str) -> list[float]:
 
 
 def shown(value: Any) -> str:
-    """Return a value of JSON as text, shortened for a message."""
+    """Return a JSON value as a short text for a message."""
     if isinstance(value, str):
         return text_rows.shortened(value)
     text = repr(value)
@@ -97,7 +97,7 @@ def shown(value: Any) -> str:
 
 
 def split_glb(data: bytes) -> tuple[bytes, bytes | None, list[str]]:
-    """Return the JSON and the binary chunk of a GLB file, and notes."""
+    """Return the JSON chunk and the binary chunk of a GLB file, and notes."""
     if len(data) < _GLB_HEADER_BYTES or data[:4] != b"glTF":
         raise MeshFormatError("it does not begin with a GLB header of 12 bytes")
     _, version, length = struct.unpack_from("<4sII", data)
@@ -126,7 +126,7 @@ def split_glb(data: bytes) -> tuple[bytes, bytes | None, list[str]]:
 
 
 def parse_header(header: bytes) -> Document:
-    """Return a document without its buffers."""
+    """Parse the JSON of a document. Its buffers are not loaded."""
     try:
         tree = json.loads(header.decode("utf-8-sig"))
     except (ValueError, RecursionError) as reason:
@@ -140,7 +140,7 @@ def parse_header(header: bytes) -> Document:
 
 
 def load_buffers(document: Document, path: str, binary: bytes | None) -> None:
-    """Fill in the buffers: those of the file itself and of files in its folder."""
+    """Load the buffers of a document from the file itself or from files in its folder."""
     for k in range(len(entries(document.json, "buffers"))):
         entry = document.entry("buffers", k)
         length = integer(entry.get("byteLength"), f"the length of buffer {k}")
@@ -167,7 +167,10 @@ def _buffer_bytes(uri: Any, k: int, path: str, binary: bytes | None, length: int
 
 
 def _data_uri_bytes(uri: str, k: int) -> bytes:
-    """Return the bytes of a data URI; base64 may have line breaks, percent-encoding, or no padding."""
+    """Return the bytes of a data URI.
+
+    Base64 may have line breaks or percent-encoding, and may lack padding.
+    """
     head, _, text = uri.partition(",")
     data = urllib.parse.unquote_to_bytes(text)
     if not head.lower().endswith(";base64"):
@@ -180,7 +183,10 @@ def _data_uri_bytes(uri: str, k: int) -> bytes:
 
 
 def _read_beside(uri: str, what: str, path: str, length: int) -> bytes:
-    """Return the first bytes of a file in the document's folder or below it, links followed; no other."""
+    """Return the first bytes of a file in the document's folder or below it.
+
+    Links are followed. A file elsewhere is refused.
+    """
     try:
         folder = Path(path).resolve().parent
         beside = (folder / urllib.parse.unquote(uri)).resolve()
@@ -189,7 +195,7 @@ def _read_beside(uri: str, what: str, path: str, length: int) -> bytes:
         with open_regular(beside) as file:
             held = os.fstat(file.fileno()).st_size
             data = file.read(length) if held >= length else b""
-    except MeshFormatError:  # a ValueError, too
+    except MeshFormatError:  # a subclass of ValueError
         raise
     except (OSError, ValueError) as reason:
         reported = reason.strerror if isinstance(reason, OSError) else str(reason)

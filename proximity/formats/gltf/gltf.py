@@ -1,4 +1,7 @@
-"""glTF and GLB: triangles of the default scene, always in metres; no materials, cameras or animations."""
+"""Read the triangles of the default scene of glTF and GLB files.
+
+Materials, cameras and animations are ignored. Lengths are always in metres.
+"""
 
 import re
 from collections.abc import Sequence
@@ -25,7 +28,7 @@ _LOOKS = re.compile(
     r"interactiv",
     re.IGNORECASE,
 )
-"""Words in names of extensions that change no shape."""
+"""Pattern of the names of extensions that do not change the shape."""
 
 
 def read_glb(source: Source) -> RawFile:
@@ -44,7 +47,7 @@ def read_document(
 ) -> RawFile:
     """Read the geometry of a glTF document."""
     document = buffers.parse_header(header)
-    _check_extensions(document)  # a packed file need not have buffers
+    _check_extensions(document)  # a packed file may have no buffers
     buffers.load_buffers(document, path, binary)
     nodes = [node for node in scene_graph.walk(document) if node.mesh != scene_graph.NO_MESH]
     if not nodes:
@@ -60,7 +63,10 @@ def read_document(
 
 
 def _check_extensions(document: Document) -> None:
-    """Raise for geometry that an extension stores: it would be read as zeros, or be missing."""
+    """Raise an error if an extension stores geometry.
+
+    The geometry would be missing, or be read as zeros.
+    """
     used, required = (list(map(str, buffers.entries(document.json, key))) for key in _EXTENSION_LISTS)
     refused = "its geometry is stored by {}, which is not supported; export it without"
     if _INSTANCING in used + required:
@@ -78,7 +84,7 @@ def _check_extensions(document: Document) -> None:
 
 
 def _has_empty_buffer(document: Document, name: str) -> bool:
-    """Return whether a buffer's bytes are only in an extension."""
+    """Return whether only an extension contains the bytes of a buffer."""
     count = len(buffers.entries(document.json, "buffers"))
     every = ((k, document.entry("buffers", k)) for k in range(count))
     return any("uri" not in entry and buffers.extension(entry, name, f"buffer {k}") for k, entry in every)
@@ -87,7 +93,10 @@ def _has_empty_buffer(document: Document, name: str) -> bool:
 def _parts(
     document: Document, nodes: Sequence[Node], surfaces: dict[int, list[Primitive]]
 ) -> list[Part | None]:
-    """Return the arrays of each node's mesh, shared by meshes of the same accessors, as in cascadio."""
+    """Return the arrays of each node's mesh.
+
+    Meshes with the same accessors share arrays, as in files of cascadio.
+    """
     made: dict[tuple, Part | None] = {}
     parts = []
     for node in nodes:
@@ -100,7 +109,7 @@ def _parts(
 
 
 def _assembled(document: Document, own: list[Primitive], weights: tuple[float, ...]) -> Part | None:
-    """Join all primitives of a mesh: they are one body in several materials."""
+    """Join all primitives of a mesh, since they are one body in several materials."""
     own = [primitive for primitive in own if primitive.face_count]
     if not own:
         return None
@@ -116,13 +125,16 @@ def _assembled(document: Document, own: list[Primitive], weights: tuple[float, .
     if ids is None:
         ids = np.arange(row_count)
     elif others or len(ids) != row_count:
-        ids = np.full(row_count, UNKNOWN_FACE)  # CAD faces are counted in the first surface only
+        ids = np.full(row_count, UNKNOWN_FACE)  # ids of CAD faces refer to the first surface only
     return np.concatenate(vertices), np.concatenate(faces), ids.astype(np.int32)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # infinities are found and named later
+@np.errstate(over="ignore", invalid="ignore")  # infinities are reported later
 def _placed(nodes: Sequence[Node], parts: Sequence[Part | None], notes: list[str]) -> list[RawMesh]:
-    """Return the parts at their nodes; those flattened by a scale of 0 become sheets, or are left out."""
+    """Return the meshes of the parts at their nodes.
+
+    A scale of 0 flattens a mesh, which becomes a sheet or is omitted.
+    """
     meshes: list[RawMesh] = []
     sheets, nothing = [], []
     for node, part in zip(nodes, parts, strict=True):
@@ -149,7 +161,10 @@ def _placed(nodes: Sequence[Node], parts: Sequence[Part | None], notes: list[str
 
 
 def _dimensions(matrix: np.ndarray) -> int:
-    """Return the number of dimensions that a matrix preserves; an invalid matrix is refused later."""
+    """Return the number of dimensions that a matrix preserves.
+
+    An invalid matrix counts as regular and is refused later.
+    """
     if not np.isfinite(matrix).all() or (matrix[3] != (0.0, 0.0, 0.0, 1.0)).any():
         return 3
     stretches = np.linalg.svd(matrix[:3, :3], compute_uv=False)

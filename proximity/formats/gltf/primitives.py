@@ -1,4 +1,7 @@
-"""Surfaces of glTF meshes: triangles of every mode, packed or not, displaced by morph targets."""
+"""Read surfaces of glTF meshes.
+
+Their triangles may be in any mode, packed or unpacked, and displaced by morph targets.
+"""
 
 import io
 from collections.abc import Iterable, Sequence
@@ -16,37 +19,37 @@ from proximity.system.extras import needed
 
 DRACO = "KHR_draco_mesh_compression"
 _DRACO_SECONDS, _DRACO_BYTES, _DRACO_BYTES_PER_BYTE = 120, 2 << 30, 400
-"""Limits of unpacking: packed meshes seldom grow twentyfold."""
+"""Limits of time and memory for unpacking. Packed meshes seldom grow twentyfold."""
 _TRIANGLES, _TRIANGLE_STRIP, _TRIANGLE_FAN = 4, 5, 6
 
 
 @dataclass(slots=True, eq=False)
 class Primitive:
-    """A surface as stored in the file: the triangles of one material."""
+    """A surface as stored in the file, which has the triangles of one material."""
 
-    place: str  # for messages
+    place: str  # name for messages
     key: tuple  # equal for two primitives with the same surface
     mode: int
-    position: int  # accessor
-    targets: list[Any]  # of displacements, JSON
+    position: int  # accessor of the positions
+    targets: list[Any]  # morph targets, JSON
     face_ids: np.ndarray | None  # CAD face of each triangle; shared ids if there are several surfaces
-    packed: tuple[int, int] | None  # by Draco: buffer view, and the identifier of positions in it
-    points: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))  # (V, 3), stored numbers
-    corners: np.ndarray | None = None  # rows of points; None: all of them, in turn
+    packed: tuple[int, int] | None  # buffer view packed by Draco, and the identifier of positions in it
+    points: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))  # (V, 3), numbers of the file
+    corners: np.ndarray | None = None  # rows of points; None: all rows in order
 
     @property
     def corner_count(self) -> int:
-        """Rows of points that make triangles, in turn."""
+        """Number of corners of the triangles, strip or fan."""
         return len(self.points if self.corners is None else self.corners)
 
     @property
     def face_count(self) -> int:
-        """Triangles."""
+        """Number of triangles."""
         return self.corner_count // 3 if self.mode == _TRIANGLES else self.corner_count - 2
 
 
 def read_meshes(document: Document, meshes: Iterable[int], notes: list[str]) -> dict[int, list[Primitive]]:
-    """Return the surfaces of meshes, with all references checked."""
+    """Return the surfaces of meshes. All references in them are checked."""
     found = {mesh: _primitives(document, mesh, notes) for mesh in meshes}
     every = [primitive for primitives in found.values() for primitive in primitives]
     packed = list(dict.fromkeys(primitive.packed for primitive in every if primitive.packed is not None))
@@ -110,7 +113,7 @@ def _primitive(document: Document, entry: dict[str, Any], mode: int, place: str)
 
 
 def _packed(entry: dict[str, Any], place: str) -> tuple[int, int] | None:
-    """Return the location of positions packed by Draco, unless they are also stored unpacked."""
+    """Return the location of positions that are packed by Draco, or None if they are not packed."""
     found = extension(entry, DRACO, place)
     if not found:
         return None
@@ -131,9 +134,12 @@ def _check_count(primitive: Primitive) -> None:
         raise MeshFormatError(f"{place} is a {kind} of {count} corners, expected at least 3")
 
 
-@np.errstate(over="ignore", invalid="ignore")  # infinities are found and named later
+@np.errstate(over="ignore", invalid="ignore")  # infinities are reported later
 def vertices(document: Document, primitive: Primitive, weights: tuple[float, ...]) -> np.ndarray:
-    """Return positions, (V, 3) float64, m, displaced by the morph targets according to their weights."""
+    """Return positions, (V, 3) float64, m.
+
+    They are displaced by the morph targets according to their weights.
+    """
     points = accessors.as_lengths(document, primitive.position, primitive.points)
     if any(weights[len(primitive.targets) :]):
         raise MeshFormatError(
@@ -154,7 +160,7 @@ def vertices(document: Document, primitive: Primitive, weights: tuple[float, ...
 
 
 def triangles(primitive: Primitive) -> np.ndarray:
-    """Return corners of the faces, (F, 3) int64; every other triangle of a strip is reversed."""
+    """Return the corners of the faces, (F, 3) int64. Every other triangle of a strip is reversed."""
     if primitive.corners is None:
         corners = np.arange(len(primitive.points), dtype=np.int64)
     else:
@@ -176,13 +182,16 @@ def triangles(primitive: Primitive) -> np.ndarray:
 
 
 def check_draco_installed() -> None:
-    """Raise if DracoPy is not installed, with what to install."""
+    """Raise an error that states what to install if DracoPy is missing."""
     with needed(f"geometry stored by {DRACO} needs", "gltf"):
         import DracoPy  # noqa: F401
 
 
 def _unpacked(streams: Sequence[tuple[memoryview, int]]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return faces, (F, 3), and stored positions, (V, 3), of Draco streams, by identifiers of positions."""
+    """Unpack Draco streams. Return faces, (F, 3), and stored positions, (V, 3), of each.
+
+    *streams*: bytes of each stream, and the identifier of its positions.
+    """
     if not streams:
         return []
     check_draco_installed()
@@ -195,7 +204,7 @@ def _unpacked(streams: Sequence[tuple[memoryview, int]]) -> list[tuple[np.ndarra
     done = run_library("draco", data, seconds=_DRACO_SECONDS, byte_count=byte_count)
     if done.returncode:
         printed = done.printed.strip().splitlines()
-        if done.returncode in (TOO_MUCH, NOT_INSTALLED):  # installed, but without memory to import it
+        if done.returncode in (TOO_MUCH, NOT_INSTALLED):  # installed, but there is not enough memory
             reported = f"it takes more than {_DRACO_SECONDS} s or {byte_count >> 30} GB, expected less"
         elif done.returncode < 0 or not printed:
             reported = f"the decoder crashed, signal {-done.returncode}"

@@ -1,4 +1,4 @@
-"""The scene graph of a glTF document: which nodes are in the scene, in the order of the file."""
+"""Find the nodes in the default scene of a glTF document, in the order of the file."""
 
 import math
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from proximity.formats.gltf.buffers import Document, entries, extension, integer
 
 NO_MESH = -1
 _MAX_NODES = 200_000
-_MAX_LEVELS = 16  # maximum, whose names are kept for a part, 60 letters of each
-_JOINT_ROUNDING = 1e-5  # of the largest entry: chains of joints are written in single precision
+_MAX_LEVELS = 16  # maximum number of assembly names that a part keeps, with 60 letters each
+_JOINT_ROUNDING = 1e-5  # share of the largest entry: joints are written in single precision
 _Above = tuple[np.ndarray, bool, tuple[str, ...]]
-"""State inherited by a node's children: placement, whether it is hidden, names down to it."""
+"""State that the children of a node inherit, which is placement, visibility, and names of the nodes above."""
 _TRANSFORMS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
 
 
@@ -26,17 +26,17 @@ class Node:
     """A node that is in the scene."""
 
     index: int
-    name: str  # of the node, else of its mesh, else ""
-    mesh: int  # or NO_MESH
-    weights: tuple[float, ...]  # of morph targets: of the node, else of its mesh
-    is_hidden: bool  # itself, or a node above it
-    matrix: np.ndarray  # (4, 4) float64, world from node; of its skin if it has one
+    name: str  # name of the node, else of its mesh, else ""
+    mesh: int  # index of the mesh, or NO_MESH
+    weights: tuple[float, ...]  # weights of morph targets, of the node or else of its mesh
+    is_hidden: bool  # whether the node or one above it is hidden
+    matrix: np.ndarray  # (4, 4) float64, world from node, or matrix of its skin
     above: tuple[str, ...] = ()  # names of the named nodes above it
-    is_bent: bool = False  # by its skin, which is not applied
+    is_bent: bool = False  # whether its skin would deform it; the skin is not applied
 
     @property
     def label(self) -> str:
-        """Return the name of the node in messages."""
+        """Return the name of the node for messages."""
         return text_rows.shortened(self.name, 60) if self.name else f"node {self.index}"
 
 
@@ -71,9 +71,12 @@ def walk(document: Document) -> list[Node]:
     return nodes
 
 
-@np.errstate(over="ignore", invalid="ignore")  # infinities are found and named later
+@np.errstate(over="ignore", invalid="ignore")  # infinities are reported later
 def _skin_placement(document: Document, index: int, joints: dict[int, np.ndarray]) -> tuple[np.ndarray, bool]:
-    """Return the first joint's matrix, which places a mesh instead of its node, and whether others differ."""
+    """Return the matrix of a skin's first joint, and whether those of other joints differ.
+
+    The mesh is placed by this matrix instead of that of its node.
+    """
     skin, place = document.entry("skins", index), f"skin {index}"
     given = [integer(joint, f"the joints of {place}") for joint in entries(skin, "joints")]
     placed = np.array([joints.get(joint, np.eye(4)) for joint in given or [-1]])
@@ -119,9 +122,12 @@ def _node(document: Document, entry: dict[str, Any], index: int, world_from_pare
 
 
 def _local_matrix(given: dict[str, list[float]]) -> np.ndarray:
-    """Return the matrix parent from node: given, or made of scale, then rotation, then translation."""
+    """Return the matrix that transforms from a node to its parent.
+
+    It is given, or composed of scale, then rotation, then translation.
+    """
     if "matrix" in given:
-        return np.array(given["matrix"], dtype=np.float64).reshape(4, 4).T  # column after column
+        return np.array(given["matrix"], dtype=np.float64).reshape(4, 4).T  # stored column by column
     matrix = np.eye(4)
     if "rotation" in given:
         x, y, z, w = np.array(given["rotation"], dtype=np.float64) / math.hypot(*given["rotation"])

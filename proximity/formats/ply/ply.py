@@ -1,4 +1,4 @@
-"""PLY: vertices and polygons from the elements that a header declares; no units."""
+"""Read PLY, whose header declares the elements with vertices and polygons. It has no units."""
 
 import re
 
@@ -35,7 +35,7 @@ def read_ply(source: Source) -> RawFile:
 
 
 def read_ply_points(data: bytes) -> np.ndarray:
-    """Return the vertices of a PLY file with or without faces, (N, 3), in the file's unit."""
+    """Return the vertices of a PLY file, (N, 3), in the unit of the file. The file may have no faces."""
     header = read_header(data)
     _check_positions({element.name: element for element in header.elements})
     read = _read_ascii if header.is_ascii else _read_binary
@@ -44,7 +44,10 @@ def read_ply_points(data: bytes) -> np.ndarray:
 
 
 def _unrolled(pieces: list[polygons.Piece]) -> np.ndarray:
-    """Return the triangles of strips, (F, 3); -1 ends a strip, and every other triangle is reversed."""
+    """Return the triangles of strips, (F, 3).
+
+    -1 ends a strip, and every other triangle is reversed.
+    """
     strips = {
         int(row): np.append(values[:count], -1)
         for row_ids, counts, table in pieces
@@ -61,7 +64,7 @@ def _unrolled(pieces: list[polygons.Piece]) -> np.ndarray:
 
 
 def _check_positions(elements: dict[str, Element]) -> Element:
-    """Return the element of the vertices; raise unless it has positions."""
+    """Return the element with the vertices. Raise an error if it has no positions."""
     vertex = elements.get("vertex")
     if vertex is None or not vertex.count:
         raise MeshFormatError("its header declares no vertices")
@@ -72,7 +75,7 @@ def _check_positions(elements: dict[str, Element]) -> Element:
 
 
 def _surface(elements: dict[str, Element]) -> Element:
-    """Return the element of the faces, or of the strips."""
+    """Return the element with the faces or the strips."""
     vertex = _check_positions(elements)
     surfaces = [elements[name] for name in ("face", "tristrips") if name in elements and elements[name].count]
     if len(surfaces) > 1:

@@ -1,4 +1,4 @@
-"""Header of a PLY file: its elements, their lengths and their properties."""
+"""Read the header of a PLY file, which declares the elements, their lengths and their properties."""
 
 import re
 from dataclasses import dataclass, field
@@ -23,16 +23,16 @@ _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": "
 
 @dataclass(frozen=True, slots=True)
 class Property:
-    """One column of an element."""
+    """A property of an element, which is a column of its table."""
 
     name: str
     dtype: np.dtype
-    count_dtype: np.dtype | None = None  # of the length in front, where it is a list
+    count_dtype: np.dtype | None = None  # type of the length that precedes the entries of a list
 
 
 @dataclass(slots=True)
 class Element:
-    """One table of the file."""
+    """An element of the file, which is a table."""
 
     name: str
     count: int
@@ -41,11 +41,11 @@ class Element:
 
 @dataclass(slots=True)
 class Header:
-    """Declarations before the data."""
+    """Declarations in the header."""
 
     is_ascii: bool
     elements: list[Element]
-    data_start: int  # byte
+    data_start: int  # first byte of the data
 
 
 def read_header(data: bytes) -> Header:
@@ -59,7 +59,7 @@ def read_header(data: bytes) -> Header:
         raise MeshFormatError("its first line is not ply")
     byte_order: str | None = None
     elements: list[Element] = []
-    declared: set[tuple[str, str]] = set()  # tables with their columns
+    declared: set[tuple[str, str]] = set()  # elements with their properties
     for line_id, line in enumerate(lines[1:], 2):
         words = line.split()
         if not words or words[0] in ("comment", "obj_info"):
@@ -84,7 +84,7 @@ def read_header(data: bytes) -> Header:
 
 
 def _check_new(table: str, name: str, declared: set[tuple[str, str]], line_id: int) -> None:
-    """Raise for two columns of a table, or two tables, with one name: only one would be read."""
+    """Raise an error if a name is declared twice, since only one of the columns or tables would be read."""
     if (table, name) in declared:
         twice = text_rows.shortened(name)
         raise MeshFormatError(f"line {line_id} of its header declares {twice} a second time")
@@ -92,13 +92,13 @@ def _check_new(table: str, name: str, declared: set[tuple[str, str]], line_id: i
 
 
 def _element(words: list[str]) -> Element | None:
-    """Return the table that a line declares, or None."""
+    """Return the element that a line declares, or None."""
     count = text_rows.as_count(words[2]) if words[0] == "element" and len(words) == 3 else None
     return None if count is None else Element(words[1], count)
 
 
 def _property(words: list[str], byte_order: str) -> Property | None:
-    """Return the column that a line declares, or None."""
+    """Return the property that a line declares, or None."""
     if words[0] != "property":
         return None
     if len(words) == 3 and words[1] in _TYPES:
@@ -112,7 +112,7 @@ def _property(words: list[str], byte_order: str) -> Property | None:
 
 
 def check_size(header: Header, size: int) -> None:
-    """Raise if a file of *size* bytes is too short for the declared rows."""
+    """Raise an error if a file of *size* bytes is too short for the declared rows."""
     least, most = 0, 0.0
     for element in header.elements:
         for column in element.properties:

@@ -1,7 +1,7 @@
-"""The rows of a PLY file, text or binary, as columns.
+"""Read the rows of a PLY file, text or binary, as columns.
 
-A scalar property gives an array of one value a row; a list property gives pieces, one for each length that
-its lists have, as `polygons.assemble` takes them.
+A scalar property gives an array with one value for each row. A list property gives pieces, one for each
+length of its lists, in the form that `polygons.assemble` takes.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ Columns = dict[str, np.ndarray | list[Piece]]
 
 
 def read_binary(data: bytes, start: int, element: Element) -> tuple[Columns, int]:
-    """Read the rows of an element from byte *start* of the file; return them and their end."""
+    """Read the rows of an element from byte *start* of the file. Return them and the end of their bytes."""
     if not element.properties or not element.count:
         return {}, start
     row_dtype = _row_dtype(data, start, element)
@@ -34,7 +34,7 @@ def read_binary(data: bytes, start: int, element: Element) -> tuple[Columns, int
         if column.count_dtype is not None:
             counts = rows[f"count{k}"].astype(np.int64)
             if (counts != values.shape[1]).any():
-                return _walk(data, start, element)  # lists of several lengths
+                return _walk(data, start, element)  # the lists have several lengths
             columns[column.name] = [(np.arange(element.count), counts, values)]
         else:
             columns[column.name] = values
@@ -42,7 +42,7 @@ def read_binary(data: bytes, start: int, element: Element) -> tuple[Columns, int
 
 
 def _row_dtype(data: bytes, start: int, element: Element) -> np.dtype:
-    """Return the layout of a row whose lists have the lengths of those in the first row."""
+    """Return the layout of a row whose lists are as long as those in the first row."""
     fields: list[tuple] = []
     at = start
     for k, column in enumerate(element.properties):
@@ -69,7 +69,7 @@ def _count_at(data: bytes, at: int, dtype: np.dtype, element: Element, row: int)
 
 
 def _walk(data: bytes, start: int, element: Element) -> tuple[Columns, int]:
-    """Read row by row, as lists differ in length."""
+    """Read row by row, because lists differ in length."""
     lists = [(k, column) for k, column in enumerate(element.properties) if column.count_dtype is not None]
     starts: dict[int, list[int]] = {k: [] for k, _ in lists}
     counts: dict[int, list[int]] = {k: [] for k, _ in lists}
@@ -111,16 +111,19 @@ def _cut_off(element: Element, row: int) -> MeshFormatError:
 
 
 def read_ascii(rows: list[str], line_ids: list[int], element: Element, notes: list[str]) -> Columns:
-    """Read the rows of an element, one a line; all may end with equally many undeclared numbers."""
+    """Read the rows of an element from one line each.
+
+    All lines may end with equally many numbers that are not declared.
+    """
 
     def locate(row: int) -> str:
         return f"line {line_ids[row]} ({element.name} {row})"
 
     scalars: dict[str, np.ndarray] = {}
     lists: dict[str, list[Piece]] = {}
-    surplus = np.zeros(element.count, dtype=np.int64)  # numbers of each row that are not declared
+    surplus = np.zeros(element.count, dtype=np.int64)  # number of undeclared numbers in each row
     for row_ids, table in text_rows.read_rows(rows, locate):
-        at = np.zeros(len(table), dtype=np.int64)  # column reached in each row
+        at = np.zeros(len(table), dtype=np.int64)  # next column of each row
         last = table.shape[1] - 1
         every = np.arange(len(table))
         for column in element.properties:
@@ -131,13 +134,13 @@ def read_ascii(rows: list[str], line_ids: list[int], element: Element, notes: li
                 continue
             counts = _list_counts(values, table.shape[1], text_rows.located_in(locate, row_ids))
             entries = np.minimum(at[:, None] + np.arange(last + 1), last)
-            # the readers of the pieces ignore the rest of a row
+            # the reader of the pieces ignores the rest of a row
             lists.setdefault(column.name, []).append((row_ids, counts, table[every[:, None], entries]))
             at = at + counts
         surplus[row_ids] = table.shape[1] - at
     wrong = np.flatnonzero(surplus)
     if len(wrong):
-        # In a single row, or in some, they are rather entries of a list whose length is wrong.
+        # In only one or some rows, they are probably entries of a list whose length is wrong.
         if surplus[0] < 0 or element.count == 1 or (surplus != surplus[0]).any():
             row = int(wrong[0])
             width = len(rows[row].split())

@@ -1,4 +1,4 @@
-"""Conversion of STEP to GLB by cascadio (OpenCASCADE), within limits of time, memory and triangles.
+"""Convert STEP to GLB by cascadio (OpenCASCADE), with limits of time, memory and triangles.
 
 One process converts all files, since importing OpenCASCADE takes longer than converting most of them. The
 triangles are stored in the user's cache.
@@ -22,20 +22,22 @@ from proximity.formats.worker import NOT_INSTALLED, TOO_MUCH
 from proximity.system.file_cache import FileCache
 
 STEP_ANGLE = 0.25
-"""Maximum angle between neighbouring triangles, radians: keeps fillets round whose radius is hardly larger
+"""Maximum angle between neighbouring triangles, radians. It keeps fillets round whose radius is hardly larger
 than the tolerance (cascadio's default, 0.5, makes them rings of thirteen sides)."""
 MAX_TRIANGLES = 5_000_000
 MAX_FACE_TRIANGLES = 150_000
-"""Maximum number of triangles of one CAD face: OpenCASCADE takes 4 s for 100 000, and 16 s for 200 000."""
+"""Maximum number of triangles of one CAD face. OpenCASCADE takes 4 s for 100 000 and 16 s for 200 000."""
 MAX_SECONDS, MAX_BYTES = 600, 8 << 30
-"""Limits of one conversion."""
+"""Limits of time and memory of one conversion."""
 CACHE = FileCache("step", 1 << 30)
-"""Triangles of files; the least recently used are removed beyond a gigabyte."""
-_CONVERSION = 1  # another number where `worker` converts otherwise
+"""Cache of the triangles of files, with a limit of a gigabyte."""
+_CONVERSION = 1  # to be changed if `worker` converts in another way
 _FIRST_SHARE = 1e-3
-"""Tolerance of the first conversion, as a share of the file's size, if triangles have to be estimated."""
+"""Tolerance of the first conversion as a share of the size of the file, if the number of triangles must be
+estimated."""
 _ROUND_SHARE, _FREE_SHARE = 0.7 * MAX_FACE_TRIANGLES / 10.1, 1e5
-"""Minimum radius and size, in tolerances, for counting. A sphere takes 10.1 triangles a tolerance."""
+"""Minimum radius and minimum size, in tolerances, from which triangles must be estimated. A sphere has 10.1
+triangles for each tolerance of its radius."""
 
 _NUMBER = re.compile(r"(?<![\w.#+-])[-+]?\d+\.\d*(?:E[-+]?\d+)?")
 _ROUND = re.compile(r"\b(?:SPHERICAL|(?:DEGENERATE_)?TOROIDAL)_SURFACE\s*+\(([^)]*+)")
@@ -46,16 +48,19 @@ _ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
 
 
 class _LimitError(MeshFormatError):
-    """A conversion takes more than its limits."""
+    """Raised for a conversion that exceeds its limits."""
 
 
-_Mesher = Callable[[float], RawFile]  # by the tolerance, m
+_Mesher = Callable[[float], RawFile]  # converts with a tolerance, m
 _shared = threading.local()
 
 
 @contextmanager
 def converter() -> Iterator[Library]:
-    """Yield the process that converts; the first file starts it, and blocks within share it."""
+    """Yield the process that converts files.
+
+    The first file starts it, and nested blocks share it.
+    """
     outer = getattr(_shared, "library", None)
     with nullcontext(outer) if outer else Library("step", MAX_SECONDS, MAX_BYTES) as library:
         _shared.library = library
@@ -68,15 +73,16 @@ def converter() -> Iterator[Library]:
 def mesh_within_limits(
     text: StepText, path: str, tolerance: float, metres: float, *, is_cached: bool
 ) -> tuple[RawFile, float]:
-    """Return a file as triangles, and their tolerance, m: larger than *tolerance* if that takes too many.
+    """Convert a file to triangles. Return it and the tolerance of the triangles, m.
 
-    *metres*: the longest unit of the file. *is_cached*: read triangles from the user's cache, or store them.
+    The tolerance is larger than *tolerance* if that would take too many triangles. *metres*: the longest unit
+    of the file, m. *is_cached*: whether triangles are read from the user's cache, or stored there.
     """
     data = _without_styles(text.text).encode()
 
     def mesh(tolerance: float) -> RawFile:
         header, binary, _ = buffers.split_glb(_convert(data, tolerance, is_cached))
-        # Nodes carry numbers of assembly steps (NAUO1); users know the products.
+        # Nodes have numbers of assembly steps (NAUO1) as names; users know the products.
         return gltf.read_document(with_names_of_products(header, text), path, binary, "STEP", [])
 
     with converter():
@@ -92,7 +98,7 @@ def mesh_within_limits(
 
 
 def _mesh_by_and_by(mesh: _Mesher, tolerance: float, coarse: float) -> tuple[RawFile, float]:
-    """Approach the wanted tolerance from a coarse one, as closely as the limits allow."""
+    """Convert with a coarse tolerance, and approach the wanted one as closely as the limits permit."""
     raw = mesh(coarse)
     while coarse > tolerance:
         total, most = _triangle_counts(raw)
@@ -119,7 +125,7 @@ def _mesh_by_and_by(mesh: _Mesher, tolerance: float, coarse: float) -> tuple[Raw
 
 
 def _deciding_size(text: StepText, tolerance: float) -> float:
-    """Return the size, in the file's numbers, that could give too many triangles; 0.0 if none can."""
+    """Return the size of the file, in its numbers, if it may give too many triangles, else 0.0."""
     radius = max((_largest(_NUMBER.findall(match)) for match in _ROUND.findall(text.blank)), default=0.0)
     is_free = FREE_FORM.search(text.blank) is not None
     if radius > _ROUND_SHARE * tolerance or is_free:
@@ -130,20 +136,23 @@ def _deciding_size(text: StepText, tolerance: float) -> float:
 
 
 def _largest(numbers: list[str]) -> float:
-    """Return the largest finite absolute value, or 0.0."""
+    """Return the largest absolute value of the finite numbers, or 0.0."""
     values = np.abs(np.array(numbers or ["0"], np.float64))
     return float(values[np.isfinite(values)].max(initial=0.0))
 
 
 def _triangle_counts(raw: RawFile) -> tuple[int, int]:
-    """Return the triangles of all products, and of the largest known CAD face."""
+    """Return the number of triangles of all products, and that of the largest known CAD face."""
     products = {id(mesh.source_faces): mesh.source_faces for mesh in raw.meshes}.values()
     most = max((int(np.bincount(rows[rows >= 0], minlength=1).max()) for rows in products), default=0)
     return sum(len(rows) for rows in products), most
 
 
 def _without_styles(text: str) -> str:
-    """Return a text without its colours: the CAD faces of faces in several colours would be named wrongly."""
+    """Return a text without its colours.
+
+    With colours cascadio numbers the CAD faces of faces in several colours wrongly.
+    """
     return text if "INVISIBILITY" in text else _STYLED.sub(r"\1()", text)
 
 
@@ -154,9 +163,9 @@ def _convert(data: bytes, tolerance: float, is_cached: bool) -> bytes:
         return kept
     try:
         with converter() as library:
-            # cascadio takes mm, and triangles stay within half of it
+            # cascadio takes mm, and triangles stay within half of the tolerance
             done = library.run(data, tol_linear=tolerance * 1e3, tol_angular=STEP_ANGLE)
-    except OSError as failure:  # a full disk, no memory for another process
+    except OSError as failure:  # the disk is full, or memory is too short for another process
         reported = failure.strerror or str(failure)
         raise MeshError(f"OpenCASCADE cannot be handed it in a temporary folder ({reported})") from failure
     printed = _ESCAPES.sub("", done.printed)
@@ -179,7 +188,7 @@ def _convert(data: bytes, tolerance: float, is_cached: bool) -> bytes:
 
 
 def _cascadio_version() -> str:
-    import importlib.metadata  # 20 ms
+    import importlib.metadata  # takes 20 ms
 
     with suppress(importlib.metadata.PackageNotFoundError):
         return importlib.metadata.version("cascadio")

@@ -1,8 +1,8 @@
-"""Text of a STEP file: its end, and the parts that it has in other files.
+"""Text of a STEP file that includes the parts that it has in other files.
 
 OpenCASCADE opens the files that a file names, in any folder, and cascadio omits their shapes silently. So
 their records are inserted into the text to convert, and checked with it: the product of a part file replaces
-the empty one that refers to it.
+the empty product that refers to it.
 """
 
 import re
@@ -33,7 +33,7 @@ _LOCATION = re.compile(rf"=\s*+(?:{'|'.join(_NAMING)}|EXTERNAL_SOURCE)\s*+\({_AR
 
 
 def without_trailer(data: bytes) -> tuple[str, list[str]]:
-    """Return the text of a STEP file up to its end, with notes on its encoding and on trailing data."""
+    """Return the text of a STEP file up to its end, and notes on its encoding and on trailing data."""
     data = data.removeprefix(_MARK)
     ends = [match.end() for match in _END.finditer(data)]
     if not ends:
@@ -52,7 +52,7 @@ def without_trailer(data: bytes) -> tuple[str, list[str]]:
 
 
 def with_external_parts(text: str, path: str, notes: list[str]) -> str:
-    """Return the text of the file at *path* with the records of the part files that it refers to."""
+    """Insert the records of part files into the text of the file at *path*, and return it."""
     if not any(kind in text for kind in _REFERRING):
         return text
     return _Merge(Path(path).resolve().parent, notes).merged(text, Path(path).resolve())
@@ -60,24 +60,24 @@ def with_external_parts(text: str, path: str, notes: list[str]) -> str:
 
 @dataclass(slots=True)
 class _Merge:
-    """A file and the files that it refers to, each once."""
+    """Merges a file and the files that it refers to, each once."""
 
-    folder: Path  # files outside are not read
+    folder: Path  # files outside of it are not read
     notes: list[str]
     last_number: int = 0
     open_paths: list[Path] = field(default_factory=list)
-    roots: dict[Path, tuple[str, str, str]] = field(default_factory=dict)  # definition, its shape, shape
-    records: list[str] = field(default_factory=list)  # of the part files
+    roots: dict[Path, tuple[str, str, str]] = field(default_factory=dict)  # definition, shape, representation
+    records: list[str] = field(default_factory=list)  # records of the part files
 
     def merged(self, text: str, path: Path) -> str:
-        """Return the text with the renumbered records of part files before its end."""
+        """Return the text with the renumbered records of part files inserted before its end."""
         self.last_number = max(map(int, re.findall(r"#(\d+)", text)), default=0)
         text = self._with_roots(text, path)
         end = text.rindex("ENDSEC")
         return text[:end] + "\n".join(self.records) + "\n" + text[end:]
 
     def _with_roots(self, text: str, path: Path) -> str:
-        """Return the text with the products of part files instead of the references to them."""
+        """Return the text in which products of part files replace the references to them."""
         self.open_paths.append(path)
         source = StepText(text)
         products = products_of(source)
@@ -86,7 +86,7 @@ class _Merge:
         for product, name in _references(source):
             definition = products.shapes.get(product)
             if definition is None or products.has_bodies(product) or product in products.assemblies:
-                continue  # a drawing of the same shape
+                continue  # the file is a drawing of the same shape
             if product in renamed:
                 continue  # some programs refer to the file once for each use
             root = self._root(name, path)
@@ -100,7 +100,7 @@ class _Merge:
         return _with_references(text, lambda number: renamed.get(number, number)) if renamed else text
 
     def _root(self, name: str, path: Path) -> tuple[str, str, str]:
-        """Return the root product of a part file, after its records have been read."""
+        """Return the root product of a part file. Its records are read on the first call."""
         what = f"its part {shortened(name, 60)}"
         beside = (path.parent / name.replace("\\", "/")).resolve()
         if not beside.is_relative_to(self.folder):
@@ -134,7 +134,7 @@ class _Merge:
 
 
 def _references(text: StepText) -> list[tuple[str, str]]:
-    """Return products, and the names of part files that they refer to."""
+    """Return pairs of a product and the name of the part file that it refers to."""
     found = list(text.records(*_REFERRING, *_NAMING))
     names: dict[str, str] = {}
     for record in found:

@@ -1,7 +1,7 @@
-"""Products of a STEP file: checks and counts their uses in assemblies, and finds their names.
+"""Read the products of a STEP file, check and count their uses in assemblies, and find their names.
 
 OpenCASCADE silently ignores a use without a placement, and puts a shape without a product at the origin. So
-the products and their uses are read here, from a few kinds of records. Files that place shapes in another way
+products and their uses are read here, from a few kinds of records. Files that place shapes in another way
 (mapped items) are not checked.
 """
 
@@ -23,25 +23,25 @@ _RELATION = "SHAPE_REPRESENTATION_RELATIONSHIP"
 _OF = ("PRODUCT_DEFINITION_SHAPE", "PROPERTY_DEFINITION")
 _BODIES = ("MANIFOLD_SOLID_BREP", "BREP_WITH_VOIDS", "FACETED_BREP", "SHELL_BASED_SURFACE_MODEL")
 _OTHER_PLACEMENTS = ("MAPPED_ITEM", "INVISIBILITY")
-"""Records with which positions are given otherwise, or shapes left out on purpose."""
+"""Records that place shapes in another way, or omit them on purpose."""
 
 _PRODUCT = "PRODUCT_DEFINITION(?:_WITH_ASSOCIATED_DOCUMENTS)?"
 _KINDS = (_USE, _PLACEMENT, _SHAPE, _RELATION, *_OF, *_BODIES, _PRODUCT, r"\w*SHAPE_REPRESENTATION")
 _SHAPE_GIVING = ("SHAPE_DEFINITION_REPRESENTATION", "REPRESENTATION_RELATIONSHIP")
-"""Endings of the names of records that give products shapes; shapes, colours and texts belong to them."""
+"""Ends of the names of records that assign shapes to products. Shapes, colours and texts belong to them."""
 
 _NO_NAME = re.compile(
     r"((SOLID|COMPOUND|COMPSOLID|SHELL|FACE|ASSEMBLY|NAUO)?[_ ]?\d*|=>\[[\d:]*\]|"
     r"Open CASCADE STEP translator.*)"
 )
-"""Default names that programs write."""
+"""Pattern of default names that programs write."""
 
 
 @dataclass(slots=True)
 class _Records:
-    """Records of the file about products, by their numbers."""
+    """Records about products in a file, by their numbers."""
 
-    uses: dict[str, tuple[str, str]] = field(default_factory=dict)  # use -> definitions: assembly, part
+    uses: dict[str, tuple[str, str]] = field(default_factory=dict)  # use -> definitions of assembly and part
     placements: list[tuple[str, str]] = field(default_factory=list)  # relation of shapes, placement
     shapes: list[tuple[str, str]] = field(default_factory=list)  # owner, representation
     links: dict[str, str] = field(default_factory=dict)  # owner of a shape -> record that links it
@@ -53,7 +53,7 @@ class _Records:
 
 
 def count_bodies(text: StepText) -> int:
-    """Return the minimum number of meshes that the assemblies of a file must give; 0 if unknown."""
+    """Return the minimum number of meshes in the assemblies of a file, or 0 if unknown."""
     if _USE not in text.blank or any(word in text.blank for word in _OTHER_PLACEMENTS):
         return 0
     records = _read(text)
@@ -79,17 +79,17 @@ def count_bodies(text: StepText) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Products:
-    """Products of a file with a shape, by the numbers of their definitions."""
+    """Products of a file that have a shape, by the numbers of their definitions."""
 
     shapes: dict[str, tuple[str, str]]  # product -> its link to the shape, representation
     links: dict[str, str]  # link -> record that gives it the representation
     assemblies: set[str]
-    roots: list[str]  # with a shape, and part of no other
+    roots: list[str]  # products with a shape that are not a part of another
     has_bodies: Callable[[str], bool]
 
 
 def products_of(text: StepText) -> Products:
-    """Return the products of a text."""
+    """Return the products in the text of a file."""
     records = _read(text)
     # Properties, like the volume for a check, have shapes too: these belong to an aspect, not to a product.
     owners = {of: own for of, own in records.owners.items() if own in records.products}
@@ -106,7 +106,7 @@ def products_of(text: StepText) -> Products:
 
 
 def used_records(text: StepText) -> set[str]:
-    """Return the records that belong to a product, or to a relation of shapes, by their numbers."""
+    """Return the numbers of the records that belong to a product or to a relation of shapes."""
     records = {record.own: record for record in text.records(r"\w*+")}
     waiting = [
         record.own
@@ -123,7 +123,7 @@ def used_records(text: StepText) -> set[str]:
 
 
 def _read(text: StepText) -> _Records:
-    """Sort the records by kind."""
+    """Read the records about products and sort them by kind."""
     records = _Records()
     for record in text.records(*_KINDS):
         own_id, kind, references = record.own, record.kind, record.references
@@ -150,9 +150,9 @@ def _read(text: StepText) -> _Records:
 
 
 def _count(records: _Records, shapes: dict[str, list[str]], children: dict[str, list[str]]) -> int:
-    """Expand the uses from the root products."""
+    """Return the number of bodies that the root products contain, including repeated uses."""
     try:
-        order = list(graphlib.TopologicalSorter(children).static_order())  # parts first
+        order = list(graphlib.TopologicalSorter(children).static_order())  # parts before their assemblies
     except graphlib.CycleError as reason:
         raise MeshFormatError(
             f"PRODUCT_DEFINITION {reason.args[1][0]} is part of itself, expected a tree"
@@ -168,7 +168,10 @@ def _count(records: _Records, shapes: dict[str, list[str]], children: dict[str, 
 
 
 def _linked(records: _Records) -> dict[str, list[str]]:
-    """Return the representations of one product: axes and solids, without relations that place a part."""
+    """Return the representations that belong to the same product, such as axes and solids.
+
+    Relations that place a part are omitted.
+    """
     placements = {relation for relation, _ in records.placements}
     linked = defaultdict(list)
     for relation, (first, second) in records.relations.items():
@@ -192,10 +195,10 @@ def _has_body(records: _Records, linked: dict[str, list[str]], shapes: list[str]
 
 
 def with_names_of_products(header: bytes, text: StepText) -> bytes:
-    """Return the header of a GLB document with nodes named after products.
+    """Return the JSON of a GLB document in which nodes are named after products.
 
-    The name of its product precedes a node's own, and those of the nodes above it precede both. An assembly
-    keeps its own name, as two of one product differ in it.
+    The name of its product is preferred to a node's own name, and both are preferred to the names of the
+    nodes above it. An assembly keeps its own name, because two assemblies of one product differ in it.
     """
     document: dict[str, Any] = json.loads(header)
     nodes, meshes = document.get("nodes", []), document.get("meshes", [])
@@ -221,8 +224,11 @@ def _is_name(name: Any) -> bool:
 
 
 def _products_of_uses(text: StepText) -> dict[str | None, str]:
-    """Return names of products by the names of their uses in assemblies, where these differ."""
-    above: dict[str, str] = {}  # definition -> formation -> product
+    """Return the names of products by the names of their uses in assemblies.
+
+    Names of several uses are omitted.
+    """
+    above: dict[str, str] = {}  # definition -> formation, and formation -> product
     names: dict[str, str] = {}
     uses: list[tuple[str, str]] = []  # name, definition of the part
     for record in text.records(_USE, _PRODUCT, r"PRODUCT_DEFINITION_FORMATION\w*+", "PRODUCT"):
@@ -235,5 +241,5 @@ def _products_of_uses(text: StepText) -> dict[str | None, str]:
             above[record.own] = record.references[0]
     named = [(use, names.get(above.get(above.get(part, ""), ""), "")) for use, part in uses]
     counts = Counter(use for use, _ in named)
-    # A text with a backslash is encoded.
+    # A text with a backslash is encoded and is not decoded here.
     return {use: name for use, name in named if counts[use] == 1 and "\\" not in name}

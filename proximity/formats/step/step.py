@@ -1,9 +1,9 @@
-"""STEP: converted by cascadio (OpenCASCADE) into a GLB document, which is then read like any other.
+"""Read STEP files, which cascadio (OpenCASCADE) converts to GLB.
 
 OpenCASCADE continues after errors: it skips entities that it cannot resolve, reports so on standard output,
-and returns the rest. So its output is captured and treated as errors; the CAD faces are counted against those
-listed by the shells of the file, and the parts against the uses in its assemblies. Positions have single
-precision, 1e-7 of a part's size: cascadio offers no more.
+and returns the rest. So its output is captured and treated as errors. The CAD faces are counted against those
+that the shells of the file list, and the parts against the uses in its assemblies. Positions have single
+precision, 1e-7 of a part's size, because cascadio provides no more.
 """
 
 import re
@@ -29,13 +29,16 @@ _SI_PREFIXES = {
 _CONVERSIONS = {"INCH": "in", "FOOT": "ft", "YARD": "yd", "MILE": "mi", "MIL": "mil", "MILLIMETRE": "mm"}
 _CONTEXT = re.compile(r"GLOBAL_UNIT_ASSIGNED_CONTEXT\s*+\(\s*+\(([^)]*+)")
 _SI_METRE = re.compile(r"SI_UNIT\s*+\(\s*+(\$|\.\w++\.)\s*+,\s*+\.METRE\.")
-_ASSUMED_METRES = 1e-3  # OpenCASCADE's default for a number without a unit
+_ASSUMED_METRES = 1e-3  # OpenCASCADE's unit of numbers without a unit
 
 
 def read_step(
     source: Source, *, tolerance: float, undeclared_metres: float, is_cached: bool = True
 ) -> RawFile:
-    """Mesh a STEP file within *tolerance*, m; *undeclared_metres* is a number where it declares no unit."""
+    """Read a STEP file as triangles within *tolerance*, m.
+
+    *undeclared_metres*: length of one unit if the file declares no unit, m.
+    """
     own_text, notes = without_trailer(source.data)
     text = StepText(with_external_parts(own_text, source.path, notes))
     units = _units(text)
@@ -65,7 +68,7 @@ def read_step(
 
 
 def _units(text: StepText) -> list[str]:
-    """Names of the length units that the representations of the file are in, sorted."""
+    """Return the sorted names of the length units that the representations of the file use."""
     by_id: dict[str, str] = {}
     for record in text.records(""):
         if not re.search(r"\bLENGTH_UNIT\b", record.arguments):
@@ -81,7 +84,7 @@ def _units(text: StepText) -> list[str]:
 
 
 def _notes_on_faces(text: StepText, raw: RawFile) -> list[str]:
-    """Compare the meshed CAD faces with those that shells list, and note those without a product."""
+    """Compare the number of CAD faces with that in the shells. Return notes on faces without a product."""
     shells = {record.own: set(record.references) for record in text.records("CLOSED_SHELL", "OPEN_SHELL")}
     # A product with several placements shares its arrays.
     products = {id(mesh.source_faces): mesh.source_faces for mesh in raw.meshes}

@@ -1,4 +1,4 @@
-"""Text of a STEP file and its records, found in time linear in its length for any content.
+"""Find the records in the text of a STEP file, in time linear in its length for any content.
 
 The patterns neither backtrack nor restart within matched text: quantifiers are possessive, and an unclosed
 string, comment or record extends to the end of the text.
@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 REFERENCE = re.compile(r"#\d+")
 QUOTED = r"'[^']*+(?:'|\Z)|/\*(?s:.*?)(?:\*/|\Z)"
-"""Strings and comments; a doubled quote ends one string and begins the next."""
+"""Pattern of strings and comments. A doubled quote ends one string and begins the next."""
 
-_COMMON = {  # of an encoding: most of the text beyond ASCII, in bytes
+_COMMON = {  # bytes that most of the text beyond ASCII has in an encoding
     "Shift-JIS": (  # kana, and runs or whole strings of kanji
         "cp932", rb"\x81\x5b|\x82[\x9f-\xf1]|\x83[\x40-\x96]|(?:[\x88-\x9f\xe0-\xea][\x40-\xfc]){2}"
         rb"|'[\x88-\x9f][\x40-\xfc]'",
@@ -29,7 +29,7 @@ _STRING = re.compile(r"'((?:[^']|'')*+)'")
 
 
 def decoded(data: bytes) -> tuple[str, list[str]]:
-    """Return a text in its likely encoding, and a note if that is not UTF-8."""
+    """Decode a text by its likely encoding. Return it, and a note if the encoding is not UTF-8."""
     with suppress(UnicodeDecodeError):
         return data.decode("utf-8"), []
     beyond = len(data.translate(None, bytes(range(128))))
@@ -42,11 +42,11 @@ def decoded(data: bytes) -> tuple[str, list[str]]:
 
 
 class Record(NamedTuple):
-    """A record with its number."""
+    """A record of the file and its number."""
 
     own: str  # "#12"
-    kind: str  # "PRODUCT"; "" if it is complex
-    arguments: str  # strings and comments are blank
+    kind: str  # "PRODUCT", or "" for a complex record
+    arguments: str  # text in which strings and comments are blank
     references: list[str]
     strings: list[str]
 
@@ -59,11 +59,14 @@ class StepText:
 
     @cached_property
     def blank(self) -> str:
-        """The text with strings and comments blanked, so that a semicolon is an end."""
+        """Text in which strings and comments are blank, so that each semicolon ends a record."""
         return _QUOTED.sub(lambda match: " " * len(match[0]), self.text)
 
     def records(self, *kinds: str) -> Iterator[Record]:
-        """Yield the records of some kinds, which are regular expressions, in the order of the file."""
+        """Yield the records of the given kinds in the order of the file.
+
+        The kinds are regular expressions.
+        """
         pattern = rf"(#\d++)\s*+=\s*+({'|'.join(kinds)})\s*+\(([^;]*+)"
         for match in re.finditer(pattern, self.blank):
             strings = _STRING.findall(self.text[match.start(3) : match.end(3)])

@@ -1,4 +1,7 @@
-"""Model file of a 3MF archive: its unit, objects and build items. Only arrays of numbers are kept."""
+"""Read a model file of a 3MF archive, with its unit, objects and build items.
+
+Only arrays of numbers are kept.
+"""
 
 import re
 from array import array
@@ -12,20 +15,21 @@ from proximity.errors import MeshFormatError
 from proximity.formats.threemf.package import XmlFile, part_name, shown
 
 _UNITS = {"micron": "um", "millimeter": "mm", "centimeter": "cm", "inch": "in", "foot": "ft", "meter": "m"}
-_DEFAULT_UNIT = "millimeter"  # of the specification
+_DEFAULT_UNIT = "millimeter"  # default of the specification
 _CORE = re.compile(r"https?://schemas\.microsoft\.com/3dmanufacturing/(core/|\d{4}/\d{2}/?$)")
-"""Namespaces of the core; those of drafts before 1.0 have only the date."""
+"""Pattern of the namespaces of the core. Those of drafts before 1.0 contain only the date."""
 _STRUCTURE = frozenset({"object", "mesh", "vertices", "triangles", "component", "item"})
 _NAMES = _STRUCTURE | {"model", "vertex", "triangle"}
 _HARMLESS_EXTENSIONS = ("/production/", "/material/", "/trianglesets/", "/slice/")
 """Extensions that spread objects over files, colour them, name sets of triangles, or accompany meshes."""
 _LEFT_OUT_TYPES = ("support", "solidsupport", "other")
-"""Types in the core: supports are broken off after printing, and "other" is never printed."""
+"""Types in the core that are omitted. Supports are broken off after printing, and "other" is never
+printed."""
 _IDENTITY = np.eye(4)
 
 
 class Reference(NamedTuple):
-    """Reference to an object with a matrix: an item of the build, or a component of another object."""
+    """Reference to an object with a matrix. It is an item of the build or a component of another object."""
 
     target: tuple[str, str]  # model file and id of the object
     matrix: np.ndarray  # (4, 4) float64, acts on columns
@@ -35,11 +39,11 @@ class Reference(NamedTuple):
 
 @dataclass(slots=True)
 class Object:
-    """An object of a model file: a mesh, or components."""
+    """An object of a model file, which has a mesh or components."""
 
     name: str
-    kind: str = ""  # of an object that is not a part
-    is_coarse: bool = False  # its mesh is a stand-in: the shape is in slices
+    kind: str = ""  # type of an object that is not a part
+    is_coarse: bool = False  # whether its shape is in slices and its mesh only approximates it
     has_mesh: bool = False
     coordinates: array = field(default_factory=lambda: array("d"))  # x y z x y z ...
     corners: array = field(default_factory=lambda: array("q"))
@@ -47,10 +51,10 @@ class Object:
 
 
 class ModelFile(XmlFile):
-    """A model file of the archive."""
+    """Contents of a model file in the archive."""
 
     unit: str | None  # a key of `units.UNITS`; None before the element model was seen
-    objects: dict[str, Object]  # by id
+    objects: dict[str, Object]  # objects by id
     items: list[Reference]
     notes: list[str]
 
@@ -62,7 +66,7 @@ class ModelFile(XmlFile):
         self._lists: set[tuple[int, str]] = set()
 
     def start(self, uri: str | None, name: str, attributes: dict[str, str]) -> None:
-        """Read an element of the core; those of extensions are ignored."""
+        """Read an element of the core specification. Elements of extensions are ignored."""
         if uri is None and name in _NAMES:
             raise MeshFormatError(f"{self.line()}: the prefix of <{name}> is not declared")
         if uri is None or (uri and not _is_core(uri)):
@@ -116,7 +120,7 @@ class ModelFile(XmlFile):
             if len(numbers) != 12:
                 raise ValueError(f"its transform has {len(numbers)} numbers, expected 12")
             matrix = np.eye(4)
-            matrix[:3] = np.array(numbers).reshape(4, 3).T  # the format multiplies rows
+            matrix[:3] = np.array(numbers).reshape(4, 3).T  # in the format the matrix acts on rows
         file = part_name(path) if path else self._name
         return Reference(
             (file, attributes["objectid"]),
@@ -127,7 +131,7 @@ class ModelFile(XmlFile):
 
     def _unit_of(self, attributes: dict[str, str]) -> str:
         needed = attributes.get("requiredextensions", "")
-        # Prefixes are the writer's choice: only their namespaces count.
+        # A writer may choose any prefix, so that only the namespaces are compared.
         uris = [self.uri_of(prefix) or prefix.replace("/", "") for prefix in needed.split()]
         unread = [uri for uri in uris if not any(word in uri for word in _HARMLESS_EXTENSIONS)]
         if unread:
@@ -143,7 +147,7 @@ class ModelFile(XmlFile):
 
 
 def _extension_name(uri: str) -> str:
-    """Return the last word of a namespace, before the year and month."""
+    """Return the name of an extension, the last word of its namespace before the year and month."""
     return next((word for word in reversed(uri.split("/")) if word and not word.isdigit()), uri)
 
 

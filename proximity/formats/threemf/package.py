@@ -1,7 +1,7 @@
-"""Zip archive of a 3MF: its parts by name, each an XML file parsed as a stream.
+"""Read the zip archive of a 3MF file, whose parts are XML files that are parsed as streams.
 
-The parser is Python's own (expat): linear in the size of the text, and a document type, through which XML can
-name other files or grow without end, is refused.
+The parser is Python's own (expat), which takes time linear in the size of the text. A document type is
+refused, since through it XML can name other files or grow without end.
 """
 
 import posixpath
@@ -14,11 +14,11 @@ from proximity.errors import MeshFormatError
 from proximity.formats import text_rows
 
 _BOMB_RATIO, _BOMB_BYTES = 200, 50_000_000
-"""Ratio of unpacked to packed size beyond which a file has no geometry: XML of real meshes shrinks to a
-tenth."""
+"""Maximum ratio of unpacked to packed size, and unpacked size to which it does not apply. XML of real meshes
+shrinks to a tenth."""
 _CHUNK_BYTES = 1 << 20
 _LEAVES = frozenset({"vertex", "triangle"})
-"""Elements that occur by the million; they declare no prefix."""
+"""Elements that occur millions of times. They declare no prefixes."""
 _RELATIONSHIPS, _USUAL_ROOT = "/_rels/.rels", "/3d/3dmodel.model"
 
 
@@ -26,10 +26,10 @@ class XmlFile:
     """Parses an XML file in pieces and passes each element to `start`."""
 
     def __init__(self, file: str) -> None:
-        self.file = file  # its name in the archive
+        self.file = file  # name of the file in the archive
         # Prefixes are resolved here: expat would refuse undeclared ones also in unused data.
-        self._uris: dict[str, list[str]] = {"": [""]}  # by prefix, the innermost last
-        self._declared: list[dict[str, str]] = []  # one for each open element
+        self._uris: dict[str, list[str]] = {"": [""]}  # namespaces of each prefix, the innermost last
+        self._declared: list[dict[str, str]] = []  # prefixes declared by each open element
         self._expat = expat.ParserCreate()
         self._expat.buffer_text = True
         self._expat.StartElementHandler = self._open
@@ -37,14 +37,17 @@ class XmlFile:
         self._expat.StartDoctypeDeclHandler = self._refuse_doctype
 
     def feed(self, data: bytes, *, is_last: bool = False) -> None:
-        """Parse the next bytes; raise MeshFormatError if they are not valid XML."""
+        """Parse the next bytes. Raise MeshFormatError if they are not valid XML."""
         try:
             self._expat.Parse(data, is_last)
         except expat.ExpatError as reason:
             raise MeshFormatError(f"{shown(self.file)} is not XML ({reason})") from reason
 
     def start(self, uri: str | None, name: str, attributes: dict[str, str]) -> None:
-        """Handle an element with the namespace of its prefix: "" without one, None if undeclared."""
+        """Handle the start of an element.
+
+        *uri*: namespace of its prefix, "" without a prefix, None if the prefix is not declared.
+        """
         raise NotImplementedError
 
     def uri_of(self, prefix: str) -> str | None:
@@ -65,7 +68,7 @@ class XmlFile:
         prefix, _, name = tag.rpartition(":")
         try:
             self.start(self.uri_of(prefix), name, attributes)
-        except MeshFormatError:  # a ValueError, too
+        except MeshFormatError:  # a subclass of ValueError
             raise
         except KeyError as missing:
             raise MeshFormatError(f"{self.line()}: <{name}> has no {missing.args[0]}") from None
@@ -85,7 +88,7 @@ _File = TypeVar("_File", bound=XmlFile)
 
 
 class Package:
-    """Parts of an archive, unpacked up to a limit on their total size."""
+    """Parts of an archive, which are unpacked up to a limit on their total size."""
 
     def __init__(self, archive: zipfile.ZipFile, packed: int, limit: float) -> None:
         self._archive, self._packed, self._unpacked, self._limit = archive, packed, 0, limit
@@ -100,7 +103,10 @@ class Package:
         return name in self._entries
 
     def read(self, name: str, kind: type[_File]) -> _File:
-        """Return a part parsed; *name* as `part_name` returns it."""
+        """Return a parsed part of the archive.
+
+        *name*: name in the form that `part_name` returns. *kind*: class that parses it.
+        """
         entry = self._entries[name]
         self._unpacked += entry.file_size  # the archive gives no more bytes than it declares
         size = f"its models of {self._packed:,} bytes unpack to {self._unpacked:,} bytes"
@@ -110,13 +116,16 @@ class Package:
             raise MeshFormatError(f"{size}, expected at most {_BOMB_RATIO} times as many")
         parsed = kind(entry.filename)
         with self._archive.open(entry) as stream:
-            while piece := stream.read(_CHUNK_BYTES):  # at its end the checksum is compared
+            while piece := stream.read(_CHUNK_BYTES):  # the checksum is compared at the end
                 parsed.feed(piece)
         parsed.feed(b"", is_last=True)
         return parsed
 
     def root(self) -> str:
-        """Return the name of the root model: the one in the relationships, else the usual one."""
+        """Return the name of the root model.
+
+        It is in the relationships of the archive, or else the usual one.
+        """
         named = self.read(_RELATIONSHIPS, _Relationships).models if _RELATIONSHIPS in self else set()
         if len(named) > 1 or not named <= self._entries.keys():
             raise MeshFormatError(
@@ -128,7 +137,7 @@ class Package:
 
 
 class _Relationships(XmlFile):
-    """The file with the kinds of the archive's parts."""
+    """File that states the kinds of the archive's parts."""
 
     def __init__(self, file: str) -> None:
         super().__init__(file)
@@ -141,10 +150,13 @@ class _Relationships(XmlFile):
 
 
 def part_name(text: str) -> str:
-    """Return a name for comparison: without case, with slashes between folders and one at the start."""
+    """Return a normalized name that can be compared.
+
+    It is in lower case, with slashes between folders and one at the start.
+    """
     return posixpath.normpath("/" + unquote(text).strip().replace("\\", "/").strip("/")).lower()
 
 
 def shown(text: str) -> str:
-    """Return a name from the file as messages quote it."""
+    """Return a name from the file, quoted and shortened for messages."""
     return text_rows.shortened(text, 60)

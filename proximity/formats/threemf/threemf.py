@@ -1,11 +1,12 @@
-"""3MF: a zip archive of XML model files, whose build items and components place objects.
+"""Read 3MF files, which are zip archives of XML model files whose build items and components place objects.
 
-Objects are numbered per model file. Every placement becomes a separate mesh; repeated meshes share their
-arrays. The placements are counted first, without making them.
+Numbers of objects are unique within a model file. Every placement becomes a separate mesh; repeated meshes
+share their arrays. The placements are counted first, without creating them.
 
-lib3mf 2.5.0, the format's own library, was tried instead (November 2026). Of 79 samples of the 3MF Consortium
-it reads 44, this reader 69. It takes a model that is cut off for an empty one, unpacks 1 GB out of 2.6 MB
-(23 s, 650 MB), does not end in a minute on 61 objects that hold pairs of pairs, and knows no slicers.
+lib3mf 2.5.0, the format's own library, was tested instead (November 2026). Of 79 samples of the 3MF
+Consortium it reads 44, this reader 69. It reads a truncated model as an empty one, unpacks 1 GB out of 2.6 MB
+(23 s, 650 MB), does not end within a minute on 61 objects that contain pairs of pairs, and does not know the
+additions of slicers.
 """
 
 import graphlib
@@ -29,16 +30,16 @@ _Id = tuple[str, str]  # model file, id of the object in it
 
 
 class _Placement(NamedTuple):
-    """An object with a mesh where an item of the build places it."""
+    """An object with a mesh at the place where an item of the build puts it."""
 
     name: str
     target: _Id
     matrix: np.ndarray  # (4, 4) float64, world from object
-    kind: str  # as named by slicers and the format; "" without a name
+    kind: str  # kind of volume, as named by slicers and the format, or ""
 
 
 def read_3mf(source: Source, unpacked_limit: float = UNPACKED_LIMIT) -> RawFile:
-    """Read a 3MF file; raise MeshFormatError if it is damaged, too large, or inconsistent."""
+    """Read a 3MF file. Raise MeshFormatError if it is damaged, too large, or inconsistent."""
     models, settings = _read_archive(source.data, unpacked_limit)
     unit = _common_unit(models)
     objects = {
@@ -79,7 +80,7 @@ def _print_notes(items: list[Reference]) -> list[str]:
 def _meshes(
     placed: list[list[_Placement]], arrays: dict[_Id, dict[str, Arrays]]
 ) -> tuple[list[RawMesh], list[str]]:
-    """Return the parts of each item without its negative volumes, and notes on parts left out."""
+    """Return the parts of each item without its negative volumes, and notes on omitted volumes."""
     meshes: list[RawMesh] = []
     left_out: Counter[str] = Counter()
     done: Counter[str] = Counter()
@@ -110,7 +111,10 @@ def _meshes(
 
 
 def _read_archive(data: bytes, unpacked_limit: float) -> tuple[dict[str, ModelFile], SlicerSettings]:
-    """Return the model files that the build needs, by name, the root first, and the settings of a slicer."""
+    """Return the model files that the build needs, and the settings of a slicer.
+
+    The model files are by name, and the root is first.
+    """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             package = Package(archive, len(data), unpacked_limit)
@@ -118,7 +122,7 @@ def _read_archive(data: bytes, unpacked_limit: float) -> tuple[dict[str, ModelFi
             waiting = [package.root()]
             while waiting:
                 name = waiting.pop()
-                if name not in models and name in package:  # references to missing files are refused later
+                if name not in models and name in package:  # references to missing files raise errors later
                     models[name] = model = package.read(name, ModelFile)
                     components = [part for held in model.objects.values() for part in held.components]
                     waiting += {reference.target[0] for reference in (*model.items, *components)}
@@ -172,7 +176,7 @@ def _check_references(objects: dict[_Id, Object], items: list[Reference]) -> Non
 
 
 def _placement_counts(objects: dict[_Id, Object]) -> dict[_Id, int]:
-    """Return the number of meshes of each object where it is placed."""
+    """Return the number of meshes that placing each object once creates."""
     below = {key: [component.target for component in held.components] for key, held in objects.items()}
     counts: dict[_Id, int] = {}
     try:
@@ -201,7 +205,7 @@ def _placements(
 
 
 def _arrays_of(held: Object, runs: list[Run]) -> dict[str, Arrays]:
-    """Return arrays of the faces of each kind of volume in a mesh; the vertices are shared."""
+    """Return the arrays of a mesh, split by the kinds of volumes. All share the vertices."""
     vertices = np.frombuffer(held.coordinates, dtype=np.float64).reshape(-1, 3)
     faces = np.frombuffer(held.corners, dtype=np.int64).reshape(-1, 3)
     outside = np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(axis=1))

@@ -1,7 +1,8 @@
-"""Slicers' additions to the shape of an object: volumes that are holes in it, or not part of it.
+"""Read which volumes of an object slicers treat as holes or do not print.
 
-PrusaSlicer and SuperSlicer write all volumes of an object into one mesh, and name their runs of triangles.
-Bambu Studio and OrcaSlicer make each volume an object, named with the object that it is a component of.
+PrusaSlicer and SuperSlicer write all volumes of an object into one mesh, and name their ranges of triangles.
+Bambu Studio and OrcaSlicer write each volume as an object, and name it with the object that it is a component
+of.
 """
 
 from collections import Counter
@@ -23,19 +24,19 @@ _KINDS = {
     **dict.fromkeys(("SupportBlocker", "support_blocker"), "support blocker"),
     **dict.fromkeys(("SupportEnforcer", "support_enforcer"), "support enforcer"),
 }
-"""Slicers' names of volumes that are not parts."""
+"""Kinds of volumes that are not parts, by the names that slicers use."""
 _MAX_WORK, _WORK_OF_VOLUME = 5_000_000, 1000
-"""Limits of the subtractions for a file, in faces met, repetitions included: about ten seconds; and the cost
-of a volume in faces."""
+"""Limit of the subtractions for a file in processed faces, including repetitions, which take about ten
+seconds, and the cost of a volume in faces."""
 _ROUNDING = 1e-13
-"""Rounding of a moved volume flush with the part, as a share of the largest coordinate."""
+"""Rounding error of a moved volume that is flush with the part, as a share of the largest coordinate."""
 
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]  # vertices, faces, rows of the faces in the file
 
 
 @dataclass(slots=True)
 class Run:
-    """A volume that is a run of the triangles of a mesh."""
+    """A volume that is a range of the triangles of a mesh."""
 
     first: int
     last: int
@@ -43,12 +44,12 @@ class Run:
 
 
 class SlicerSettings(XmlFile):
-    """The file in which a slicer names volumes; ids are of objects of the root model."""
+    """File in which a slicer names volumes. Its ids are those of objects of the root model."""
 
     def __init__(self, file: str = "") -> None:
         super().__init__(file)
-        self.runs: dict[str, list[Run]] = {}  # by object
-        self.kinds: dict[tuple[str, str], str] = {}  # by object and component
+        self.runs: dict[str, list[Run]] = {}  # ranges of triangles by object
+        self.kinds: dict[tuple[str, str], str] = {}  # kinds of volumes by object and component
         self._object = ""
 
     def start(self, uri: str | None, name: str, attributes: dict[str, str]) -> None:
@@ -65,20 +66,24 @@ class SlicerSettings(XmlFile):
             key, value = attributes.get("key"), attributes.get("value", "")
             if key == "volume_type":
                 self.runs[self._object][-1].kind = _KINDS.get(value, PART)
-            elif key == "modifier" and value == "1":  # before 2018
+            elif key == "modifier" and value == "1":  # written before 2018
                 self.runs[self._object][-1].kind = "modifier"
 
 
 def subtract(
     part: Arrays, matrix: np.ndarray, negatives: list[tuple[Arrays, np.ndarray]], done: Counter[str]
 ) -> Arrays:
-    """Return a part without negative volumes, each with its matrix; *done* counts "cut" and "failed"."""
+    """Return a part from which negative volumes are subtracted.
+
+    *negatives*: arrays of each volume, and its matrix. *done*: counts parts that were "cut", and those for
+    which this "failed".
+    """
     done["work"] += len(part[1]) + sum(len(held[1]) + _WORK_OF_VOLUME for held, _ in negatives)
     solid = _solid(part, np.eye(4)) if done["work"] <= _MAX_WORK else None
     if solid is None:
         done["failed"] += 1
         return part
-    # Volumes in one mesh have one matrix: its inverse would separate flush faces.
+    # Volumes in one mesh have the same matrix. Multiplying by its inverse would separate flush faces.
     frames = [
         np.eye(4) if np.array_equal(other, matrix) else np.linalg.solve(matrix, other)
         for _, other in negatives
@@ -102,9 +107,9 @@ def subtract(
 def _solid(
     arrays: Arrays, matrix: np.ndarray, flush: np.ndarray | None = None, tolerance: float = 0.0
 ) -> Any:
-    """Return the ``manifold3d.Manifold`` of a mesh moved by *matrix*, or None if it is not a closed solid.
+    """Return a mesh moved by *matrix* as a ``manifold3d.Manifold``, or None if it is not a closed solid.
 
-    *flush*: vertices of another mesh; coordinates within *tolerance* of theirs become equal to them.
+    *flush*: vertices of another mesh; coordinates within *tolerance* of theirs are set equal to them.
     """
     vertices, faces, rows = arrays
     points = vertices @ matrix[:3, :3].T + matrix[:3, 3]
@@ -123,12 +128,12 @@ def _solid(
 
 
 def _largest(*arrays: np.ndarray) -> float:
-    """Return the largest magnitude of any number."""
+    """Return the largest absolute value of all numbers."""
     return max(float(np.abs(array).max(initial=0.0)) for array in arrays)
 
 
 def _snapped(values: np.ndarray, marks: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return values; those within *tolerance* of a mark become the nearest mark."""
+    """Return values in which each value within *tolerance* of a mark is replaced by the nearest mark."""
     marks = np.unique(marks)
     after = np.searchsorted(marks, values).clip(1, len(marks) - 1)
     before = after - 1

@@ -1,7 +1,7 @@
-"""Scene file of a service: parts, fingers, the source of poses and the addresses of frames.
+"""Scene file of a service, which names its parts, fingers, source of poses and addresses of frames.
 
-TOML, with the line of every mistake; ``meshes/demo.toml`` explains each key. `read_scene_file` validates
-without opening parts; the objects are then built from the settings.
+A scene file is written in TOML; every error names the line. ``meshes/demo.toml`` explains each key.
+`read_scene_file` validates the file without opening its parts; the objects are then built from the settings.
 """
 
 from proximity.service.config.scene_builder import (

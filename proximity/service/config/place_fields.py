@@ -1,4 +1,7 @@
-"""Files, folders and addresses of a scene file, as fields; all are relative to its folder."""
+"""Declarations of settings that name files, folders, addresses and units in a scene file.
+
+Paths are relative to the folder of the scene file.
+"""
 
 import os
 from typing import Any
@@ -14,42 +17,42 @@ ADDRESS = "an address such as shm://NAME"
 
 
 def address(default: Any = REQUIRED) -> Any:
-    """Declare the address of a transport."""
+    """Declare a setting that is the address of a transport."""
     return key(_read_address, default)
 
 
 def addresses(default: Any = REQUIRED) -> Any:
-    """Declare one address, or several different ones."""
+    """Declare a setting that is one address or a list of different addresses."""
     return key(_read_addresses, default)
 
 
 def file(meaning: str) -> Any:
-    """Declare an existing file."""
+    """Declare a setting that is the path of an existing file."""
     return key(lambda table, name, default: read_file(table, name, meaning))
 
 
 def files(meaning: str) -> Any:
-    """Declare one existing file, or several."""
+    """Declare a setting that is the path of an existing file or a list of such paths."""
     return key(lambda table, name, default: _read_files(table, name, meaning))
 
 
 def new_file(meaning: str) -> Any:
-    """Declare a file to write."""
+    """Declare a setting that is the path of a file to write."""
     return key(lambda table, name, default: _from_here(table, table.text(name, None, meaning=meaning)), None)
 
 
 def folders(meaning: str) -> Any:
-    """Declare existing folders."""
+    """Declare a setting that is the path of an existing folder or a list of such paths."""
     return key(lambda table, name, default: _read_folders(table, name, meaning), ())
 
 
 def unit(default: str) -> Any:
-    """Declare a unit of length."""
+    """Declare a setting that is a unit of length."""
     return key(_read_unit, default)
 
 
 def read_file(table: Table, name: str, meaning: str) -> str:
-    """Return the path of an existing file; "" if the key is missing."""
+    """Return the path of an existing file, or "" if the key is missing."""
     named = table.text(name, REQUIRED, meaning=meaning)
     return "" if named is REQUIRED else _existing(table, name, named, meaning)
 

@@ -1,6 +1,6 @@
 """Build the objects of a scene file: the scene, the tracker, and the recording placed in the scene.
 
-Errors name the line of the invalid setting.
+Error messages name the line of the invalid setting.
 """
 
 import math
@@ -24,13 +24,13 @@ DEFAULT_FINGERS = 5
 NOT_OF_TRACKER = ("count", "names")
 """Settings of fingers that are not passed to a tracker."""
 _Kept = dict[tuple[str, str], tuple[Any, tuple[Part, ...], tuple[str, ...], float]]
-"""Stamp, parts, notes and approximation, m, of files, by name and unit."""
+"""Stamp, parts, notes and approximation (m) of each loaded file, by its name and unit."""
 
 
 class PartFiles:
-    """Cache of the files of parts: a reloaded scene reads only the changed ones.
+    """Cache of loaded part files, so that a reloaded scene reads only the files that changed.
 
-    *options*: of `load`, for every file.
+    *options*: options of `load`, used for every file.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -39,18 +39,18 @@ class PartFiles:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on files whose parts have an unlikely size, of the last scene."""
+        """Sentences on files of the last scene whose parts have an unlikely size."""
         return tuple(note for _, _, notes, _ in self._kept.values() for note in notes)
 
     def scene(self, settings: SceneFile) -> Scene:
-        """Return the scene of a file."""
+        """Load the parts of a scene file and return them as a scene."""
         with converter():
             return self._scene(settings)
 
     def _scene(self, settings: SceneFile) -> Scene:
         kept: _Kept = {}
         parts: list[Part] = []
-        entry_of: dict[str, int] = {}  # by name
+        entry_of: dict[str, int] = {}  # number of the entry of each part, by the part's name
         for index, entry in enumerate(settings.parts):
             try:
                 loaded = self._load(entry, kept)
@@ -84,7 +84,7 @@ class PartFiles:
 
 
 def stamp_of(path: str) -> tuple[int, ...] | None:
-    """Return a value that changes with a file; None if it is missing.
+    """Return a value that changes whenever the file changes, or None if the file is missing.
 
     Date and size are not enough: the files of an unpacked archive may share a date, and parts with equal face
     counts have equal sizes.
@@ -97,7 +97,10 @@ def stamp_of(path: str) -> tuple[int, ...] | None:
 
 
 def finger_count(settings: SceneFile, recording: Recording | None) -> int:
-    """Return the number of fingers: from the file, a recording, or five."""
+    """Return the number of fingers.
+
+    It comes from the scene file, else from the recording, else it is five.
+    """
     count = settings.fingers.count
     if recording is None:
         return DEFAULT_FINGERS if count is None else count
@@ -110,7 +113,7 @@ def finger_count(settings: SceneFile, recording: Recording | None) -> int:
 
 
 def finger_names(settings: SceneFile, recording: Recording | None, count: int) -> tuple[str, ...]:
-    """Return the names of fingers: from the file, a recording, or their numbers."""
+    """Return the names of the fingers from the scene file, else from the recording, else their numbers."""
     names = settings.fingers.names
     if names is not None:
         return names
@@ -120,13 +123,13 @@ def finger_names(settings: SceneFile, recording: Recording | None, count: int) -
 
 
 def finger_radii(settings: SceneFile, count: int) -> tuple[float, ...]:
-    """Return the radii of fingertips, m; nan for a sensor."""
+    """Return the radii of the fingertips, m. They are nan if a sensor measures the distances."""
     radius = math.nan if settings.input.sensor is not None else settings.fingers.radius
     return radius if isinstance(radius, tuple) else (radius,) * count
 
 
 def make_tracker(settings: SceneFile, scene: Scene, count: int) -> Tracker:
-    """Return the tracker of a scene file."""
+    """Return a tracker with the settings of the scene file."""
     reported = {one.name: getattr(settings.fingers, one.name) for one in fields(FingerSettings)}
     reported = {
         name: value for name, value in reported.items() if value is not None and name not in NOT_OF_TRACKER
@@ -139,7 +142,7 @@ def make_tracker(settings: SceneFile, scene: Scene, count: int) -> Tracker:
 
 
 def read_input(settings: SceneFile) -> Recording | None:
-    """Return the input's recording as recorded; None for other inputs."""
+    """Read the recording of the scene file, not yet placed. Return None for other inputs."""
     entry = settings.input.recording
     if entry is None:
         return None
@@ -150,7 +153,10 @@ def read_input(settings: SceneFile) -> Recording | None:
 
 
 def place_recording(settings: SceneFile, recording: Recording, scene: Scene) -> Recording:
-    """Return a recording in the scene's frame: at the file's pose, or fitted to the parts."""
+    """Transform a recording into the scene's frame.
+
+    The pose is that of the scene file, or it is fitted to the parts.
+    """
     entry = settings.input.recording
     if entry is None:
         raise ServiceError(f"{settings.path}: the input is not a recording")
@@ -167,9 +173,9 @@ def place_recording(settings: SceneFile, recording: Recording, scene: Scene) -> 
 
 
 def placed_parts(loaded: Sequence[Part], name: str | None, world_from_file: Pose) -> list[Part]:
-    """Return the parts of a file with their names and poses.
+    """Return the parts of a file with new names and transformed poses.
 
-    *name*: of the only part, or prefix of several; None: as in the file.
+    *name*: name of the only part, or prefix of the names of several parts; None keeps the names in the file.
     """
     parts = []
     for part in loaded:
@@ -187,7 +193,7 @@ def placed_parts(loaded: Sequence[Part], name: str | None, world_from_file: Pose
 
 
 def _placed(entry: PartEntry, loaded: tuple[Part, ...]) -> list[Part]:
-    """Return the parts of an entry's file, with its settings."""
+    """Return the parts of a file with the name, pose and surface that its entry specifies."""
     parts = placed_parts(loaded, entry.name, Pose(turn_about_axes(entry.turn_degrees), entry.position))
     if entry.kind is None:
         return parts

@@ -1,6 +1,7 @@
-"""Reader of scene files: from text to settings, with the line of every mistake.
+"""Reader of scene files, which converts the text to settings and reports the line of every mistake.
 
-The keys, with types and ranges, are the fields of `settings`; constraints between keys are checked here.
+The keys, with their types and ranges, are the fields of the classes in `settings`; constraints between keys
+are checked here.
 """
 
 import os
@@ -41,9 +42,9 @@ MAX_NAMES = 12
 
 
 def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
-    """Return the settings in a scene file; ``meshes/demo.toml`` explains every key."""
+    """Read and validate a scene file, and return its settings. ``meshes/demo.toml`` explains every key."""
     document = read_document(path)
-    Table(document, (), document.data, tuple(KEYS))  # refuses others
+    Table(document, (), document.data, tuple(KEYS))  # reports unknown keys
     inputs = document.data.get("input")
     is_measured = isinstance(inputs, dict) and "sensor" in inputs
     settings = SceneFile(
@@ -63,9 +64,10 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
 
 
 def override(settings: SceneFile, overrides: dict[str, Any]) -> SceneFile:
-    """Return settings with other values of [service].
+    """Return settings in which some values of [service] are replaced.
 
-    *overrides*: by key; None keeps the value of the file. A path is relative to the working directory.
+    *overrides*: new values by key; None keeps the value of the file. A path is relative to the working
+    directory.
     """
     document = Document("", "")
     given = {key: _as_in_toml(value) for key, value in overrides.items() if value is not None}
@@ -95,7 +97,7 @@ def _read_fingers(document: Document, is_measured: bool) -> FingerSettings:
 
 
 def _read_parts(document: Document, is_measured: bool) -> tuple[PartEntry, ...]:
-    """Read the parts, in the order of the file."""
+    """Read the entries of parts in the order of the file."""
     if is_measured and document.data.get("parts"):
         document.complain(("parts", 0), f"[[parts]] {WITHOUT_GEOMETRY}")
         return ()
@@ -113,7 +115,7 @@ def _read_parts(document: Document, is_measured: bool) -> tuple[PartEntry, ...]:
 
 
 def _read_input(document: Document) -> InputSettings:
-    """Read the source of poses."""
+    """Read the table [input], which declares the source of poses."""
     if "input" not in document.data:
         document.complain((), f"[input] is missing, expected it to have {EITHER}")
         return InputSettings()
@@ -135,7 +137,7 @@ def _as_in_toml(value: Any) -> Any:
 
 
 def _check_together(settings: SceneFile) -> None:
-    """Report valid values that contradict each other."""
+    """Report values that are valid separately but contradict each other."""
     inputs, complain = settings.input, settings.document.complain
     for key in ("moves", "changes"):
         if getattr(inputs, key) is not None and inputs.sensor is not None:
@@ -155,9 +157,9 @@ def _check_together(settings: SceneFile) -> None:
 
 
 def _check_held(settings: SceneFile) -> None:
-    """Report tracked parts that contradict the rest of the file."""
+    """Report entries of tracked parts that contradict the rest of the file."""
     inputs = settings.input
-    parts: dict[str, str] = {}  # and their [[held]] entries
+    parts: dict[str, str] = {}  # name of the [[held]] key that uses each part
     used = dict.fromkeys(settings.service.publish, "service.publish")
     for key in ("poses", "sensor", "moves", "changes"):
         used.setdefault(getattr(inputs, key), f"input.{key}")
@@ -180,7 +182,7 @@ def _check_held(settings: SceneFile) -> None:
 
 
 def check_held(settings: SceneFile, scene: Scene) -> None:
-    """Raise if a tracked part is missing in the scene."""
+    """Raise an error if the scene lacks a tracked part."""
     names = scene.snapshot().names
     for row, entry in enumerate(settings.held):
         for name in entry.part:

@@ -1,7 +1,7 @@
-"""Settings of a scene file, in metres and seconds; each field is a key and declares its reader.
+"""Settings of a scene file, in metres and seconds. Each field is a key and declares its reader.
 
-``meshes/demo.toml`` explains every key. Paths are absolute: those in the file are relative to it. The files
-they name have not been loaded yet.
+``meshes/demo.toml`` explains every key. Paths are absolute; the file gives them relative to its folder. The
+files that they name have not been loaded yet.
 """
 
 # ruff: noqa: RUF009 -- the calls make fields
@@ -51,15 +51,15 @@ def _turn() -> Any:
 
 @dataclass(frozen=True, slots=True)
 class ServiceSettings:
-    """Rate and timing of the loop, and the addresses it publishes to."""
+    """Rate and timing of the loop, and the addresses to which it publishes."""
 
     rate_hz: float = number(Range("Hz", 1.0, 100_000.0), 1000.0)
-    latency: float = number(Range("s", 0.0, 1.0), 0.001)  # from a tick until the controller acts
-    valid_for: float = number(Range("s", 1e-5, 0.1), 0.020)  # after a pose; 100 ms or more are useless
+    latency: float = number(Range("s", 0.0, 1.0), 0.001)  # time from a tick until the controller acts
+    valid_for: float = number(Range("s", 1e-5, 0.1), 0.020)  # time after a pose; 100 ms or more are useless
     publish: tuple[str, ...] = place.addresses(USUAL_PUBLISH)
-    log: str | None = place.new_file("the file to write")  # of all frames
+    log: str | None = place.new_file("the file to write")  # log of all frames
     real_time: bool = truth()  # requests priority, locked memory and a core from the system
-    core: int | None = whole(Range("", 0, 4095), None)  # with real_time; None: the service chooses
+    core: int | None = whole(Range("", 0, 4095), None)  # used with real_time; None: the service chooses
 
     @property
     def period(self) -> float:
@@ -92,22 +92,25 @@ def _count_of(table: Table) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class FingerSettings:
-    """The fingertips, and further options of the tracker; None: its default."""
+    """Number, names and radii of the fingertips, and further options of the tracker.
 
-    # None: the number of names, that of a recording, else five
+    An option of None has the tracker's default.
+    """
+
+    # None: that of names or recording, or five
     count: int | None = key(lambda table, name, default: _count_of(table), None)
-    radius: float | tuple[float, ...] = key(_read_radius, 0.007)  # m, one for all or one each
+    radius: float | tuple[float, ...] = key(_read_radius, 0.007)  # m; one for all fingers or for each
     budget: int | None = whole(STEPS, None)
     working_range: float | None = key(_read_working_range, None)  # m
     tolerance: float | None = number(SHARE, None)
     horizon: float | None = number(HORIZON, None)
     max_speed: float | None = number(Range("m/s", 0.0, 1e6, is_above=True), None)
     max_acceleration: float | None = number(Range("m/s²", 0.0, 1e9, is_above=True), None)
-    names: tuple[str, ...] | None = texts("what a finger is called", None)  # None: those of a recording
+    names: tuple[str, ...] | None = texts("what a finger is called", None)  # None: names in the recording
 
 
 def _deformable(accepted: Range, needed: Any, default: Any) -> Any:
-    """Declare a number of deformable parts only; *needed*: their default."""
+    """Declare a number that only deformable parts have. Their default is *needed*."""
 
     def read(table: Table, name: str, default: Any) -> Any:
         if table.value("kind") == "deformable":
@@ -121,7 +124,7 @@ def _deformable(accepted: Range, needed: Any, default: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class PartEntry:
-    """A file of one or several parts, with its pose and its response to contact."""
+    """A file of one or several parts, with its pose and the response of the parts to contact."""
 
     file: str = place.file("a file of parts")
     units: str = place.unit("mm")
@@ -135,13 +138,13 @@ class PartEntry:
 
 @dataclass(frozen=True, slots=True)
 class RecordingEntry:
-    """A recorded hand and its pose."""
+    """A recorded hand and its pose in the scene."""
 
     file: str
     repeat: bool = truth()
-    fast: bool = truth()  # as fast as possible instead of in real time
-    fit: bool = truth()  # so that it touches; *position* is ignored then
-    position: Vector = _position()  # of its origin
+    fast: bool = truth()  # play it as fast as possible instead of in real time
+    fit: bool = truth()  # position the hand so that it touches the parts; *position* is ignored then
+    position: Vector = _position()  # position of the recording's origin
     turn_degrees: Vector = _turn()
     scale: float = number(Range("", 1e-6, 1e6), 1.0)
 
@@ -160,28 +163,28 @@ def _read_recording(table: Table, name: str, default: None) -> RecordingEntry | 
 
 @dataclass(frozen=True, slots=True)
 class InputSettings:
-    """Source of poses: exactly one of the first three."""
+    """Source of poses, which is exactly one of the first three settings."""
 
     recording: RecordingEntry | None = key(_read_recording, None)
     poses: str | None = place.address(None)
     sensor: str | None = place.address(None)  # measured distances, without geometry
-    moves: str | None = place.address(None)  # parts move
-    changes: str | None = place.address(None)  # parts are hidden, shown, removed, added, deformed
-    # folders of parts that may be added; none: no part may be added
+    moves: str | None = place.address(None)  # messages that move parts
+    changes: str | None = place.address(None)  # hide, show, remove, add or deform parts
+    # folders of files that may be added as parts
     parts_from: tuple[str, ...] = place.folders("a folder of parts that messages may add")
 
 
 @dataclass(frozen=True, slots=True)
 class GloveSettings:
-    """Calibrations of the gloves on the hand that sends poses."""
+    """Files with the calibrations of the gloves on the hand whose poses are received."""
 
-    calibration: tuple[str, ...] = place.files("a calibration of a glove")  # one for all fingers, or one each
+    calibration: tuple[str, ...] = place.files("a calibration of a glove")  # one for all fingers or for each
     max_age_days: float | None = number(Range("days", 0.0, 36_500.0, is_above=True), None)
 
 
 @dataclass(frozen=True, slots=True)
 class HeldEntry:
-    """A tracked part, or a rigid group of them, and the addresses of its connections."""
+    """A tracked part, or a rigid group of tracked parts, and the addresses of its contacts."""
 
     part: tuple[str, ...] = texts("the name of a part")  # the first one's moves count
     publish: tuple[str, ...] = place.addresses()
@@ -193,16 +196,16 @@ class HeldEntry:
 
     @property
     def tracker_settings(self) -> dict[str, Any]:
-        """Options of the `PartTracker`; None: its default."""
+        """Return the options of the `PartTracker`. Options of None are left to its defaults."""
         names = ("connections", "working_range", "tolerance", "budget", "horizon")
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
 
 @dataclass(frozen=True, slots=True)
 class WebSettings:
-    """Page of the service, if requested."""
+    """Settings of the web page that the service may start."""
 
-    feed: bool = truth()  # may send to input.poses and input.moves; otherwise it only displays
+    feed: bool = truth()  # whether the page may send poses and moves
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,11 +217,11 @@ class SceneFile:
     fingers: FingerSettings
     parts: tuple[PartEntry, ...]
     input: InputSettings
-    glove: GloveSettings | None  # None: poses are of fingertips
+    glove: GloveSettings | None  # None: received poses are those of fingertips
     web: WebSettings
     document: Document = field(repr=False, compare=False)
     held: tuple[HeldEntry, ...] = ()
 
     def error(self, path: Path, sentence: str) -> ServiceError:
-        """Return the error about a value, with file and line."""
+        """Return an error about a value. Its message names the file and the line."""
         return self.document.error(path, sentence)

@@ -1,4 +1,4 @@
-"""Table of a scene file: values checked for type and range.
+"""Table of a scene file, whose values are checked for type and range.
 
 Errors are collected, and reading continues with a valid value, so that the first error reported is the first
 in the file.
@@ -21,7 +21,7 @@ LARGEST_SHOWN = 10**20
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Accepted range of a number, and its unit."""
+    """Range of accepted numbers, and their unit."""
 
     unit: str
     lowest: float = -math.inf
@@ -29,7 +29,7 @@ class Range:
     is_above: bool = False  # the lower bound is excluded
 
     def holds(self, value: float) -> bool:
-        """Return whether a number is in the range; nan and the infinities never are."""
+        """Return whether a number is within the range. Nan and infinities are never within it."""
         is_high = value > self.lowest if self.is_above else value >= self.lowest
         return is_high and value <= self.highest and math.isfinite(value)
 
@@ -45,10 +45,10 @@ class Range:
 
 
 class Table:
-    """A table at a path of a document, and its permitted keys.
+    """A table of a document, and the keys that it may contain.
 
-    *path*: of the table; a missing one is empty. *content*: the value; an error is collected unless it is a
-    table.
+    *path*: path of the table in the document. *content*: value at that path; an empty dict if the table is
+    missing. An error is collected for a value that is not a table.
     """
 
     def __init__(self, document: Document, path: Path, content: Any, known: Sequence[str]) -> None:
@@ -63,25 +63,25 @@ class Table:
                 self._refuse(key, known)
 
     def has(self, key: str) -> bool:
-        """Return whether a key is present, valid or not."""
+        """Return whether a key is present, even if its value is invalid."""
         return key in self._content
 
     def value(self, key: str) -> Any:
-        """Return the raw TOML value of a key; None if it is missing."""
+        """Return the raw TOML value of a key, or None if the key is missing."""
         return self._content.get(key)
 
     @property
     def folder(self) -> str:
-        """Folder of relative paths."""
+        """Folder to which the paths in the table are relative."""
         return self._document.folder
 
     def complain(self, key: str, sentence: str) -> None:
-        """Collect an error about one key: *sentence* follows its name."""
+        """Collect an error about a key. The message is the key followed by *sentence*."""
         path = (*self._path, key)
         self._document.complain(path, f"{spelled(path)} {sentence}")
 
     def text(self, key: str, default: Any = REQUIRED, *, meaning: str) -> Any:
-        """Read a non-empty text; *meaning* is the expectation in messages."""
+        """Read a non-empty text. Error messages name *meaning* as the expected value."""
         return self._value(key, default, f"{meaning}, as text in quotes", _as_text)
 
     def truth(self, key: str, default: bool) -> bool:
@@ -98,17 +98,17 @@ class Table:
         return self._value(key, default, expected, lambda value: _as_whole(value, accepted))
 
     def one_of(self, key: str, default: Any, words: Sequence[str]) -> Any:
-        """Read one of some words."""
+        """Read a text that must be one of the given words."""
         expected = " or ".join(f'"{word}"' for word in words)
         return self._value(key, default, expected, lambda value: value if value in words else None)
 
     def texts(self, key: str, default: Any, *, meaning: str) -> Any:
-        """Read one text, or several in a list; an empty tuple if a required one is missing."""
+        """Read one text or a list of texts. Return an empty tuple if a required value is missing."""
         found = self._value(key, default, f"{meaning}, as text in quotes, or a list of texts", _as_texts)
         return () if found is REQUIRED else found
 
     def numbers(self, key: str, default: Any, count: int | None, accepted: Range) -> Any:
-        """Read a list of *count* numbers within a range; None: of any length."""
+        """Read a list of *count* numbers within a range. A *count* of None allows any length above zero."""
         value = self._content.get(key)
         if isinstance(value, list):
             if len(value) != (count or len(value)) or not value:
@@ -123,14 +123,17 @@ class Table:
         return self._value(key, default, expected, _as_numbers)
 
     def number_or_numbers(self, key: str, default: Any, count: int | None, accepted: Range) -> Any:
-        """Read one number within a range, or a list of *count*."""
+        """Read one number within a range, or a list of *count* such numbers."""
         is_listed = isinstance(self._content.get(key), list)
         return (
             self.numbers(key, default, count, accepted) if is_listed else self.number(key, default, accepted)
         )
 
     def _value(self, key: str, default: Any, expected: str, read: Callable[[Any], Any]) -> Any:
-        """Return the result of *read*, or None if the value cannot be used."""
+        """Return the converted value of a key.
+
+        If the key is missing or its value is invalid, return the default.
+        """
         if key not in self._content:
             if default is REQUIRED and key not in self._meant:
                 path = (*self._path, key)
@@ -177,7 +180,7 @@ def _as_texts(value: Any) -> tuple[str, ...] | None:
 
 
 def shown(value: Any) -> str:
-    """Return a value as messages show it: shortened, in TOML syntax."""
+    """Return a short representation of a value in TOML syntax, for messages."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, dict):

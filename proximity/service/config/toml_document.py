@@ -1,7 +1,7 @@
 """Scene file as parsed TOML, with the line number of every value.
 
-tomllib reports line numbers only for syntax errors. So the file is parsed again by statement: lines are
-joined until they parse on their own.
+tomllib reports line numbers only for syntax errors. So the file is parsed a second time, statement by
+statement: lines are joined until they are valid TOML.
 """
 
 import os
@@ -14,26 +14,26 @@ from proximity.errors import ServiceError
 from proximity.system.regular_file import open_regular
 
 MAX_FILE_BYTES = 1 << 20
-"""A scene of thousands of parts is smaller; a larger file is not a scene file."""
+"""Maximum size of a scene file. A scene of thousands of parts is smaller."""
 MAX_LINES = 200
-"""Maximum lines of a statement: in a longer one errors name the line of the statement."""
+"""Maximum number of lines of a statement. In a longer one, errors name only the line where it begins."""
 MAX_LINES_NAMED = 8
 """Maximum number of further mistakes in one message."""
 MAX_DOTS = 32
-"""Maximum number of dots in a key: no known key has more than two."""
+"""Maximum number of dots in a key. No known key has more than two."""
 _WORD = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
 LONG_KEY = re.compile(rf"(?:^|[{{,])[ \t\[]*(?:{_WORD}[ \t]*\.[ \t]*){{{MAX_DOTS + 1}}}", re.MULTILINE)
-"""A long key at its possible starts: a line, after brackets, or in an inline table."""
+"""Pattern of a key with too many dots, at the begin of a line, after brackets or in an inline table."""
 POSITION_IN_MESSAGE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 Path = tuple[str | int, ...]
-"""Keys and indices of a value: ("parts", 1, "position")."""
+"""Keys and indices that lead to a value, such as ("parts", 1, "position")."""
 
 
 class Document:
-    """A TOML file and the errors in its content.
+    """A parsed TOML file and the errors found in its content.
 
-    *name*: of the file in messages; "" without a file.
+    *name*: name of the file for messages, or "" if the text is not from a file.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Document:
         self.name, self.text = name, text
         self._text_lines = text.replace("\r\n", "\n").split("\n")
         self._complaints: list[tuple[int, str]] = []
-        if long_key := LONG_KEY.search(text):  # tomllib takes minutes and gigabytes for thousands
+        if long_key := LONG_KEY.search(text):  # tomllib takes gigabytes for thousands of dots
             line = text.count("\n", 0, long_key.end()) + 1
             raise ServiceError(f"{self._prefix(line)}a key has more than {MAX_DOTS} dots, expected fewer")
         try:
@@ -56,27 +56,27 @@ class Document:
 
     @property
     def folder(self) -> str:
-        """Folder of the file; without a file, the working directory."""
+        """Folder of the file, or the working directory if the text is not from a file."""
         return os.path.dirname(os.path.abspath(self.name)) if self.name else os.getcwd()
 
     def line_of(self, path: Path) -> int:
-        """Return the line, from 1, of a value; for a missing value that of its table."""
+        """Return the line number of a value. For a missing value it is the line of its table."""
         while path not in self._lines:
             path = path[:-1]
         return self._lines[path]
 
     def error(self, path: Path, sentence: str) -> ServiceError:
-        """Return the error about a value."""
+        """Return an error about a value. Its message names the file and the line."""
         return ServiceError(f"{self._prefix(self.line_of(path))}{sentence}")
 
     def complain(self, path: Path, sentence: str) -> None:
-        """Collect an error about a value, and continue."""
+        """Collect an error about a value without raising it."""
         complaint = self.line_of(path), sentence
         if complaint not in self._complaints:  # a value may be read on behalf of another
             self._complaints.append(complaint)
 
     def raise_complaints(self) -> None:
-        """Raise the first collected error in file order, if any."""
+        """Raise the collected error that is first in the file. Without errors, do nothing."""
         if not self._complaints:
             return
         (line, sentence), *more = sorted(self._complaints, key=lambda complaint: complaint[0])
@@ -87,7 +87,7 @@ class Document:
     def _lines(self) -> dict[Path, int]:
         """Line numbers at which values and tables begin."""
         lines: dict[Path, int] = {(): 1}
-        newest: dict[Path, int] = {}  # of arrays of tables: the index of the last one
+        newest: dict[Path, int] = {}  # index of the last table in each array of tables
         table: Path = ()
         statement: list[str] = []
         for number, line in enumerate(self._text_lines, start=1):
@@ -119,7 +119,7 @@ class Document:
 
 
 def _other_mistakes(numbers: list[int]) -> str:
-    """Return the number of further errors and their lines: ``2 more mistakes, on lines 4 and 9``."""
+    """Return the number and the lines of further errors, such as ``2 more mistakes, on lines 4 and 9``."""
     *lines, last = dict.fromkeys(map(str, numbers))
     if len(lines) >= MAX_LINES_NAMED:
         lines, last = lines[:MAX_LINES_NAMED], "others"
@@ -128,12 +128,12 @@ def _other_mistakes(numbers: list[int]) -> str:
 
 
 def read_document(path: str | os.PathLike[str], what: str = "a scene file") -> Document:
-    """Return the document of a TOML file."""
+    """Read a TOML file and return it as a document."""
     name = os.fsdecode(path)
     try:
         with open_regular(path) as file:
             content = file.read(MAX_FILE_BYTES + 1)
-    except (OSError, ValueError) as failed:  # a name with a zero in it is a ValueError
+    except (OSError, ValueError) as failed:  # ValueError: the path contains a null character
         raise ServiceError(f"{name}: cannot be read ({getattr(failed, 'strerror', failed)})") from failed
     if len(content) > MAX_FILE_BYTES:
         raise ServiceError(f"{name}: larger than {MAX_FILE_BYTES >> 20} MiB, expected {what} in TOML")
@@ -148,7 +148,7 @@ def read_document(path: str | os.PathLike[str], what: str = "a scene file") -> D
 
 
 def spelled(path: Path) -> str:
-    """Return a path in TOML notation: ``parts[1].position``."""
+    """Return a path in TOML notation, such as ``parts[1].position``."""
     words = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path)
     return words.removeprefix(".")
 
@@ -161,13 +161,13 @@ def _loaded(text: str) -> dict[str, Any] | None:
 
 
 def _enter(header: Any, newest: dict[Path, int], lines: dict[Path, int], begins: int) -> Path:
-    """Return the path of the table that a parsed header begins."""
+    """Record the lines of the table that a header begins, and return its path."""
     path: Path = ()
     while header:
         ((key, header),) = header.items()
         path = (*path, key)
         lines.setdefault(path, begins)
-        if isinstance(header, list):  # [[key]]: one more
+        if isinstance(header, list):  # [[key]] begins another table of an array
             newest[path] = newest.get(path, -1) + 1
             header = {}
         if path in newest:
@@ -177,7 +177,7 @@ def _enter(header: Any, newest: dict[Path, int], lines: dict[Path, int], begins:
 
 
 def _note(content: Any, path: Path, lines: dict[Path, int], begins: int) -> None:
-    """Record the lines of the values of one statement."""
+    """Record the lines of the values in a statement."""
     items: Any = ()
     if isinstance(content, dict):
         items = content.items()

@@ -1,4 +1,4 @@
-"""Announcements of a running service: the listener can neither delay the loop nor end it."""
+"""Pass the messages of a running service to a listener, which can neither delay the loop nor end it."""
 
 import logging
 import queue
@@ -6,18 +6,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from logging.handlers import QueueHandler, QueueListener
 
-# Not below the loop's logger: a failed announcement would be announced again, forever.
+# Not a child of the loop's logger: a failed announcement would be announced again, forever.
 LOGGER = logging.getLogger("proximity.hosting")
 LOOP_LOGGER = logging.getLogger("proximity.service")
 
 
 def guarded(say: Callable[[str], None]) -> Callable[[str], None]:
-    """Return a function that calls *say*, and logs its exceptions instead of raising them."""
+    """Return a function that calls *say* and logs its exceptions instead of raising them."""
 
     def announce(sentence: str) -> None:
         try:
             say(sentence)
-        except Exception:  # a terminal that was closed, for example
+        except Exception:  # for example because the terminal was closed
             LOGGER.exception("this could not be announced: %s", sentence)
 
     return announce
@@ -25,9 +25,9 @@ def guarded(say: Callable[[str], None]) -> Callable[[str], None]:
 
 @contextmanager
 def warnings_of_loop_to(say: Callable[[str], None] | None) -> Iterator[None]:
-    """Pass the loop's warnings within the block to *say*, in a separate thread.
+    """Pass warnings of the loop to *say* during the block, in a separate thread.
 
-    *say*: called with sentences; None: they are only logged.
+    *say*: function of a sentence; None: warnings are only logged.
     """
     if say is None:
         yield
@@ -45,7 +45,7 @@ def warnings_of_loop_to(say: Callable[[str], None] | None) -> Iterator[None]:
 
 
 class _AnnouncementHandler(logging.Handler):
-    """Passes records on as sentences."""
+    """Passes the message of each log record to a function."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         super().__init__(logging.WARNING)

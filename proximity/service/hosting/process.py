@@ -1,8 +1,8 @@
-"""A service in a separate process, and its handle in the parent process.
+"""Run a service in a separate process and control it from the parent process.
 
-The child is ``python -m proximity serve --json``: it writes to standard output, a JSON document a line, first
-that the first frame is published, and at the end its report. It stops at a line on its standard input, or at
-its end, so also when the parent dies.
+The child process is ``python -m proximity serve --json``. It writes JSON documents to standard output, one
+per line: one when the first frame is published, and its report at the end. It stops when it reads a line from
+standard input or when the input ends, which also happens if the parent dies.
 """
 
 import json
@@ -23,11 +23,13 @@ from proximity.service.hosting.announcements import guarded
 from proximity.service.hosting.scene_service import checked_seconds
 
 BEGIN_TIMEOUT = 600.0
-"""s. Large parts may have to be read, and kernels compiled once: two minutes, or more on a busy machine."""
+"""Maximum wait for the first frame, s. Large parts may have to be read, and kernels compiled once, which
+takes two minutes, or more on a busy machine."""
 STOP_TIMEOUT = 10.0
-"""s. The last frames, the log's last blocks, and an edit in progress."""
+"""Maximum wait for the end, s. The last frames, the last blocks of the log, and an edit may be in
+progress."""
 KEPT_LINES = 40
-"""Number of stored lines of the child's output, which include the reason of its end."""
+"""Number of stored lines of the child's output, among them the reason why it ended."""
 SPOKEN_BY = "proximity: "
 EXIT_UNUSABLE = 2
 OPTIONS = {"rate_hz": "--rate", "publish": "--publish", "log": "--log"}
@@ -36,9 +38,10 @@ LOGGER = logging.getLogger("proximity.hosting")
 
 
 class RunningService:
-    """A service in a separate process; made by `start_service`, stopped at the end of a ``with`` block.
+    """A service in a separate process.
 
-    ``beginning`` is the report with its first frame: ``publish``, ``rate_hz``, ``finger_count``,
+    It is created by `start_service` and stops at the end of a ``with`` block. It also stops when this process
+    ends. ``beginning`` is the report with its first frame: ``publish``, ``rate_hz``, ``finger_count``,
     ``part_names`` (in the order of a contact's ``part``), ``face_count``, ``pid``, ``notes`` and more.
 
     Parameters
@@ -56,7 +59,7 @@ class RunningService:
     beginning: dict[str, Any]  # publish, rate_hz, finger_count, part_names, face_count, pid, notes
 
     def __init__(self, command: list[str], path: str, say: Callable[[str], None], timeout: float) -> None:
-        # Guarded: without a reader the service blocks as soon as the pipe is full.
+        # Guarded: if this reader ended, the service would block as soon as the pipe is full.
         self._path, self._say = path, guarded(say)
         self._lines: deque[str] = deque(maxlen=KEPT_LINES)
         self._reported: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
@@ -91,7 +94,7 @@ class RunningService:
 
     @property
     def is_running(self) -> bool:
-        """True while it is serving. It ends after a recording that is not repeated."""
+        """Whether the process is serving. It ends after a recording that is not repeated."""
         return self._process.poll() is None
 
     def stop(self, timeout: float = STOP_TIMEOUT) -> dict[str, Any]:
@@ -114,7 +117,7 @@ class RunningService:
             If the service failed or did not end in time, or if *timeout* is not a number of 0 or more.
         """
         timeout = checked_seconds("timeout", timeout)
-        with suppress(OSError, ValueError):  # it has ended already, or was reported already
+        with suppress(OSError, ValueError):  # the process has ended already, or its failure was reported
             assert self._process.stdin is not None
             self._process.stdin.write("stop\n")
             self._process.stdin.close()
@@ -157,7 +160,7 @@ class RunningService:
         return reported
 
     def _failure(self, code: int) -> ServiceError:
-        """Return the reason why the child ended: its last sentence, if any."""
+        """Return an error with the reason why the child ended, which is its last message."""
         self._readers[1].join(1.0)
         sentences = [line for line in self._lines if line.startswith(SPOKEN_BY)]
         if code == EXIT_UNUSABLE and sentences:
@@ -166,10 +169,10 @@ class RunningService:
         return ServiceError(f"{self._path}: the service has failed with exit code {code}: {last}")
 
     def _read_report(self) -> None:
-        """Read the documents on the child's standard output: first the start, then the report."""
+        """Read the two documents on the child's standard output, at the start and at the end."""
         try:
             for line in self._process.stdout or ():
-                if not line.startswith("{"):  # of other origin
+                if not line.startswith("{"):  # exceptions of other origin
                     continue
                 reported = json.loads(line)
                 if reported.pop("event") == "begun":
@@ -177,7 +180,7 @@ class RunningService:
                 else:
                     self._report = reported
         finally:
-            self._reported.put(None)  # ends any wait
+            self._reported.put(None)  # ends any wait for it
 
     def _read_lines(self) -> None:
         for line in self._process.stderr or ():
@@ -203,27 +206,27 @@ def start_service(
     say: Callable[[str], None] | None = None,
     **overrides: Any,
 ) -> RunningService:
-    """Serve a scene file in a separate process; return when its first frame is published.
+    """Serve a scene file in a separate process. Return when its first frame is published.
 
-    The process ends with this one, for any reason.
+    The process ends when this one ends, for any reason.
 
     Parameters
     ----------
     path : path
         Scene file; ``meshes/demo.toml`` explains its keys. It may be edited while it is served.
     timeout : float, s
-        Longest wait for the first frame: parts are read, and kernels may be compiled once.
+        Longest wait for the first frame, before which parts are read and kernels may be compiled once.
     say : callable
         Called with messages by another thread: edits that took effect or were refused, and failures.
         Default: they are logged as warnings of "proximity.hosting".
     overrides
         Values that replace those of the file's [service]: ``publish``, ``rate_hz``, ``log``, ``real_time``,
-        ``loop``. None: as in the file.
+        ``loop``. None keeps the value of the file.
 
     Returns
     -------
     RunningService
-        To be stopped, or to be used in a ``with`` block.
+        The service, which must be stopped or used in a ``with`` block.
 
     Raises
     ------
@@ -240,7 +243,7 @@ def start_service(
 
 
 def _options(overrides: dict[str, Any]) -> Iterator[str]:
-    """Yield the command-line options of the overrides."""
+    """Yield the command-line options that correspond to the overrides."""
     for key, value in overrides.items():
         if value is None:
             continue

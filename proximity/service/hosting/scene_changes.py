@@ -1,7 +1,8 @@
-"""Changes of a scene while it is served: parts added and removed by messages, and edits of the scene file.
+"""Change the parts of a scene while it is served.
 
-Both build another scene while the loop continues with the present one; then they replace it between two
-ticks. Poses reported in between are applied to the new scene as well.
+Messages add and remove parts, and the scene file may be edited. In both cases another scene is built while
+the loop continues with the present one; then it replaces the scene between two ticks. Poses reported in
+between are applied to the new scene as well.
 """
 
 import copy
@@ -34,14 +35,14 @@ REFUSED = "the edit is refused, the previous scene stays in use"
 class PartChanger:
     """Executes requests to add or remove parts.
 
-    *settings*: returns the scene file served at present.
+    *settings*: function that returns the scene file served at present.
     """
 
     def __init__(self, service: Service, settings: Callable[[], SceneFile]) -> None:
         self._service, self._settings = service, settings
 
     def carry_out(self, request: Request) -> None:
-        """Execute a request; a failure is written into it."""
+        """Execute a request. If it fails, store the reason in the request."""
         try:
             self._carry_out(request)
         except ProximityError as unfit:
@@ -64,9 +65,10 @@ class PartChanger:
 
 
 def allowed_file(name: str, folders: Sequence[str]) -> str:
-    """Return the path of a file named by a message: a regular file within one of some folders.
+    """Return the path of a file named by a message, which must be a regular file in a permitted folder.
 
-    *name*: relative to one of the folders. *folders*: permitted ones; the first that has the file counts.
+    *name*: path relative to one of the folders. *folders*: permitted folders; the first that contains the
+    file is used.
     """
     if not folders:
         raise SceneError(NOT_ALLOWED)
@@ -90,7 +92,7 @@ def _read(addition: Addition, folders: Sequence[str]) -> list[Part]:
 class SceneReloader:
     """Reloads the scene of a running service whenever its file or a file of its parts changes.
 
-    *made*: the service, and the cache of its scene. *overrides*: values that replace those of the file, also
+    *made*: the service and its cache of part files. *overrides*: values that replace those of the file, also
     after edits.
     """
 
@@ -102,11 +104,14 @@ class SceneReloader:
 
     @property
     def settings(self) -> SceneFile:
-        """Scene file served at present."""
+        """Settings of the scene served at present."""
         return self._settings
 
     def look(self) -> None:
-        """Apply an edit that was already complete at the previous check."""
+        """Check the files for changes and apply an edit.
+
+        A changed file is loaded only if it is unchanged since the previous check, so that it is complete.
+        """
         seen = {path: stamp_of(path) for path in self._seen}
         is_finished, self._seen = seen == self._seen, seen
         if not is_finished or seen == self._looked_at:
@@ -121,7 +126,7 @@ class SceneReloader:
         self._say(reported)
 
     def _reload(self) -> str:
-        """Build the edited scene and pass it to the loop; return a sentence about it."""
+        """Build the edited scene and pass it to the loop. Return a sentence that reports it."""
         started, before = time.monotonic(), self._settings
         settings = override(read_scene_file(before.path), self._overrides)
         # New files are watched as well from here on, even if they cannot be used yet.
@@ -139,7 +144,7 @@ class SceneReloader:
 
 
 def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
-    """Raise if a file changes a setting that is fixed in a running service."""
+    """Raise an error if the edited file changes a setting that is fixed in a running service."""
     reported = _fixed(after)
     for path, value in _fixed(before).items():
         if reported[path] != value:
@@ -147,7 +152,7 @@ def refuse_what_needs_a_restart(before: SceneFile, after: SceneFile) -> None:
 
 
 def _fixed(settings: SceneFile) -> dict[Path, Any]:
-    """Return the settings that a running service cannot change, by their paths."""
+    """Return the settings that are fixed in a running service, by their paths."""
     reported: dict[Path, Any] = {("service", key): value for key, value in asdict(settings.service).items()}
     del reported["service", "latency"]
     reported["fingers", "count"] = settings.fingers.count

@@ -1,4 +1,4 @@
-"""A scene file served in this process."""
+"""Serve a scene file in this process."""
 
 import logging
 import os
@@ -23,17 +23,17 @@ LOOK_S = 0.5
 BEGIN_LOOK_S = 0.005
 """Time between two checks for the first frame."""
 ANNOUNCE_AFTER_S = 2.0
-"""Maximum wait for an edit in progress at the end: a large part may take minutes."""
+"""Maximum wait at the end for an edit in progress. An edit of a large part may take minutes."""
 LOGGER = logging.getLogger("proximity.hosting")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beginning:
-    """Facts about the service at its first frame."""
+    """Facts about a service when its first frame is published."""
 
-    settings: SceneFile  # as served, with overrides
+    settings: SceneFile  # settings in use, including overrides
     finger_count: int
-    part_names: tuple[str, ...]  # in the order of a contact's ``part``; none for measured distances
+    part_names: tuple[str, ...]  # in the order of a contact's ``part``; empty for measured distances
     face_count: int
     notes: tuple[str, ...]  # sentences: settings granted and refused by the system, oddities of the input
 
@@ -48,10 +48,10 @@ def serve(
     begun: Callable[[Beginning], None] | None = None,
     **overrides: Any,
 ) -> Report:
-    """Serve a scene file in this process until stopped; ``meshes/demo.toml`` explains such files.
+    """Serve a scene file in this process until stopped. ``meshes/demo.toml`` explains such files.
 
-    While it serves, an edit of the file or of a file of its parts takes effect between two ticks. An
-    invalid edit is reported, and the previous scene stays in use.
+    While it serves, an edit of the file or of a file of its parts takes effect between two ticks. An invalid
+    edit is reported, and the previous scene stays in use.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def serve(
         Called by another thread when the first frame is published.
     overrides
         Values that replace those of the file's [service]: ``publish``, ``rate_hz``, ``log``, ``real_time``,
-        … None: as in the file.
+        … None keeps the value of the file.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def serve(
 
 @contextmanager
 def _running(made: ServiceSetup, stop: threading.Event, failures: list[BaseException]) -> Iterator[None]:
-    """Run the services of tracked parts during the block; a failure of one stops all."""
+    """Run the services of tracked parts during the block. If one fails, stop all services."""
     is_over = threading.Event()
 
     def run(service: Service) -> None:
@@ -143,15 +143,19 @@ def _running(made: ServiceSetup, stop: threading.Event, failures: list[BaseExcep
 
 
 def checked_seconds(name: str, value: Any) -> float:
-    """Return a duration, s, that threads can wait for: inf becomes the maximum, some centuries."""
+    """Return a duration in seconds that threads can wait for.
+
+    Infinity becomes the maximum of the threading module, which is some centuries.
+    """
     seconds = not_negative(name, value, "seconds", may_be_infinite=True)
     return min(seconds, threading.TIMEOUT_MAX)
 
 
 class _Beside:
-    """Thread next to the loop: announces the start, adds and removes parts, watches for edits, ends the loop.
+    """Thread next to the loop that announces the start, adds and removes parts, and watches for edits.
 
-    It is created before the loop requests priority and a core from the system: threads inherit these.
+    It also stops the loop after the requested time. It is created before the loop requests priority and a
+    core from the system, because threads inherit these.
     """
 
     def __init__(
@@ -176,20 +180,20 @@ class _Beside:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Run during the block."""
+        """Run the thread during the block."""
         thread = threading.Thread(target=self._run, name="beside the loop", daemon=True)
         thread.start()
         try:
             yield
         finally:
             self._over.set()
-            self._requests.put(None)  # wakes it
+            self._requests.put(None)  # wakes the thread
             thread.join(ANNOUNCE_AFTER_S)
             if self._timer is not None:
                 self._timer.cancel()
 
     def raise_failure(self) -> None:
-        """Raise the exception of the caller's function."""
+        """Raise the exception of the caller's function, if it raised one."""
         if self._failure is not None:
             raise self._failure
 
@@ -201,7 +205,7 @@ class _Beside:
             self._stop.set()
             return
         if self._seconds is not None:
-            # In another thread: an edit of a large part may take minutes.
+            # A separate timer, because loading an edited large part may take minutes.
             self._timer = threading.Timer(self._seconds, self._stop.set)
             self._timer.daemon = True
             self._timer.start()

@@ -1,4 +1,4 @@
-"""Assembly of a service from a scene file: publishers, log, input and answers, ready for the loop."""
+"""Assemble a service from a scene file: its publishers, log, input and source of contacts."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ from proximity.service.realtime import PRIORITY
 from proximity.transport import Publisher, open_publisher
 
 COUNTS_TABLE = 4097
-"""Rows of a table of counts: interpolation is exact to a hundredth of a count."""
+"""Number of rows in a table of counts. Interpolation is then exact to a hundredth of a count."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,19 +51,19 @@ class ServiceSetup:
     """A service ready to run, with the data needed to replace its scene."""
 
     service: Service
-    files: PartFiles  # of the parts
-    scene: Scene | None  # None: a sensor measures
+    files: PartFiles  # cache of part files
+    scene: Scene | None  # None: a sensor measures the distances
     moves: MovesInput | None
     changes: ChangesInput | None
-    count: int  # of fingers
+    count: int  # number of fingers
     held: tuple[Service, ...]  # a service for each held part
 
 
 def make_service(settings: SceneFile) -> ServiceSetup:
-    """Open and load all objects of a scene file."""
+    """Open and load all objects of a scene file and return them as a service."""
     service, files = settings.service, PartFiles()
     with ExitStack() as opened:
-        # Resources that another program may hold come first: that takes no time.
+        # Addresses and the log are opened first: they may be in use, and opening them is fast.
         publishers = [opened.enter_context(open_publisher(address)) for address in service.publish]
         log = None if service.log is None else opened.enter_context(FrameLog(service.log))
         recording = read_input(settings)
@@ -126,7 +126,7 @@ def _held_service(
     deforming: Lock,
     publishers: list[Publisher],
 ) -> Service:
-    """Return the service of a tracked part, next to that of the *fingers*, whose scene it reads."""
+    """Return the service of a tracked part. It reads the scene of the service of *fingers*."""
 
     def scene() -> Scene:
         source = fingers.contact_source
@@ -169,11 +169,11 @@ def _input(settings: SceneFile, recording: Recording | None, scene: Scene | None
 
 
 def read_gloves(settings: SceneFile, count: int) -> GloveChoices | None:
-    """Return the paths of fingertips over bends, from their calibrations; None without [glove]."""
+    """Read the calibrations of the gloves. Return paths of fingertips over bends, or None without [glove]."""
     glove = settings.glove
     if glove is None:
         return None
-    # Only with a glove: the models take half a second to import.
+    # Imported only if there is a glove: the models take half a second to import.
     from proximity.decaff.glove.calibrated_glove import as_many, read_glove
 
     try:

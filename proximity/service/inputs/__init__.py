@@ -1,1 +1,1 @@
-"""Inputs of a service: poses, motions of parts, and measured distances."""
+"""Inputs of a service, which receive poses, motions of parts, and measured distances."""

@@ -1,7 +1,7 @@
-"""Changes of parts, received as messages while the scene is served.
+"""Receive changes of parts as messages while the scene is served.
 
-Hiding, showing and deforming are applied when messages are read. Slow changes, adding and removing, are
-passed to another thread, and messages wait until they are done: they take effect in order.
+Hiding, showing and deforming parts takes effect when a message is read. Adding and removing parts is slow, so
+that another thread does it; later messages wait until it is done. So all messages take effect in order.
 """
 
 import logging
@@ -23,7 +23,7 @@ from proximity.service.inputs.inbox import Inbox
 LOGGER = logging.getLogger("proximity.service")
 DEFAULT_UNITS = "mm"
 PENDING_INTERVAL = 0.005
-"""s between two checks whether a slow change is done."""
+"""Time between two checks whether a slow change is done, s."""
 _ACTIONS = frozenset(PartAction)
 
 
@@ -31,31 +31,32 @@ _ACTIONS = frozenset(PartAction)
 class Addition:
     """A file of parts to add."""
 
-    name: str  # of its part, or prefix of those of its parts
-    file: str  # as in the message
+    name: str  # name of the part, or prefix of the names of several parts
+    file: str  # path as in the message
     units: str
     pose: Pose  # world_from_file
 
 
 @dataclass(slots=True, eq=False)
 class Request:
-    """One message for the other thread to execute, completely or not at all."""
+    """Changes of one message for the other thread to execute, either completely or not at all."""
 
-    actions: tuple[tuple[str, PartAction], ...] = ()  # by names of parts, in this order
+    actions: tuple[tuple[str, PartAction], ...] = ()  # pairs of a part's name and the action on it
     additions: tuple[Addition, ...] = ()
-    refusal: str = ""  # reason of a failure
-    is_over: bool = False  # written last
+    refusal: str = ""  # reason why it failed
+    is_over: bool = False  # written after `refusal`
 
 
 class ChangesInput:
-    """Changes of parts, as `CHANGES`, `ADDITIONS` and `DEFORMATIONS` messages at an address.
+    """Receives `CHANGES`, `ADDITIONS` and `DEFORMATIONS` messages at an address.
 
-    A message is applied completely or, if that fails, not at all: then it is refused and counted, with the
-    reason of the first of each kind.
+    A message is applied completely or, if that fails, not at all. Then it is counted as refused, and the
+    first reason of each kind is kept.
 
     *requests*: queue of slow changes; the thread that executes them writes ``refusal`` and ``is_over``.
-    *describe*: called when a message requests the description; *refuse*: with kind and reason of a refused
-    message. *deforming*: entered while a shape changes.
+    *describe*: function that is called when a message requests the description. *refuse*: function that is
+    called with kind and reason of a refused message. *deforming*: context that is entered while a shape
+    changes.
     """
 
     requests: SimpleQueue[Request | None]
@@ -68,12 +69,12 @@ class ChangesInput:
         deforming: AbstractContextManager[Any] | None = None,
         refuse: Callable[[str, str], None] = lambda kind, reason: None,
     ) -> None:
-        # A change holds for any clock of the sender.
+        # Changes have no instants, so that the sender's clock is irrelevant.
         self._inbox = Inbox(address, [CHANGES, ADDITIONS, DEFORMATIONS], is_timed=False)
         self.requests, self._describe, self._report_refusal = requests, describe, refuse
         self._deforming = nullcontext() if deforming is None else deforming
         self._pending: tuple[Kind, Request] | None = None
-        self._refused: dict[str, tuple[int, str]] = {}  # by kind: number of messages, reason of the first
+        self._refused: dict[str, tuple[int, str]] = {}  # number of messages and first reason, by kind
 
     @property
     def notes(self) -> list[str]:
@@ -85,7 +86,7 @@ class ChangesInput:
         return refused + self._inbox.notes
 
     def apply(self, scene: Scene) -> None:
-        """Apply arrived messages, up to the first slow one."""
+        """Apply arrived messages. Stop at the first one with a slow change."""
         if self._pending is not None and not self._is_carried_out(*self._pending):
             return
         for kind, records, _ in self._inbox.messages():
@@ -94,13 +95,13 @@ class ChangesInput:
             except ProximityError as unfit:
                 self._refuse(kind, str(unfit))
             if self._pending is not None:
-                return  # later messages wait
+                return  # later messages wait until it is done
 
     def wait(self, timeout: float) -> None:
         """Wait until a message may have arrived, or for *timeout* seconds."""
         if self._pending is None:
             self._inbox.wait(timeout)
-        else:  # arrived messages wait as well
+        else:  # messages that have arrived would end the wait immediately
             time.sleep(min(timeout, PENDING_INTERVAL))
 
     def close(self) -> None:
@@ -132,7 +133,7 @@ class ChangesInput:
         named = zip(map(_text, records["name"].tolist()), map(PartAction, numbers), strict=True)
         actions = tuple((name, action) for name, action in named if action is not PartAction.DESCRIBE)
         for name, _ in actions:
-            scene.part(name)  # before any change
+            scene.part(name)  # raises an error before any change if the part is missing
         if len(actions) < len(numbers):
             self._describe()
         if any(action is PartAction.REMOVE for _, action in actions):
@@ -155,7 +156,7 @@ class ChangesInput:
 def carry_out(scene: Scene, actions: tuple[tuple[str, PartAction], ...]) -> None:
     """Hide, show and remove parts.
 
-    *actions*: names of parts, and an action for each.
+    *actions*: pairs of a part's name and the action on it.
     """
     do = {PartAction.HIDE: scene.hide, PartAction.SHOW: scene.show, PartAction.REMOVE: scene.remove}
     for name, action in actions:
@@ -174,7 +175,7 @@ def _addition(record: Any) -> Addition:
 
 
 def _deformation(records: np.ndarray) -> tuple[str, np.ndarray]:
-    """Return the part that a message deforms, and its vertices (V, 3)."""
+    """Return the name of the part that a message deforms, and its new vertices (V, 3)."""
     if not len(records):
         raise SceneError("the message has no records, expected one for each 64 vertices of a part")
     raw, count = records["name"][0], int(records["vertex_count"][0])

@@ -1,6 +1,6 @@
-"""Positions and paths of gloved fingers, from the pose of the knuckle and the measured bend.
+"""Compute positions and paths of gloved fingers from the pose of the knuckle and the measured bend.
 
-Measurements of a glove come as tables, one a finger; calibrations are read elsewhere.
+The calibrations come as arrays with a row for each finger; other modules read them from files.
 """
 
 from dataclasses import dataclass
@@ -10,22 +10,23 @@ import numpy as np
 from proximity.decaff.glove.finger_path import MAX_BEND, MIN_BEND
 
 ROTATION_ERROR = 1e-3
-"""Maximum deviation of the rows of a rotation from orthonormal: rounding of a sender that stores float32, or
-multiplies many turns. Assumed."""
+"""Maximum difference of a rotation times its transpose from the identity. It permits the rounding of a sender
+that stores float32 or multiplies many rotations. Assumed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GloveChoices:
-    """Paths of fingertips over the bend, and the potentiometer counts on them; N fingers."""
+    """Calibrations of N fingers: the path of each fingertip, and the bend at each potentiometer count."""
 
-    corners: np.ndarray  # (N, K, 3) float64, m, finger's frame: knuckle, x along the flat finger, y dorsal
+    corners: np.ndarray  # (N, K, 3), m; frame: origin at the knuckle, x along the flat finger, y dorsal
     counts: np.ndarray  # (N, M) float64, increasing
-    bends: np.ndarray  # (N, M) float64, at the counts
+    bends: np.ndarray  # (N, M) float64, bends at the counts
 
     def bend(self, rows: np.ndarray, reported: np.ndarray, counts: np.ndarray) -> np.ndarray:
-        """Return the bends of some fingers, (F,): as given, else from the counts; nan without either.
+        """Return the bends of some fingers, (F,).
 
-        *rows*: (F,) int.
+        A reported bend is returned, else the bend at the potentiometer count, or nan without either. *rows*:
+        (F,) int, numbers of the fingers. *reported*, *counts*: (F,), nan where unknown.
         """
         bends = np.array(reported, np.float64)
         for i in np.flatnonzero(np.isnan(bends)):
@@ -35,17 +36,19 @@ class GloveChoices:
         return bends
 
     def paths(self, rows: np.ndarray, rotations: np.ndarray, knuckles: np.ndarray) -> np.ndarray:
-        """Return the paths of some fingertips, (F, K, 3), m, in the world.
+        """Return the paths of some fingertips in the world frame, (F, K, 3), m.
 
-        *rows*: (F,) int; *rotations*: (F, 3, 3); *knuckles*: (F, 3) m, world.
+        *rows*: (F,) int, numbers of the fingers. *rotations*: (F, 3, 3). *knuckles*: (F, 3) positions in the
+        world, m.
         """
         return np.einsum("fij,fkj->fki", rotations, self.corners[rows]) + knuckles[:, None, :]
 
 
 def points_on(paths: np.ndarray, bends: np.ndarray) -> np.ndarray:
-    """Return the points of bends on polylines with corners evenly from 0 to 1, (F, 3); straight beyond.
+    """Return the points of polylines at given bends, (F, 3).
 
-    *paths*: (F, K, 3) m.
+    *paths*: (F, K, 3) m; their corners are at equally spaced bends from 0 to 1. The first and last segment
+    are extended for bends beyond.
     """
     last = paths.shape[1] - 1
     along = last * bends
@@ -56,7 +59,7 @@ def points_on(paths: np.ndarray, bends: np.ndarray) -> np.ndarray:
 
 
 def is_rotation(rotations: np.ndarray) -> np.ndarray:
-    """Return which matrices are rotations, (F,).
+    """Return which of the matrices are rotations, (F,) bool.
 
     *rotations*: (F, 3, 3).
     """

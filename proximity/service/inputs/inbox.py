@@ -1,4 +1,4 @@
-"""Inbox of a service: each message is checked and counted, and none raises in the loop."""
+"""Inbox of a service, which checks and counts each message without raising an error in the loop."""
 
 import logging
 import time
@@ -13,13 +13,15 @@ from proximity.transport.publisher_clock import ForeignClock
 
 LOGGER = logging.getLogger("proximity.service")
 FARTHEST_NS = 2**62
-"""Maximum difference of two clocks: 146 years. Instants of a more distant clock do not fit into 64 bits."""
+"""Maximum difference of two clocks, which is 146 years. Instants of a more distant clock do not fit into 64
+bits."""
 
 
 class Inbox:
     """Reads the valid messages at an address.
 
-    *is_timed*: whether instants in the messages matter: then another machine's clock must be known first.
+    *is_timed*: whether the messages contain instants. If so, messages of another machine are used only after
+    its clock is known.
     """
 
     def __init__(
@@ -41,7 +43,7 @@ class Inbox:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences on messages that were lost, refused or left out."""
+        """Sentences on messages that were lost, refused or not used."""
         counts = self._reader.counts
         notes = [f"{self.address}: {count} {what}" for what, count in list(self._left_out.items())]
         if counts.lost or counts.unused:
@@ -51,9 +53,10 @@ class Inbox:
         return notes
 
     def messages(self) -> Iterator[tuple[Kind, np.ndarray, int]]:
-        """Yield arrived messages, oldest first: kind, records, and lead of this clock over the sender's, ns.
+        """Yield each arrived message, oldest first, as kind, records and clock offset.
 
-        The records are overwritten by the next message.
+        The offset, ns, converts instants of the sender's clock to this one. The records are overwritten by
+        the next message.
         """
         try:
             for kind, data, now_ns in self._reader.messages():
@@ -63,7 +66,7 @@ class Inbox:
                     continue
                 is_new_run = self._reader.is_new_run
                 self._foreign.arrived(int(header["send_ns"]), now_ns, is_new_run=is_new_run, kind=kind.magic)
-                # Until a clock is seen to advance, it may be a copy of an old one.
+                # Until a clock is seen to advance, the messages may be old ones sent again.
                 if self._foreign.is_certain:
                     yield from self._on_our_clock(kind, records, now_ns - self._foreign.theirs(now_ns))
             if self._reader.counts.unverified and not self._has_warned_of_key:
@@ -89,18 +92,18 @@ class Inbox:
         """Wait until a message may have arrived, or for *timeout* seconds."""
         try:
             self._inlet.wait(timeout)
-        except OSError:  # counted when messages are read
+        except OSError:  # the failure is counted when messages are read
             time.sleep(timeout)
 
     def loop_end(self) -> dict[str, Any] | None:
-        """Return the data with which the loop itself receives here; None: only Python can."""
+        """Return the data with which the loop can receive here itself, or None if only Python can."""
         end = getattr(self._inlet, "loop_end", None)
         return None if end is None else end()
 
     def leave_out(self, what: str, count: int, why: str = "", *, says: str = "") -> None:
-        """Count unused parts of a message; the first time is logged.
+        """Count parts of a message that are not used, and log the first occurrence.
 
-        *says*: text of the log instead of *what* and *why*.
+        *says*: text for the log instead of *what* and *why*.
         """
         if what not in self._left_out:
             LOGGER.warning("%s: %s", self.address, says or f"{what} are not used{why and f' ({why})'}")

@@ -1,4 +1,7 @@
-"""Samples of fingers received as messages: poses, with paths or of gloves, and measured distances."""
+"""Receive samples of fingers as messages.
+
+Samples are poses of fingertips, with or without paths, poses of gloves, or measured distances.
+"""
 
 import time
 from collections.abc import Callable, Iterator
@@ -14,10 +17,10 @@ from proximity.service.samples import FingerPoses, Measurements, Samples
 
 
 class MessageInput:
-    """Samples of fingers, as messages of some kinds at an address.
+    """Receives samples of fingers as messages at an address.
 
-    A message may omit fingers: they keep their last report. *kinds*: `POSES` and `PATH_POSES`, with *gloves*
-    also `GLOVE_POSES`; or `MEASURED` alone.
+    A finger that a message omits keeps its last sample. The kinds are `POSES` and `PATH_POSES`, and with
+    *gloves* also `GLOVE_POSES`. If *is_measured*, the only kind is `MEASURED`.
     """
 
     is_over = False
@@ -42,18 +45,18 @@ class MessageInput:
         self.address = address
         self._inbox = Inbox(address, tuple(self._readers), clock)
         self._gloves, self._everybody = gloves, np.arange(count)
-        # Each message replaces their arrays by views.
+        # Each message replaces their arrays by views of its records.
         self._poses, self._measured = FingerPoses(0), Measurements(0)
 
     @property
     def notes(self) -> list[str]:
-        """Sentences on messages that were lost, refused or left out."""
+        """Sentences on messages that were lost, refused or not used."""
         return self._inbox.notes
 
     def poll(self, now_ns: int) -> Iterator[Samples]:
-        """Yield arrived samples, oldest first; each is overwritten by the next."""
+        """Yield the arrived samples, oldest first. Each is overwritten by the next."""
         for kind, records, offset_ns in self._inbox.messages():
-            fingers: np.ndarray | None = None  # all, in order, the usual case
+            fingers: np.ndarray | None = None  # None: all fingers in order, the usual case
             if not np.array_equal(records["finger"], self._everybody):
                 is_served = records["finger"] < len(self._everybody)
                 if not is_served.all():
@@ -71,7 +74,7 @@ class MessageInput:
         self._inbox.wait(timeout)
 
     def loop_end(self) -> dict[str, Any] | None:
-        """Return the data with which the loop itself receives poses; None: only this can."""
+        """Return the data with which the loop can receive poses itself, or None if only Python can."""
         return self._inbox.loop_end() if tuple(self._readers) == (POSES, PATH_POSES) else None
 
     def close(self) -> None:
@@ -79,7 +82,7 @@ class MessageInput:
         self._inbox.close()
 
     def _read_poses(self, records: np.ndarray) -> FingerPoses:
-        """Return positions of fingertips; a pose without a path ends the previous path."""
+        """Return the poses in a message. A pose without a path removes the finger's previous path."""
         poses = self._poses
         poses.positions = np.ascontiguousarray(records["position"])
         poses.velocities, poses.bends = records["velocity"], records["bend"]
@@ -87,7 +90,7 @@ class MessageInput:
         return poses
 
     def _read_gloves(self, records: np.ndarray) -> FingerPoses:
-        """Return fingertips, bends and paths, from the calibrations of the gloves."""
+        """Compute fingertips, bends and paths from a message of gloves and their calibrations."""
         assert self._gloves is not None
         poses, fingers = self._poses, records["finger"]
         is_placed = np.isfinite(records["translation"]).all(axis=1)
@@ -105,7 +108,10 @@ class MessageInput:
         return poses
 
     def _read_measurements(self, records: np.ndarray) -> Measurements:
-        """Return distances; impossible values become unknown, as a whole frame would be refused for them."""
+        """Return the distances in a message. Impossible values become unknown.
+
+        Otherwise the whole frame would be refused by its receivers.
+        """
         positions, normals = records["position"], records["normal"]
         is_partial = ~np.isfinite(positions).all(axis=1) & ~np.isnan(positions).all(axis=1)
         self._leave_out("positions that are not finite", is_partial)

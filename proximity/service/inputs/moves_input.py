@@ -1,4 +1,4 @@
-"""Poses of moving parts, received as messages while the scene is served."""
+"""Receive poses of moving parts as messages while the scene is served."""
 
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -23,17 +23,19 @@ REPEATED = "messages of moves that repeat parts"
 
 
 class MovesInput:
-    """Moves of parts, as `MOVES` messages at an address.
+    """Receives `MOVES` messages at an address and moves the parts of a scene.
 
-    A missing part, or a pose that is not rigid, is counted and left out; the others move. So is a move from
-    more than 5 ms in the future, older than the part's previous one, or too old. A message that names its
-    parts more than twice each is left out completely. Velocities of nan are zero. The loop extrapolates a
-    part with a velocity from the instant of its pose, for `HOLD_NS` at most. Then the part stops, which is
-    counted, and frames are late until it is reported again: a part that comes to rest must be reported once
-    without a velocity.
+    A move is counted and not used if its part is missing or its pose is not rigid, if its instant is more
+    than 5 ms in the future or before the part's previous one, or if it is too old. The other moves of the
+    message are used. A message whose moves name each part more than twice on average is not used at all.
+    Velocities of nan are zero.
+
+    The loop extrapolates a part with a velocity from the instant of its pose, for `HOLD_NS` at most. Then the
+    part stops, which is counted, and frames are late until it is reported again. So a part that comes to rest
+    must be reported once without a velocity.
     """
 
-    future: int  # moves from the future, left out
+    future: int  # number of unused moves from the future
     backwards: int  # … older than the previous one
     too_old: int  # … too old on arrival
 
@@ -51,37 +53,40 @@ class MovesInput:
         self._stale_after_ns = round(NS_PER_S * stale_after)
         self.future = self.backwards = self.too_old = 0
         self._scene: Scene | None = None
-        self._latest: dict[str, ReportedMotion] = {}  # by name of a part, present or removed
-        self._silent: set[str] = set()  # of these, parts no longer reported
+        self._latest: dict[str, ReportedMotion] = {}  # last motion by part, present or removed
+        self._silent: set[str] = set()  # names of parts that are no longer reported
         self._names: dict[bytes, str] = {}
-        self._followers: dict[str, dict[str, np.ndarray]] = {}  # by name of the part that they follow
+        self._followers: dict[str, dict[str, np.ndarray]] = {}  # relative poses
         self._listeners: list[Callable[[], None]] = []
 
     @property
     def address(self) -> str:
-        """Address of the moves."""
+        """Address at which the messages arrive."""
         return self._inbox.address
 
     def follow(self, scene: Scene, names: Sequence[str], listener: Callable[[], None]) -> None:
-        """Move parts with the first, at their poses relative to it; *listener* is called after each move."""
+        """Move the other parts of a rigid group whenever its first part moves.
+
+        Their poses relative to the first part stay as they are now. *listener* is called after each message.
+        """
         first, *others = (scene.part(name).pose for name in names)
         offsets = [(first.inverse @ pose).matrix for pose in others]
         self._followers[names[0]] = dict(zip(names[1:], offsets, strict=True))
         self._listeners.append(listener)
 
     def reported(self) -> dict[str, ReportedMotion]:
-        """Return the last motion of each part. Thread: any."""
+        """Return a copy of the last motion of each part. Any thread may call it."""
         return self._latest.copy()
 
     @property
     def notes(self) -> list[str]:
-        """Sentences on messages that were lost, refused or left out."""
+        """Sentences on messages that were lost, refused or not used."""
         return self._inbox.notes
 
     def take(self, scene: Scene, now_ns: int) -> dict[str, ReportedMotion]:
-        """Move parts as reported in messages; return the new motions.
+        """Move parts as reported by the arrived messages. Return the new motions.
 
-        A new scene gets all earlier motions.
+        A new scene also gets all earlier motions.
         """
         moved: dict[str, ReportedMotion] = {}
         if scene is not self._scene:
@@ -98,7 +103,7 @@ class MovesInput:
         self._inbox.wait(timeout)
 
     def note_silence(self, names: Collection[str], now_ns: int) -> None:
-        """Count the named parts that are no longer reported."""
+        """Count those of the named parts that were moving and are no longer reported."""
         silent = [
             name
             for name, reported in self._latest.items()
@@ -120,7 +125,7 @@ class MovesInput:
     def _apply_message(
         self, scene: Scene, records: np.ndarray, offset_ns: int, now_ns: int
     ) -> dict[str, ReportedMotion]:
-        """Move parts as a message reports, and store its moves; return the used ones."""
+        """Move parts as reported in a message. Store and return the moves that were used."""
         if names_repeat(records):
             self._leave_out(REPEATED, 1, f"{len(records)} moves, expected one for each part")
             return {}
@@ -158,7 +163,10 @@ class MovesInput:
         return moves
 
     def _with_followers(self, moves: dict[str, ReportedMotion]) -> Any:
-        """Add following parts to *moves*; return names, matrices and both velocities of all."""
+        """Add the parts that follow others to *moves*.
+
+        Return the names, matrices, velocities and angular velocities of all moved parts.
+        """
         for name in self._followers.keys() & moves.keys():
             first = moves[name]
             for follower, offset in self._followers[name].items():
@@ -170,10 +178,13 @@ class MovesInput:
         return list(moves), *map(np.array, columns)
 
     def _usable_rows(self, names: list[str], pose_ns: np.ndarray, now_ns: int) -> list[int]:
-        """Return the rows of usable moves: not from the future, not backwards in time, not too old."""
+        """Return the rows of the moves whose instants are usable.
+
+        An instant must not be in the future, before the previous one of its part, or too old.
+        """
         usable, latest = [], self._latest
         ahead_ns, back_ns, ages_ns = [], [], []
-        # Not by the tick's start: if the system suspended this thread since, new moves are later.
+        # Not the start of the tick: if the system suspended this thread since, new moves are later.
         newest_ns = max(now_ns, self._clock() + self._skipped())
         for row, (name, instant) in enumerate(zip(names, pose_ns.tolist(), strict=True)):
             if instant > newest_ns + AHEAD_NS:
@@ -202,7 +213,7 @@ class MovesInput:
     def _moved_each(
         self, scene: Scene, moves: Mapping[str, ReportedMotion], unfit_are: str = ""
     ) -> Iterator[tuple[str, ReportedMotion]]:
-        """Move parts one by one, and leave out invalid moves; return the moved ones."""
+        """Move parts one by one without using invalid moves. Yield the moves that were used."""
         for name, reported in moves.items():
             try:
                 scene.move(
@@ -228,5 +239,5 @@ class MovesInput:
 
 
 def names_repeat(records: np.ndarray) -> bool:
-    """Return whether moves name their parts more than twice each."""
+    """Return whether the moves name each part more than twice on average."""
     return len(records) > 2 * len(set(records["name"].tolist()))

@@ -1,8 +1,8 @@
-"""Prediction of moving parts from their last reported pose.
+"""Predict the poses of moving parts from their last reported poses.
 
-A part is reported with its pose at an instant, and its velocities, which are constant in the prediction: the
-origin moves along a line, and the part turns about its origin. A part that is no longer reported is
-extrapolated for `HOLD_NS` and stops, but its state is unknown.
+The reported velocities are assumed to be constant: the origin moves along a line, and the part rotates about
+its origin. A part that is no longer reported is extrapolated for `HOLD_NS` and then stops, but its state is
+unknown.
 """
 
 from collections.abc import KeysView, Mapping, Sequence
@@ -14,7 +14,7 @@ from proximity.scene.scene import Scene
 from proximity.system.time_units import NS_PER_S
 
 HOLD_NS = NS_PER_S // 10
-"""Validity of a reported velocity, unless the part is reported again."""
+"""Time for which a reported velocity is valid, unless the part is reported again."""
 
 
 class ReportedMotion(NamedTuple):
@@ -24,12 +24,12 @@ class ReportedMotion(NamedTuple):
     velocity: np.ndarray  # (3,) float64, m/s, of its origin
     turning: np.ndarray  # (3,) float64, rad/s, about its origin
     pose_ns: int
-    is_moving: bool = True  # False: both velocities are zero
-    is_known: bool = True  # False: velocities were not given
+    is_moving: bool = True  # False if both velocities are zero
+    is_known: bool = True  # False if the velocities were not given
 
 
 def pose_at(reported: ReportedMotion, instant_ns: int) -> np.ndarray:
-    """Return the pose of a part at an instant, (4, 4); extrapolated for at most `HOLD_NS`."""
+    """Return the pose of a part at an instant, (4, 4). It is extrapolated for at most `HOLD_NS`."""
     matrix, off_ns = reported.matrix.copy(), min(instant_ns - reported.pose_ns, HOLD_NS)
     if reported.is_moving and off_ns:
         matrix[:3, 3] += 1e-9 * off_ns * reported.velocity
@@ -41,7 +41,7 @@ def pose_at(reported: ReportedMotion, instant_ns: int) -> np.ndarray:
 
 
 class VisibleParts:
-    """Parts of a scene at one epoch: names, visibility and extents."""
+    """Names, visibility and extents of the parts of a scene at one epoch."""
 
     def __init__(self, scene: Scene) -> None:
         model = scene.snapshot()
@@ -60,7 +60,10 @@ class VisibleParts:
         return self._rows.keys()
 
     def rows_of(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return rows of parts, whether they are hidden, and their extents from the origin, m, (M,)."""
+        """Return the rows of M parts, whether each is hidden, and their extents.
+
+        The extent is the largest distance of the box from the part's origin, m.
+        """
         rows = np.array([self._rows[name] for name in names], np.int64)
         return rows, self._is_hidden[rows], self._radii[rows]
 
@@ -68,7 +71,10 @@ class VisibleParts:
 def write_motions(
     table: np.ndarray, parts: VisibleParts, motions: Mapping[str, ReportedMotion], number: int
 ) -> None:
-    """Write motions of *parts* into a `loop_records.MOTION` table, as report *number*."""
+    """Write motions of *parts* into a `loop_records.MOTION` table.
+
+    *number* is the number of this report.
+    """
     rows, is_hidden, radii = parts.rows_of(list(motions))
     for name in ("matrix", "velocity", "turning", "pose_ns", "is_moving"):
         values = np.array([getattr(motion, name) for motion in motions.values()])
@@ -85,10 +91,10 @@ def write_motions(
 
 
 def turns(rotations: np.ndarray, turning: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return two arrays (M, 3, 3) for increments of rotations (M, 3, 3) by an angle.
+    """Return two arrays (M, 3, 3) from which increments of rotations by an angle are computed.
 
-    The increment is the sine of the angle times the first, plus one less its cosine times the second
-    (Rodrigues).
+    By Rodrigues' formula the increment is sin(angle) times the first array plus (1 - cos(angle)) times the
+    second. *rotations*: (M, 3, 3). *turning*: (M, 3) angular velocities, and *rates* (M,) their lengths.
     """
     x, y, z = (turning / np.where(rates > 0.0, rates, 1.0)[:, None]).T
     cross = np.zeros((len(rates), 3, 3))

@@ -1,4 +1,4 @@
-"""Sources of poses: the interface of an input, and a recording."""
+"""Interface of a source of poses, and a recording as a source."""
 
 from collections.abc import Iterable
 from typing import Protocol, runtime_checkable
@@ -13,10 +13,10 @@ from proximity.system.time_units import NS_PER_S
 
 
 class PoseInput(Protocol):
-    """An input of samples.
+    """Interface of a source of samples.
 
     If its ``loop_end()`` or ``loop_recording()`` exists and returns a value, the loop itself reads poses from
-    there; otherwise it is a `PolledInput`.
+    there. Otherwise the source must be a `PolledInput`.
     """
 
     is_over: bool
@@ -26,7 +26,7 @@ class PoseInput(Protocol):
 
     @property
     def notes(self) -> list[str]:
-        """Sentences for the report: refusals and failures with their counts."""
+        """Sentences for the report on refused data and failures, with their counts."""
 
     def close(self) -> None:
         """Release open resources."""
@@ -34,26 +34,28 @@ class PoseInput(Protocol):
 
 @runtime_checkable
 class PolledInput(PoseInput, Protocol):
-    """An input polled by a thread; its methods neither wait nor raise.
+    """Source of samples that a thread polls. Its methods neither wait nor raise errors.
 
-    With ``wait(timeout)`` it is polled when poses arrive, which wake the loop; otherwise twice in each
-    period.
+    With a method ``wait(timeout)`` it is polled when poses arrive, which wake the loop. Without one it is
+    polled twice in each period.
     """
 
     def poll(self, now_ns: int) -> Iterable[Samples]:
-        """Yield the samples since the last poll, oldest first; each is used before the next."""
+        """Yield the samples since the last poll, oldest first. The caller uses each one before the next."""
 
 
 class RecordingInput:
-    """A recording played by the loop: each pose has its recorded instant, counted from the first tick.
+    """Plays a recording in the loop, at the recorded times counted from the first tick.
 
-    To serve a recording as fast as possible, give the service a `SkippingClock`. *recording*: in the frame of
-    the scene. At its own instants, or `Recording.resampled` to those of the ticks. *latency*: age of a pose
-    on arrival. *repeat*: restart after the end. In between, the hand is absent for a tenth of a second, so
-    that no velocity is estimated from the last pose to the first.
+    To serve a recording as fast as possible, give the service a `SkippingClock`.
+
+    *recording*: a recording in the frame of the scene, at its own instants or resampled to those of the ticks
+    by `Recording.resampled`. *latency*: age of a pose on arrival. *repeat*: whether to restart after the end.
+    The hand is absent for a tenth of a second before a restart, so that no velocity is estimated from the
+    last pose to the first.
     """
 
-    is_over = False  # the loop knows
+    is_over = False  # the loop detects the end itself
 
     def __init__(self, recording: Recording, *, latency: float = 0.0, repeat: bool = False) -> None:
         if not 0.0 <= latency <= 1.0:
@@ -71,7 +73,7 @@ class RecordingInput:
         self._round_ns = int(self._times_ns[-1]) + MAX_GAP_NS
 
     def loop_recording(self) -> dict[str, int]:
-        """Return the data with which the loop of a service plays it."""
+        """Return the data with which the loop of a service plays the recording."""
         return {
             "times_ns": self._times_ns.ctypes.data,
             "positions": self._positions.ctypes.data,
@@ -81,11 +83,11 @@ class RecordingInput:
         }
 
     def close(self) -> None:
-        """No-op."""
+        """Return without an effect, because a recording has no resources."""
 
 
 def _with_nobody_at_the_end(times_ns: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and positions with one more instant, a usual step after the last: no finger."""
+    """Append an instant at which all fingers are absent, one median time step after the last instant."""
     steps = np.diff(times_ns)
     end_ns = times_ns[-1] + (int(np.median(steps)) if len(steps) else NS_PER_S)
     nobody = np.full((1, *positions.shape[1:]), np.nan)

@@ -1,1 +1,1 @@
-"""Server of a page: access control, its files over HTTP, and one live connection for each page."""
+"""Server of a page, with access control, files over HTTP, and one live connection for each page."""

@@ -1,4 +1,4 @@
-"""Access control: hosts, origins, the token, and limits on a page's messages.
+"""Access control by host, origin and token, and limits on the messages of a page.
 
 A page on any web site can make a browser connect to this machine, and can point its own name at this
 machine's address (DNS rebinding). So the name in the address must be one that was printed, a connection must
@@ -18,21 +18,21 @@ from pathlib import Path
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 MAX_BYTES = 65_536
-"""Maximum size of a message: poses of 10 fingers with their paths are 16 kB."""
+"""Maximum size of a message. Poses of 10 fingers with their paths are 16 kB."""
 MESSAGES_PER_S = 1_000.0
 BYTES_PER_S = 8e6
 BURST_S = 1.0
-"""Time for which unused allowance accumulates."""
+"""Time for which an unused allowance accumulates."""
 HELLO_S = 30.0
-"""Time limit of the token."""
+"""Maximum time until a page sends its token."""
 
 WRONG_TOKEN, UNFIT, TOO_MUCH, HELD_UP = 4403, 4400, 4429, 4408
-"""Codes with which connections are closed."""
+"""Codes with which connections are closed, one for each reason."""
 _REDIRECT = '<!DOCTYPE html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url={url}">\n'
 
 
 class UnfitError(Exception):
-    """Raised for an invalid message of a page; the text says why."""
+    """Raised for an invalid message of a page. The text gives the reason."""
 
 
 def new_token() -> str:
@@ -42,7 +42,7 @@ def new_token() -> str:
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Requirements of a request."""
+    """Requirements that a request must meet."""
 
     tokens: tuple[str, ...]
     hosts: frozenset[str]  # "name:port", in lower case
@@ -50,14 +50,14 @@ class Access:
 
     @classmethod
     def of(cls, tokens: tuple[str, ...], names: tuple[str, ...], port: int, *, is_secure: bool) -> "Access":
-        """Return the access at these names of this machine."""
+        """Return the requirements for a server that this machine offers under the given names."""
         usual = 443 if is_secure else 80
         hosts = {f"{name.lower()}:{port}" for name in names}
         hosts |= {name.lower() for name in names if port == usual}
         return cls(tokens, frozenset(hosts), "https" if is_secure else "http")
 
     def refusal(self, host: str | None, origin: str | None, *, is_live: bool) -> tuple[int, str] | None:
-        """Return status and sentence of a refused request; None: it is accepted.
+        """Return status and sentence of the refusal of a request, or None if it is accepted.
 
         *is_live*: whether it requests the live connection, which must send its origin.
         """
@@ -71,7 +71,10 @@ class Access:
         return None
 
     def token_of(self, given: object) -> str | None:
-        """Return the matching token, or None; in constant time for tokens of one length."""
+        """Return the token that matches *given*, or None.
+
+        The comparison takes constant time for tokens of one length.
+        """
         if not isinstance(given, str):
             return None
         fitting = [token for token in self.tokens if hmac.compare_digest(given.encode(), token.encode())]
@@ -80,16 +83,16 @@ class Access:
 
 @dataclass(slots=True)
 class Allowance:
-    """Remaining allowance of a page's messages."""
+    """Number and size of messages that a page may still send."""
 
     messages: float = MESSAGES_PER_S * BURST_S
     size: float = BYTES_PER_S * BURST_S
     since: float = field(default_factory=time.monotonic)
 
     def allows(self, size: int, now: float | None = None) -> bool:
-        """Return whether another message is within the allowance; it is counted.
+        """Count a message, and return whether it is within the allowance.
 
-        *now*: on a monotonic clock; by default the present.
+        *now*: instant on a monotonic clock, by default the present.
         """
         now = time.monotonic() if now is None else now
         elapsed, self.since = now - self.since, now
@@ -99,10 +102,10 @@ class Allowance:
 
 
 def open_in_browser(url: str) -> None:
-    """Open the browser with a file that redirects to the address, readable by this user only, until this
-    process ends.
+    """Open a URL in the browser without passing it as an argument.
 
-    Every user of the machine may see the arguments of the browser.
+    Every user of the machine may see the arguments of the browser. So it opens a file that redirects to the
+    URL. Only this user can read the file, which is removed when this process ends.
     """
     folder = tempfile.mkdtemp(prefix="proximity-open-")  # mode 0700
     atexit.register(shutil.rmtree, folder, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""The files of pages, and the headers that restrict the browser.
+"""Files of pages, and the headers that restrict the browser.
 
 Only files present at the start are served, by their exact names; no part of a request becomes a path.
 """
@@ -19,15 +19,16 @@ TYPES = {
     ".css": "text/css; charset=utf-8",
     ".svg": "image/svg+xml",
 }
-LEVEL = 6  # of the compression: 0.1 s for all files, once
+LEVEL = 6  # compression level: takes 0.1 s for all files, once
 _IMPORT_MAP = re.compile(r'<script type="importmap">(.*?)</script>', re.DOTALL)
 
 
 class PageFiles:
-    """Files served over HTTP.
+    """Files that are served over HTTP.
 
-    *made*: contents not in the folder, by names that begin with a slash; unknown types are omitted.
-    *frame_ancestors*: sources of pages that may show this one in a frame, as in a content security policy.
+    *made*: contents that are not in the folder, by names that begin with a slash. Files of unknown types are
+    omitted. *frame_ancestors*: sources of pages that may show this one in a frame, as in a content security
+    policy.
     """
 
     def __init__(
@@ -48,11 +49,11 @@ class PageFiles:
 
     @property
     def contents(self) -> dict[str, bytes]:
-        """The files by their names, which begin with a slash."""
+        """Contents of the files by their names, which begin with a slash."""
         return {name: content for name, (_, content) in self._known.items()}
 
     def get(self, path: str) -> tuple[str, bytes] | None:
-        """Return type and compressed content of a file, or None."""
+        """Return the type and the compressed content of a file, or None if it is missing."""
         found = self._known.get(path.partition("?")[0])
         if found is None:
             return None
@@ -64,7 +65,7 @@ class PageFiles:
 
     @cached_property
     def headers(self) -> dict[str, str]:
-        """Headers of every answer."""
+        """Headers of every response."""
         text = self._known["/"][1].decode()
         maps = [
             base64.b64encode(hashlib.sha256(each.encode()).digest()) for each in _IMPORT_MAP.findall(text)

@@ -1,6 +1,6 @@
-"""Server of pages: files over HTTP, and a live connection for each page that has a token.
+"""Server of pages, with files over HTTP and a live connection for each page that has a token.
 
-One thread, `asyncio`. Messages on live connections are handled by the caller.
+It runs in one thread with `asyncio`. The caller handles the messages on live connections.
 """
 
 import asyncio
@@ -23,10 +23,11 @@ LIVE = "/live"
 """Path of the live connection."""
 WITHOUT_TOKEN = "The address has no token: open the address that was printed."
 MAX_DIGITS = 20
-"""Maximum length of a whole number in a document, with its sign: 64 bits."""
+"""Maximum length of a whole number in a document, including its sign. It suffices for 64 bits."""
 LOGGER = logging.getLogger("proximity.web")
 QUIET = logging.getLogger("proximity.web.connections")
-"""Logger of the library: browsers open connections without a request, which it reports as failures."""
+"""Logger of the WebSocket library, whose messages are not shown. It reports connections without a request as
+failures, although browsers open such connections."""
 QUIET.addHandler(logging.NullHandler())
 QUIET.propagate = False
 REASONS = {
@@ -37,26 +38,27 @@ REASONS = {
 }
 
 SHOWN = "/shown/"
-"""Path prefix of page contents, which require the token in the header of a request."""
+"""Prefix of the paths of page contents, which require the token in the header of a request."""
 
 Meet = Callable[[ServerConnection, str], Awaitable[None]]
-"""Called with an accepted connection and its token; returns when the connection ends."""
+"""Function that is called with an accepted connection and its token. It returns when the connection ends."""
 
 
 class PageServer:
-    """Files and live connections.
+    """Serves files and live connections.
 
-    *meet*: called with each accepted live connection. *shown*: contents that require a token, by name.
+    *meet*: function that is called with each accepted live connection. *shown*: contents that require a
+    token, by name.
     """
 
     def __init__(
         self, access: Access, files: PageFiles, meet: Meet, shown: Mapping[str, bytes] | None = None
     ) -> None:
         self.access, self._files, self._meet, self._shown = access, files, meet, shown or {}
-        self.refused: dict[str, int] = {}  # counts by reason
+        self.refused: dict[str, int] = {}  # number of refusals by reason
 
     async def listen(self, host: str, port: int, ssl: Any = None) -> Server:
-        """Start listening; closed by the caller."""
+        """Start listening. The caller closes the returned server."""
         return await serve(
             self._page,
             host,
@@ -72,11 +74,11 @@ class PageServer:
         )
 
     def count_refused(self, what: str) -> None:
-        """Count a refusal of a page or a request."""
+        """Count a refused page or request by its reason."""
         self.refused[what] = self.refused.get(what, 0) + 1
 
     async def refuse(self, connection: ServerConnection, code: int, sentence: str) -> None:
-        """Close a connection for an error of its page; the first of each sentence is logged."""
+        """Close a connection because of an error of its page. Log the first occurrence of each sentence."""
         if sentence not in self.refused:
             LOGGER.warning("a page is disconnected: %s", sentence)
         self.count_refused(sentence)
@@ -125,7 +127,7 @@ class PageServer:
         try:
             async with asyncio.timeout(HELLO_S):
                 given = document(await connection.recv()).get("hello")
-        except TimeoutError:  # a browser that renders in software may be busy with its first picture
+        except TimeoutError:  # for example while a browser without a GPU renders its first picture
             self.count_refused("no token in time")
             await connection.close(HELD_UP, "the page did not send its token in time")
             return
@@ -140,7 +142,10 @@ class PageServer:
 
 
 def document(data: str | bytes) -> dict[str, Any]:
-    """Return the JSON object sent by a page; numbers must be finite, and texts encodable."""
+    """Return the JSON object that a page has sent.
+
+    Raise an error unless its numbers are finite and its texts can be encoded.
+    """
     try:
         found = json.loads(data, parse_int=_whole, parse_float=_finite, parse_constant=_finite)
         if "\\u" in str(data):  # only an escape can encode half of a surrogate pair
