@@ -35,7 +35,7 @@ STYLE = (
     ".chart{color:#505a66;font:13px system-ui,-apple-system,'Segoe UI',sans-serif}"
     "@media(prefers-color-scheme:dark){.chart{color:#a3adba}}"
     ".chart text{fill:currentColor}.chart .grid{stroke:currentColor;stroke-opacity:.25}"
-    ".chart rect{fill:currentColor;fill-opacity:.4}.chart .ours{fill:#2f80d8;fill-opacity:1}"
+    ".chart rect{fill:currentColor;fill-opacity:.5}.chart .ours{fill:#2f80d8;fill-opacity:1}"
     ".chart .cut{stroke:currentColor;stroke-width:1.5;fill:none}"
 )
 
@@ -160,7 +160,8 @@ def _panel(panel, top):
         ]
         if bar.time > longest:
             lines.append(f'<path class="cut" d="M{LEFT + width - CUT:.1f} {y + 17:g}l6 -19m6 0l-6 19"/>')
-        words = f"{figure(bar.time)}{', ' + bar.remark if bar.remark else ''}"
+        unit = f" {panel.unit}" if k == 0 else ""
+        words = f"{figure(bar.time)}{unit}{', ' + bar.remark if bar.remark else ''}"
         lines.append(_text(LEFT + width + 7, y + 12, words, weight))
     return lines
 
