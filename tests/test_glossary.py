@@ -1,4 +1,4 @@
-"""Words that the product does not use: the field has others, see docs/design/layers.md."""
+"""Words that the product does not use; the usual ones are in docs/design/layers.md."""
 
 import ast
 import io
@@ -23,13 +23,31 @@ INSTEAD_IN_ENGINE = {
     "crossings": "self-intersections", "bracket": "bounds",
 }  # fmt: skip
 ENGINE = {"errors.py", "checks.py", "pose.py", "system", "native", "kernels", "mesh", "scene", "tracker"}
+PHRASES = {
+    "nobody, whoever": (r"(?:nobody|somebody|anybody|whoever|whatever|everybody)", 8, "the caller, any"),
+    "what is": (r"what (?:is|was|are|has|have|comes|stands|lies|it|they|may|can|does|holds)", 40, "the noun"),
+    "is no": (r"(?:is|are|was|be) no (?!longer|more\b)\w+", 20, "is not a, has no, without"),
+    "is asked": (r"(?:is|are|was|were|be|been|being|has|have|had) asked|asks? (?:of|for)", 6, "requests"),
+    "goes on": (r"(?:goes|go|went|going) (?:on|out|in|away|ahead)", 8, "continues, leaves, enters"),
+    "anew": (r"(?:anew|for ever|give or take|at once|once more)", 10, "again, forever, within, immediately"),
+    "so much": (r"(?:so|as|that) (?:much|many|few|far|long|often)(?! as possible)", 30, "the quantity"),
+    "of its own": (r"of (?:its|their) own|by (?:itself|themselves)", 20, "own, separate, alone"),
+    "told": (r"(?:told|tells|tell|said of|says of|say of|speaks?|spoken)", 6, "reported, given, states"),
+    "looks at": (r"look(?:s|ed|ing)? (?:at|for|into|after|up|behind)", 15, "search, inspect, read"),
+    "stands in": (r"(?:stands?|lies|stood) (?:for|in|on|at|there|behind|beside|before)", 12, "is"),
+    "is meant": (r"(?:is|are|was) meant", 6, "is for, denotes"),
+    "of which": (r"(?:of which|of whom|of those|of these|of such|such that|but for)", 30, "whose, except"),
+    "meanwhile, beside": (r"(?:meanwhile|besides?|thereby|therein|hence|thus|wherein|lest)", 25, "next to"),
+    "something, nothing": (r"(?:things?|something|anything|everything|nothing)", 70, "its name"),
+}  # fmt: skip
+"""Phrases of prose: pattern, hits allowed in 100 000 words, and what to write instead."""
 PREFIXES = {"links": ("LINK_",)}
-"""Tables of the kernels, and what the names of their columns begin with."""
+"""Tables of the kernels, and the prefixes of their columns."""
 FILES = sorted((ROOT / "proximity").rglob("*.py"))
 
 
 def words_of(name):
-    """The words of an identifier, in lower case."""
+    """Return the words of an identifier, in lower case."""
     return {word.lower() for part in name.split("_") for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", part)}
 
 
@@ -48,7 +66,7 @@ def test_retired_words_are_no_names(folder):
 
 
 def names_in(path):
-    """The identifiers of a file that it may choose: those that it imports from elsewhere are left out."""
+    """Return the tokens of a file's identifiers, except imported ones."""
     tokens = list(tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline))
     imported = {
         alias.asname or alias.name
@@ -72,8 +90,55 @@ def test_retired_words_are_no_names_in_the_engine(folder):
     assert not found
 
 
+def prose_of(path):
+    """Docstrings, comments and sentences of a source file, or the text of a page without its code."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".md":
+        return re.sub(r"^```.*?^```|<!--.*?-->", "", text, flags=re.DOTALL | re.MULTILINE)
+    if path.suffix != ".py":
+        comments = re.findall(r"/\*.*?\*/|//[^\n]*", text, re.DOTALL)
+        return re.sub(r"\n\s*(?:\*|//)?", " ", "\n".join(comments))
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    return " ".join(
+        re.sub(r"\s+", " ", token.string.lstrip("# "))
+        for token in tokens
+        if token.type == tokenize.COMMENT or (token.type == tokenize.STRING and len(token.string.split()) > 3)
+    )
+
+
+def hits_of(name, prose):
+    return re.findall(rf"\b(?:{PHRASES[name][0]})\b", prose, re.IGNORECASE)
+
+
+@pytest.fixture(scope="module")
+def prose():
+    suffixes = {".py", ".c", ".h", ".hpp", ".cs", ".js", ".ts", ".in", ".md"}
+    folders = [ROOT / name for name in ("proximity", "docs", "bench", "tools")]
+    files = [path for folder in folders for path in folder.rglob("*")]
+    pages = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+    kept = [path for path in files if path.suffix in suffixes and "vendor" not in path.parts]
+    return "\n".join(prose_of(path) for path in [*pages, *kept])
+
+
+@pytest.mark.parametrize("name", PHRASES)
+def test_phrases_that_have_a_plainer_word_are_rare(name, prose):
+    _, limit, instead = PHRASES[name]
+    assert len(hits_of(name, prose)) <= limit * 1e-5 * len(prose.split()), f"write {instead}"
+
+
+def test_phrases_are_seen(tmp_path):
+    path = tmp_path / "module.py"
+    path.write_text('"""Whoever asks\n    for it is told what is left."""\nx = 1  # at once\n', "utf-8")
+
+    found = prose_of(path)
+
+    assert [name for name in PHRASES if hits_of(name, found)] == [
+        "nobody, whoever", "what is", "is asked", "anew", "told",
+    ]  # fmt: skip
+
+
 def constants_of(path):
-    """The names of the constants at the top of a file."""
+    """Return the names of a file's module-level constants."""
     return {
         name.id
         for node in ast.parse(path.read_text(encoding="utf-8")).body
@@ -95,7 +160,7 @@ def test_glossary_of_the_documentation_is_sorted_and_names_what_there_is():
 
 
 def test_a_constant_of_the_kernels_has_one_home():
-    """Two files that need one number share it, and two numbers have two names."""
+    """Files share a constant instead of repeating it, and different numbers have different names."""
     homes = {}
     for path in sorted((ROOT / "proximity" / "kernels").rglob("*.py")):
         for name in constants_of(path):
@@ -105,7 +170,7 @@ def test_a_constant_of_the_kernels_has_one_home():
 
 
 def test_columns_carry_the_name_of_their_table():
-    """Such as ``links[LINK_LEFT]``: a column of another table there is a mistake."""
+    """E.g. ``links[LINK_LEFT]``: another table's column is a mistake."""
     found = [
         f"{path.name}:{node.lineno}: {name}"
         for path in sorted((ROOT / "proximity" / "kernels").rglob("*.py"))
@@ -119,12 +184,12 @@ def test_columns_carry_the_name_of_their_table():
 
 
 def table_of(node):
-    """The name of the array that is indexed: ``links`` of ``tree.links[node, LINK_PARENT]``."""
+    """Return the name of the indexed array: ``links`` of ``tree.links[node, LINK_PARENT]``."""
     return node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")
 
 
 def columns_in(index):
-    """The constants that an index is made of, but for those by which another table in it is read."""
+    """Return the constants of an index, except in nested subscripts."""
     if isinstance(index, ast.Subscript):
         return set()
     if isinstance(index, ast.Name):

@@ -15,6 +15,7 @@ from proximity.system.whole_file import write_files
 HERE = Path(__file__).parent / "wasm"
 MODULES = ("proximity.plain.wasm", "proximity.relaxed.wasm")
 """A checkout may have only the second, for browsers with relaxed vector instructions."""
+EXAMPLES = {"example.mjs", "imported.mjs", "imported_worker.mjs"}
 CLIENT_FILES = ("proximity_client.mjs", "layout.mjs")
 """From the service's client: its clock, and the layout of contacts."""
 TOOL = Path(proximity.__file__).parent.parent / "tools" / "build_kernels.py"
@@ -59,5 +60,5 @@ def _compile() -> None:
 
 
 def write_package(folder: str | os.PathLike[str]) -> dict[str, bool]:
-    """Write the package into a folder; return by path whether files were written; an example is kept."""
-    return write_files(package_files(), folder, {"example.mjs"})
+    """Write the package into a folder; return, by path, whether a file was written; examples are kept."""
+    return write_files(package_files(), folder, EXAMPLES)

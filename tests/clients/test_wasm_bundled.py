@@ -1,9 +1,11 @@
-"""The engine for browsers as programs with a bundler and types take it: `tsc --strict`, and a build of Vite.
+"""The engine for browsers in bundled and typed programs: `tsc --strict`, and a build with Vite.
 
-They are installed by npm: npm install --prefix FOLDER typescript vite, with FOLDER/node_modules/.bin in PATH.
+Install the tools with npm: npm install --prefix FOLDER typescript vite, with FOLDER/node_modules/.bin in
+PATH.
 """
 
 import json
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -40,7 +42,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def compiled(folder: Path, program: str, resolution: str, module: str) -> str:
-    """What the compiler of TypeScript says of a program; nothing where all types fit."""
+    """Return the TypeScript compiler's messages for a program; empty if all types fit."""
     options = ("--strict", "--noEmit", "--target", "es2022", "--module", module)
     command = [tool("tsc"), *options, "--moduleResolution", resolution, program]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False).stdout
@@ -62,6 +64,39 @@ def test_a_wrong_field_of_a_contact_is_found_by_its_type(project):
     assert "'lowest' does not exist on type 'ContactFields'" in said
 
 
+def serve(folder):
+    """Return a handler of requests that answers with the files of a folder."""
+
+    def answer(route, request):
+        path = folder / request.url.removeprefix(PLACE)
+        route.fulfill(path=path) if path.is_file() else route.fulfill(status=404, body="")
+
+    return answer
+
+
+@pytest.mark.browser
+def test_example_imports_a_part_while_fingers_are_tracked(project, tmp_path):
+    engine = project / "node_modules" / "proximity-engine"
+    for path in engine.glob("imported*.mjs"):
+        shutil.copy(path, tmp_path)
+    markup = re.search(r"//   (<input.*)", (tmp_path / "imported.mjs").read_text("utf-8"))[1]
+    (tmp_path / "index.html").write_text(f"<!doctype html>{markup}", "utf-8")
+    (tmp_path / "vite.config.mjs").write_text('export default { worker: { format: "es" } };', "utf-8")
+    shutil.copytree(engine, tmp_path / "node_modules" / "proximity-engine")
+    command = [tool("vite"), "build", "--base", "./", "--target", "esnext", "--logLevel", "error"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+
+    with browser() as running:
+        page = running.new_page()
+        page.route(PLACE + "**", serve(tmp_path / "dist"))
+        page.goto(PLACE + "index.html")
+        page.set_input_files("#part", MESHES / "bracket.stl")
+        page.wait_for_function("document.getElementById('nearest').textContent !== ''")
+        result = page.text_content("#nearest")
+
+    assert re.fullmatch(r"came within -?[\d.]+ mm of 'imported', now 1 part", result)
+
+
 @pytest.mark.browser
 def test_a_bundle_finds_its_modules_in_a_browser(project):
     subprocess.run([tool("vite"), "build", "--base", "./", "--logLevel", "error"], cwd=project, check=True)
@@ -70,13 +105,9 @@ def test_a_bundle_finds_its_modules_in_a_browser(project):
     scene = proximity.load(MESHES / "bracket.stl", units="mm")
     scene.save(built / "scene.prox")
 
-    def answer(route, request):
-        path = built / request.url.removeprefix(PLACE)
-        route.fulfill(path=path) if path.is_file() else route.fulfill(status=404, body="")
-
     with browser() as running:
         page = running.new_page()
-        page.route(PLACE + "**", answer)
+        page.route(PLACE + "**", serve(built))
         page.goto(PLACE + "index.html")
         page.wait_for_function("document.getElementById('told').textContent !== ''")
         told = json.loads(page.text_content("#told"))
