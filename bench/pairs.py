@@ -6,7 +6,7 @@ CPU time from Python, on one core, µs, median and 99th percentile. MeshLib comp
 
 ``python bench/pairs.py assembly``: 200 parts, a million faces. All pairs within 5 mm against the broad phase
 of python-fcl; and a part that is tracked among the others. ``--files ONE OTHER``: the first parts of two
-files, each made 0.1 m large, 2 mm apart.
+files, each made 0.1 m large, 2 mm apart. ``--json bench/published/pairs.json`` stores the medians.
 """
 
 import argparse
@@ -18,11 +18,13 @@ from time import thread_time_ns
 
 from benchmarks.support import threads
 
-if __name__ == "__main__":  # before NumPy and the rivals are imported
-    threads.limit_to_one_thread()
+# Before NumPy and the rivals are imported.
+THREADS = threads.limit_to_one_thread() if __name__ == "__main__" else threads.UNLIMITED
 
 import numpy as np
 
+from benchmarks.support.machine import describe_machine
+from benchmarks.support.output import write_json
 from proximity import PartTracker, Pose, Scene, Solid, load
 
 Mesh = tuple[np.ndarray, np.ndarray]
@@ -204,8 +206,8 @@ def shown(times: list[float]) -> str:
     return "{:9.1f} ({:.1f})".format(*np.percentile(times, [50, 99]))
 
 
-def compare(one: Mesh, other: Mesh, start: Pose, radius: float) -> None:
-    """Print the times of all, without history."""
+def compare(one: Mesh, other: Mesh, start: Pose, radius: float) -> dict[str, float]:
+    """Print the times of all, without history; return the medians."""
     scene = Scene([Solid(*one, name="a"), Solid(*other, name="b")])
     askers = {name: make(one, other) for name, make in RIVALS.items() if util.find_spec(name)}
     times: dict[str, list[float]] = {name: [] for name in ("proximity", *askers)}
@@ -220,10 +222,12 @@ def compare(one: Mesh, other: Mesh, start: Pose, radius: float) -> None:
             times[name].append(time)
     for name, each in times.items():
         print(f"    {name:24} {shown(each)}")
+    return {name: float(np.median(each)) for name, each in times.items()}
 
 
-def follow(one: Mesh, other: Mesh, start: Pose, radius: float) -> None:
-    """Print the times of a tracker."""
+def follow(one: Mesh, other: Mesh, start: Pose, radius: float) -> dict[str, float]:
+    """Print the times of a tracker; return the medians of exact answers."""
+    medians = {}
     for options in ({}, {"tolerance": 0.05}, {"budget": 300}):
         for speed in (0.02, 0.2):
             scene = Scene([Solid(*one, name="a"), Solid(*other, name="b")])
@@ -236,6 +240,9 @@ def follow(one: Mesh, other: Mesh, start: Pose, radius: float) -> None:
                 times.append(1e-3 * (thread_time_ns() - start_ns))
                 gaps.append(1.0 - record["lower"] / record["upper"] if record["upper"] > 0.0 else 0.0)
             report_followed(options, speed, times, gaps)
+            if not options:
+                medians["followed at 20 mm/s" if speed < 0.1 else "at 200 mm/s"] = float(np.median(times))
+    return medians
 
 
 def report_followed(options: dict[str, float], speed: float, times: list[float], gaps: list[float]) -> None:
@@ -374,9 +381,11 @@ def main(words: list[str] | None = None) -> None:
     parser.add_argument(
         "--files", nargs=2, type=Path, action="append", default=[], help="the parts of two files, too"
     )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="store the medians of pairs")
     options = parser.parse_args(words)
     files = {f"{one.stem} and {other.stem}": files_pair(one, other, 0.002) for one, other in options.files}
     PAIRS.update(files)
+    rows = []
     for name in [*options.pairs, *files] or [*PAIRS, "assembly"]:
         if name == "assembly":
             measure_assembly()
@@ -384,8 +393,10 @@ def main(words: list[str] | None = None) -> None:
         one, other, start = PAIRS[name]()
         radius = 1e-5 if name == "peg in hole" else 2e-3
         print(f"{name}: {len(one[1])} x {len(other[1])} faces; µs, median (p99)", flush=True)
-        compare(one, other, start, radius)
-        follow(one, other, start, radius)
+        medians = compare(one, other, start, radius) | follow(one, other, start, radius)
+        rows.append({"pair": name, "median": medians})
+    if options.json:
+        write_json(options.json, describe_machine(THREADS), rows=rows)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Run all measurements, and write the figures and pictures of the documentation: ``python bench/publish.py``.
 
 Runs `report.py`, `ticks.py`, `service.py`, `vr.py` and `growth.py` in turn, on a quiet machine if possible,
-stores their JSON in ``bench/published``, and makes the pages in ``docs/performance`` and the README's table
-from it. `report.py` and `ticks.py` run twice: ``NAME_v3.json`` is of kernels for AVX2, which most processors
-have, ``NAME.json`` of the best kernels for this one. The ticks of another machine are in
+stores their JSON in ``bench/published``, and makes the pages, pictures and charts of ``docs`` and the
+README's table from it. `report.py` and `ticks.py` run twice: ``NAME_v3.json`` is of kernels for AVX2, which
+most processors have, ``NAME.json`` of the best kernels for this one. The ticks of another machine are in
 ``ticks_MACHINE.json``. ``--from-json`` skips the measurements.
 """
 
@@ -19,6 +19,7 @@ from benchmarks.growth.fit import Fit
 from benchmarks.growth.plots import write_plots
 from benchmarks.growth.samples import GrowthRow
 from benchmarks.publication import sections
+from benchmarks.publication.charts import charts
 from benchmarks.publication.vr_tables import draw_vr
 from benchmarks.support.project import BENCH, environment
 
@@ -57,7 +58,10 @@ def main(arguments: list[str] | None = None) -> int:
             for path in Path(folder).iterdir():
                 shutil.copy(path, options.published / path.name)
     documents = sections.read(options.published)
-    draw_pictures(documents, options.pages)
+    folder = options.pages / sections.PERFORMANCE
+    draw_pictures(documents, folder)
+    for name, chart in charts(documents).items():
+        (folder / name).write_text(chart, encoding="utf-8")
     try:
         for name, runs in sections.PAGES_OF.items():
             sections.write(options.pages / name, sections.section(documents, runs))

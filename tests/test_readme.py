@@ -193,7 +193,7 @@ def test_every_file_named_is_there(text):
 
 def test_links_of_the_readme_lead_to_files():
     """Those of the documentation are checked by its build."""
-    for target in re.findall(r"\]\(([^)\s]+)\)", README):
+    for target in re.findall(r'(?:\]\(|src=")([^)"\s]+)', README):
         if not target.startswith("https:"):
             assert (ROOT / target.partition("#")[0]).exists(), target
 

@@ -3,11 +3,12 @@
 import json
 from functools import partial
 from pathlib import Path
+from xml.etree import ElementTree
 
 import publish
 import pytest
 
-from benchmarks.publication import sections, tables
+from benchmarks.publication import charts, sections, tables
 from benchmarks.queries import results
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -72,9 +73,44 @@ def test_pages_have_the_figures_of_the_published_runs(path, made):
     assert sections.replaced(text, made(sections.read(sections.PUBLISHED))) == text
 
 
+def test_charts_have_the_figures_of_the_published_runs():
+    """After a change to what draws them: ``python bench/publish.py --from-json``."""
+    drawn = charts.charts(sections.read(sections.PUBLISHED))
+    folder = sections.PAGES / sections.PERFORMANCE
+
+    assert {name: (folder / name).read_text(encoding="utf-8") for name in drawn} == drawn
+    assert {path.name for path in folder.glob("times*.svg")} == drawn.keys()
+
+
+def test_chart_of_points_names_every_library_with_its_median():
+    document = sections.read(sections.PUBLISHED)["report_v3"]
+    medians = {
+        row["contender"]: row["median"]
+        for row in document["rows"]
+        if (row["section"], row["case"]) == (results.SIGNED, "plate/near")
+    }
+
+    panel = charts.beside_others(document["rows"], results.SIGNED)
+
+    assert [bar.name for bar in panel.bars] == ["proximity", "FCPW", "Open3D", "Warp", "libigl"]
+    assert [bar.time for bar in panel.bars] == [medians[bar.name] for bar in panel.bars]
+    assert panel.bars[1].remark == "<0.1 % of signs wrong"
+
+
+def test_bar_much_longer_than_the_others_is_cut():
+    bars = [charts.Bar("proximity", 1.0), charts.Bar("near", 5.0), charts.Bar("<far>", 100.0)]
+
+    root = ElementTree.fromstring(charts.drawing("Times", "here", [charts.Panel("Points", "µs", bars)]))
+
+    widths = [float(each.get("width")) for each in root.iter("{http://www.w3.org/2000/svg}rect")]
+    assert widths[1] == pytest.approx(5.0 * widths[0], rel=0.01)
+    assert sum(widths[2:]) < widths[1] and len(widths) == 4
+    assert {"100", "<far>"} <= {each.text for each in root.iter("{http://www.w3.org/2000/svg}text")}
+
+
 def test_published_pictures_are_there_and_small():
     for name in sections.PICTURES:
-        assert (sections.PAGES / f"{name}.png").stat().st_size <= 100_000, name
+        assert (sections.PAGES / sections.PERFORMANCE / f"{name}.png").stat().st_size <= 100_000, name
 
 
 def test_requirement_stands_beside_the_fastest_rival_and_whether_it_is_met():
@@ -86,10 +122,9 @@ def test_requirement_stands_beside_the_fastest_rival_and_whether_it_is_met():
 
     lines = tables.others_table({"rows": rows})
 
-    assert (
-        lines[2] == "| points, signed, µs each | plate | 0.5 | 1 Warp, 18 % of its signs wrong | 2 | 4 | no |"
-    )
-    assert lines[3] == "|  |  |  | 4 FCPW | 8 | 4 | yes |", "the fastest whose signs are right"
+    assert lines[1] == "<summary>plate: 1 of 2 met</summary>"
+    assert lines[5] == "| points, signed, µs each | 0.5 | 1 Warp, 18 % of its signs wrong | 2 | 4 | no |"
+    assert lines[6] == "|  |  | 4 FCPW | 8 | 4 | yes |", "the fastest whose signs are right"
 
 
 def test_a_rival_stands_beside_ours_that_answers_the_same():
@@ -102,8 +137,8 @@ def test_a_rival_stands_beside_ours_that_answers_the_same():
 
     lines = tables.others_table({"rows": rows})
 
-    assert lines[2] == "| rays, µs each | plate | 0.4 | 0.6 embreex | 1.5 | 1 | yes |"
-    assert lines[3] == "|  |  | 0.5 | 0.7 embreex (all outputs) | 1.4 | 1 | yes |"
+    assert lines[5] == "| rays, µs each | 0.4 | 0.6 embreex | 1.5 | 1 | yes |"
+    assert lines[6] == "|  | 0.5 | 0.7 embreex (all outputs) | 1.4 | 1 | yes |"
 
 
 def test_requirement_that_is_not_met_is_named():
@@ -116,9 +151,18 @@ def test_requirement_that_is_not_met_is_named():
     assert "Beside it: EPYC, Linux x86_64, 2 cores" in " ".join(text.split())
 
 
+def _empty_pages(folder):
+    """Write pages of marks alone; return their paths by name."""
+    pages = {name: folder / name for name in sections.PAGES_OF}
+    for path in pages.values():
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(f"{sections.BEGIN}\n{sections.END}\n", encoding="utf-8")
+    return pages
+
+
 @pytest.mark.parametrize("text", ["", "{end}{begin}", "{begin}{end}{end}"])
 def test_page_without_marks_is_refused(text, tmp_path, capsys):
-    path = tmp_path / "results.md"
+    path = _empty_pages(tmp_path)["performance/results.md"]
     path.write_text(text.format(begin=sections.BEGIN, end=sections.END), encoding="utf-8")
 
     words = ["--from-json", "--published", str(tmp_path), "--pages", str(tmp_path)]
@@ -137,16 +181,15 @@ def test_publishing_from_json_writes_pictures_and_page(tmp_path):
     fits = [{"axis": "faces", "series": "scene", "quantity": "memory"} | slope]
     document = {"machine": MACHINE, "rows": rows, "fits": fits, "left_out": ["10⁷ faces are left out."]}
     (tmp_path / "growth.json").write_text(json.dumps(document), encoding="utf-8")
-    for name in sections.PAGES_OF:
-        (tmp_path / name).write_text(f"{sections.BEGIN}\n{sections.END}\n", encoding="utf-8")
+    pages = _empty_pages(tmp_path)
 
     exit_code = publish.main(["--from-json", "--published", str(tmp_path), "--pages", str(tmp_path)])
 
-    text = (tmp_path / "growth.md").read_text(encoding="utf-8")
+    text = pages["performance/growth.md"].read_text(encoding="utf-8")
     assert exit_code == 0
     assert "| its memory | 1000 to 10⁵ faces | 100 kB to 10 MB | 1.00 ± 0.00 |  |" in text
     assert "10⁷ faces are left out." in text
-    assert (tmp_path / "growth_faces.png").is_file()
+    assert (tmp_path / "performance/growth_faces.png").is_file()
 
 
 def test_run_that_fails_publishes_nothing(tmp_path, monkeypatch, capsys):

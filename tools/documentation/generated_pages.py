@@ -49,6 +49,7 @@ PUBLIC = {
 """All public names, in the order of the page."""
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+CHARTS = Path(__file__).parents[2] / "docs" / "performance"
 PROGRAM = re.compile(r"^The program: \[.*\]\(\.\./examples/(.*)\)$", re.MULTILINE)
 """A link for code hosts; a built page includes the program itself."""
 LANGUAGES = {".py": "py", ".ipynb": "py", ".c": "c", ".h": "c", ".toml": "toml"}
@@ -65,8 +66,9 @@ STATES = {
 
 PART = Path(__file__).parents[2] / "meshes" / "bracket.stl"
 RUNNING = "running/bracket.html"
-LIVE = "live in a browser.*"
-"""On the first page, a link to the live page follows this text."""
+BUTTONS = "[Install](start/install.md)\n"
+"""On the first page, a link to the live page follows this one."""
+CHART = re.compile(r'<img alt="[^"]*" src="(?:\.\./)*(?:\w+/)*(times\w*\.svg)" ?/?>')
 
 
 def on_files(files, config):
@@ -80,13 +82,19 @@ def on_files(files, config):
 
 
 def on_page_markdown(markdown, page, **_):
-    """Append the layouts to the page on messages, the programs to that on examples, and the link."""
+    """Append layouts to the page on messages, programs to that on examples, and a link to the first."""
     if page.file.src_uri == "index.md":
-        assert LIVE in markdown, "the first page names the page"
-        return markdown.replace(LIVE, f"{LIVE} **[Try it here]({RUNNING})**: one file with its own engine.")
+        page.meta["hide"] = ["navigation", "toc"]
+        assert BUTTONS in markdown, "the first page has a link to the installation"
+        return markdown.replace(BUTTONS, f"{BUTTONS}[Try it here]({RUNNING})\n")
     if page.file.src_uri == "reference/messages.md":
         return f"{markdown}\n{message_tables.records()}"
     return PROGRAM.sub(lambda link: _program(link[1]), markdown)
+
+
+def on_page_content(html, **_):
+    """Include charts, so that they have the colours of the page."""
+    return CHART.sub(lambda image: (CHARTS / image[1]).read_text(encoding="utf-8"), html)
 
 
 def _program(name):

@@ -13,6 +13,7 @@ from benchmarks.publication.tables import (
     build_sentences,
     growth_table,
     others_table,
+    pairs_table,
     period_table,
     served_table,
     summary_table,
@@ -24,7 +25,9 @@ from benchmarks.support.project import BENCH, PROJECT
 
 PUBLISHED = BENCH / "published"
 README = PROJECT / "README.md"
-PAGES = PROJECT / "docs" / "performance"
+PAGES = PROJECT / "docs"
+PERFORMANCE = "performance"
+"""The folder of the pictures, within that of the pages."""
 BEGIN = "<!-- Figures: made by `python bench/publish.py` of bench/published. Edit neither by hand. -->"
 END = "<!-- End of the figures. -->"
 PICTURES = {
@@ -43,7 +46,11 @@ SHOWN_THOUGH_MET = (
 )
 WIDTH = 118
 NAMES = ("report", "ticks", "service", "vr", "growth")
-PAGES_OF = {"results.md": NAMES[:-1], "growth.md": NAMES[-1:]}
+PAGES_OF = {
+    "performance/results.md": NAMES[:-1],
+    "performance/growth.md": NAMES[-1:],
+    "guide/clearances.md": ("pairs",),
+}
 """The runs of each page."""
 KERNELS = ("_v3", "")
 """Suffixes of the names of runs made with several sets of instructions: the most common first."""
@@ -101,6 +108,8 @@ def summary(documents: dict[str, Document]) -> str:
 
 def section(documents: dict[str, Document], names: tuple[str, ...]) -> str:
     """Return the text between the marks of a page with these runs; those without a document are left out."""
+    if names == ("pairs",):
+        return "\n".join(pairs_table(documents["pairs"])) + "\n" if "pairs" in documents else ""
     parts = {"report": _others, "ticks": _ticks, "service": _service, "vr": _vr, "growth": _growth}
     documents = {name: each for name, each in documents.items() if name.partition("_")[0] in names}
     here = [name for name in names if _runs(name, documents)]
