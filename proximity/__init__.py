@@ -43,5 +43,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Name what is public, imported already or not."""
-    return sorted({*globals(), *__all__})
+    """Return the public names, imported already or not."""
+    return sorted([*__all__, "__version__"])

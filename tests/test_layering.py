@@ -71,7 +71,7 @@ part
 solid
 penetration · queries · solid_arrays
 sign
-model
+html_table · model
 """,
     "proximity.scene.queries": """
 queries
