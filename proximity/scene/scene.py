@@ -33,7 +33,8 @@ from proximity.system.locks import fork_safe_lock
 class Scene(Queries, PairQueries):
     """Parts that are queried together. They may be moved, deformed, added and removed between queries.
 
-    A scene is a context manager: ``with proximity.load("a.prox") as scene`` closes it at the end, see `close`.
+    A scene is a context manager: ``with proximity.load("a.prox") as scene`` closes it at the end: see
+    `close`.
 
     Parameters
     ----------
