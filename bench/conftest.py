@@ -41,7 +41,7 @@ left_out: dict[str, str] = {}
 
 
 def pytest_addoption(parser):
-    """Add the option of these suites."""
+    """Add the option of the suites."""
     parser.addoption("--small", action="store_true", help="smoke test: small meshes, no figures")
 
 

@@ -5,9 +5,9 @@ Start it with your STEP, glTF or 3MF file, or without one for the sample assembl
     python examples/clearances.py
     python examples/clearances.py gearbox.step
 
-It prints one line for each pair of parts, the narrowest gap first: the shortest distance in millimetres,
-and its two end points. Parts that touch or overlap have the
-distance 0, or some 1e-6 mm where a STEP file is rounded to single precision. Below the table it lists the
+It prints one line for each pair of parts, the narrowest gap first: the shortest distance in millimetres, and
+its two end points. Parts that touch or overlap have the distance 0, or about 1e-6 mm if a STEP file is
+rounded to single precision. Below the table it lists the
 overlapping pairs, with the common volume and the size of the box around it.
 """
 

@@ -40,7 +40,7 @@ def state_of(instance, session):
 
 
 def fingertips(locate, hand, space, at):
-    """Return the fingertips of a hand, (5, 3) m, z up; nan where they are not tracked."""
+    """Return the fingertips of a hand, (5, 3) m, z up; nan if they are not tracked."""
     joints = (xr.HandJointLocationEXT * JOINTS)()
     found = xr.HandJointLocationsEXT(joint_count=JOINTS, joint_locations=joints)
     where = xr.HandJointsLocateInfoEXT(base_space=space, time=at)

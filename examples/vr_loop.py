@@ -28,7 +28,7 @@ CLOSING_SPEED = 1.2  # rad/s
 
 
 def hands_at(ms):
-    """Return where the ten fingertips are, (10, 3) in metres: the left hand first."""
+    """Return the positions of the ten fingertips, (10, 3) in metres: the left hand first."""
     across = np.linspace(0.010, 0.050, 5)
     left = np.column_stack([across, np.full(5, -0.001), np.full(5, 0.020)])
     right = np.column_stack([across, np.full(5, 0.020), np.full(5, 0.125 - 1e-4 * ms)])
@@ -52,7 +52,7 @@ def main():
 
     for ms in range(951):
         now_ns = (1000 + ms) * 1_000_000
-        frame = ms - ms % FRAME_MS  # the hands are as old as the last frame of the headset
+        frame = ms - ms % FRAME_MS  # the poses are those of the last frame of the headset
         pose, velocity, spin = lid_at(angle, speed, closed)
         scene.move("lid", pose, velocity=velocity, angular_velocity=spin)
         started = time.perf_counter()

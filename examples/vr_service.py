@@ -1,4 +1,4 @@
-"""A VR program with a service: fingertips and a moving lid go in as messages, frames of distances come back.
+"""A VR program with a service: sends fingertips and a moving lid as messages, receives frames of distances.
 
 Start it; `vr_service.toml`, the scene file, must be in the same folder:
 
@@ -28,7 +28,7 @@ RATE = 90  # pictures a second
 
 
 def hands_at(seconds):
-    """Return where the ten fingertips are, (10, 3) in metres: above the lid, coming down."""
+    """Return the positions of the ten fingertips, (10, 3) in metres: above the lid, coming down."""
     return [[0.005 * finger, 0.020, 0.050 - 0.010 * seconds] for finger in range(1, 11)]
 
 

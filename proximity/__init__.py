@@ -5,8 +5,8 @@
 >>> hit = scene.closest([0.03, 0.01, 0.005])
 >>> hit.signed_distance, hit.point, hit.gradient
 
-Metres everywhere; signed distance is negative inside. The names below are all there is for users. They are
-imported when first asked for: ``import proximity`` alone takes milliseconds, and compiles nothing.
+Metres everywhere; signed distance is negative inside. The names below are the public interface. They are
+imported on first access: ``import proximity`` alone takes milliseconds, and compiles no kernels.
 """
 
 from importlib import import_module
@@ -16,7 +16,7 @@ __version__ = "0.1.0"
 
 
 def _module_of_each_name() -> dict[str, str]:
-    """Read the stub, the one list of public names: lines of the form ``from module import Name as Name``."""
+    """Read the public names from the stub: lines of the form ``from module import Name as Name``."""
     with open(__file__.removesuffix(".py") + ".pyi", encoding="utf-8") as stub:
         lines = [line.split() for line in stub]
     return {words[3]: words[1] for words in lines if words[:1] == ["from"]}
@@ -33,7 +33,7 @@ __all__ = sorted(_MODULE_OF, key=_constants_then_classes_then_functions)
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for, and keep it."""
+    """Import a public name on first access, and keep it."""
     module = _MODULE_OF.get(name)
     if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
@@ -43,5 +43,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return the public names, imported already or not."""
+    """Return the public names, imported or not."""
     return sorted([*__all__, "__version__"])

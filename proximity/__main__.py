@@ -4,11 +4,11 @@ import sys
 
 
 def main() -> None:
-    """Run the command line; Ctrl-C is quiet while it is imported as well."""
+    """Run the command line; Ctrl-C is quiet during its import, too."""
     try:
         from proximity import cli
     except KeyboardInterrupt:
-        sys.exit(130)  # `EXIT_INTERRUPTED`, which is not there yet
+        sys.exit(130)  # `EXIT_INTERRUPTED`, which is not imported yet
     cli.main()
 
 

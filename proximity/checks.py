@@ -1,8 +1,8 @@
-"""Numbers and arrays from callers, checked once where they come in; every error says what was expected.
+"""Validation of numbers and arrays from callers, at the public interface; every error has the expected value.
 
-Everything behind this module may trust dtype, shape and order. Conversions are quiet where they lose
-nothing (integers, float32, big-endian, strided, read-only input); what cannot be converted is refused
-with the reason. Booleans and text are no numbers here; NumPy's scalars are.
+Internal code relies on dtype, shape and order. Lossless conversions are silent (integers, float32,
+big-endian, strided, read-only input); an error gives the reason if a value cannot be converted. Booleans and
+text are not numbers here; NumPy's scalars are.
 """
 
 import math
@@ -19,20 +19,20 @@ _ROW = (3,)
 READABLE_DEVICES = (1, 3, 11, 13)
 """DLPack device types whose memory the processor can read: CPU, CUDA host, ROCm host, CUDA managed."""
 COPIED_AT_ONCE = 1 << 20
-"""Rows, which takes some 10 ms."""
+"""Rows, about 10 ms."""
 FEW_SHOWN, LONGEST_SHOWN = 4, 200
-"""Numbers of an array that a message shows, and characters of any other value."""
+"""Numbers of an array, and characters of any other value, in a message."""
 DIGITS_SHOWN = 9
-"""Of a number: of a length of a metre nanometres."""
+"""Of a number: nanometres of a length of a metre."""
 
 
 def as_float64(values: Any, name: str, *, expected: str = "numbers") -> np.ndarray:
-    """Return *values* as a writeable C-ordered float64 array, without a copy where it already is one.
+    """Return *values* as a writeable C-ordered float64 array, without a copy if it already is one.
 
-    Kernels are compiled for such arrays only: a read-only one would send numba to the compiler again.
+    Kernels are compiled for such arrays only: a read-only one would make numba compile again.
 
     *values*: booleans, integers, floats of any width, or objects that hold only real numbers; of NumPy or by
-    `as_array`. What a mask hides is nan, and what is too large for float64 inf.
+    `as_array`. Masked values become nan, and values too large for float64 inf.
     """
     if _is_float64(values):
         return values
@@ -84,7 +84,7 @@ def as_array(values: Any, name: str) -> np.ndarray:
 
 
 def copied(array: np.ndarray) -> np.ndarray:
-    """Return a C-ordered float64 copy, made in parts: Ctrl-C is answered in between.
+    """Return a C-ordered float64 copy, made in blocks, so that Ctrl-C takes effect soon.
 
     *array*: (N, ...) array.
     """
@@ -95,24 +95,24 @@ def copied(array: np.ndarray) -> np.ndarray:
 
 
 def is_ready(values: Any, shape: tuple[int, ...]) -> bool:
-    """Return whether *values* is what `as_float64` returns, and of that shape: then nothing is to be done."""
+    """Return whether *values* needs no conversion by `as_float64`, and has that shape."""
     return _is_float64(values) and values.shape == shape
 
 
 def _is_float64(values: Any) -> bool:
-    """Whether there is nothing to convert."""
+    """Return whether the array needs no conversion."""
     return type(values) is np.ndarray and values.dtype is FLOAT64 and values.flags.carray
 
 
 def _check_numbers(array: np.ndarray, name: str, expected: str) -> None:
-    """NumPy would read text as numbers, and None as nan."""
+    """Raise an error for text and None, which NumPy would read as numbers and as nan."""
     for value in array.flat:
         if value is None or isinstance(value, (str, bytes)):
             raise ArgumentError(f"{name} hold {value!r}, which is not a number, expected {expected}")
 
 
 def shown(value: Any) -> str:
-    """Return how a value stands in a message, on one line; of a longer array dtype and shape."""
+    """Return a value as one line for a message; an array of many values by its dtype and shape."""
     if isinstance(value, np.ndarray) and value.size > FEW_SHOWN:
         return f"an array of {value.dtype}, shape {value.shape}"
     text = " ".join(repr(value).split())
@@ -120,9 +120,9 @@ def shown(value: Any) -> str:
 
 
 def shown_number(value: Any) -> str:
-    """Return a number as it stands in a record's short description: with nine digits at most.
+    """Return a number for the representation of a record, with at most nine digits.
 
-    *value*: of Python or NumPy; or an array of them, which is shown as lists are.
+    *value*: of Python or NumPy; or an array of them, shown as lists.
     """
     value = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
     if isinstance(value, list):
@@ -147,10 +147,10 @@ def refuse_trimesh(value: Any) -> None:
 def as_points(values: Any, name: str = "points") -> np.ndarray:
     """Return *values* as C-ordered float64 of shape (..., 3).
 
-    *values*: (..., 3) array-like; points or directions. Rows that are not finite stay as they are. An empty
-    list is no rows: (0, 3).
+    *values*: (..., 3) array-like; points or directions. Rows that are not finite are kept. An empty list has
+    no rows: (0, 3).
     """
-    # What callers in a hurry pass costs a fifth of a microsecond.
+    # The usual case takes a fifth of a microsecond.
     if _is_float64(values) and values.shape[-1:] == _ROW:
         return values
     points = as_float64(values, name, expected="numbers of shape (..., 3)")
@@ -162,7 +162,7 @@ def as_points(values: Any, name: str = "points") -> np.ndarray:
 
 
 def as_number(value: Any) -> float:
-    """Return *value* as a float; nan where it is no single real number."""
+    """Return *value* as a float; nan if it is not a single real number."""
     if isinstance(value, (bool, str, bytes)) or getattr(value, "ndim", False):
         return math.nan
     try:
@@ -180,7 +180,7 @@ def positive(
 ) -> float:
     """Return *value* as a float above zero.
 
-    *may_be_infinite*: whether inf is meant, as for a rigid wall.
+    *may_be_infinite*: whether inf is allowed, as for a rigid wall.
     """
     number = as_number(value)
     if not (number > 0.0 and (may_be_infinite or number < math.inf)):
@@ -214,10 +214,7 @@ def finite(name: str, value: Any, unit: str) -> float:
 
 
 def is_whole(value: Any, least: float = -math.inf) -> bool:
-    """Return whether *value* is a whole number, Python's or NumPy's, from *least* on.
-
-    *least*: the smallest that is allowed; any, where not given.
-    """
+    """Return whether *value* is a whole number, Python's or NumPy's, of at least *least*."""
     try:
         return not isinstance(value, bool) and operator.index(value) >= least
     except TypeError:
@@ -225,7 +222,7 @@ def is_whole(value: Any, least: float = -math.inf) -> bool:
 
 
 def whole(name: str, value: Any, least: int = 1) -> int:
-    """Return *value* as an int from *least* on."""
+    """Return *value* as an int of at least *least*."""
     if not is_whole(value, least):
         raise ArgumentError(f"{name} is {shown(value)}, expected a whole number of {least} or more")
     return operator.index(value)

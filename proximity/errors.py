@@ -1,26 +1,25 @@
-"""The exceptions of the package, as a tree, with what a caller can do.
+"""The exceptions of the package, as a tree, with remedies.
 
 ::
 
     ProximityError
     ├── MeshError          (ValueError)    choose another mesh, or repair it
-    │   ├── MeshFormatError                export the file again: it is not what it claims, or is damaged
+    │   ├── MeshFormatError                export the file again: it is damaged, or of another format
     │   │   └── FileVersionError           compile the scene again: another version saved it
-    │   └── NotWatertightError             ask for unsigned distances, or close the surface
+    │   └── NotWatertightError             use unsigned distances, or close the surface
     ├── ArgumentError      (ValueError)    change the argument that the message names
     │   └── PoseError                      give a rotation and a translation
     ├── FileError          (OSError)       write to another path, or make room there
     ├── MissingLibraryError (ImportError)  install what the message names
-    ├── SceneError         (ValueError)    name parts that are there; save under another name
+    ├── SceneError         (ValueError)    name existing parts; save under another name
     ├── RecordingError     (ValueError)    choose another recording or log
     ├── ServiceError       (ValueError)    correct the line of the scene file that the message names
     ├── DecaffError        (ValueError)    correct the glove's file, or measure again
     ├── PublishError       (OSError)       choose another address, or try again
-    └── MotorError         (RuntimeError)  look at the motor before it gets power again
+    └── MotorError         (RuntimeError)  inspect the motor before it gets power again
     UnitsWarning           (UserWarning)   give positions in metres; can be filtered
 
-A message says what is wrong, where, and what was expected. Bad input raises; "nothing there" is an
-answer, never an exception.
+A message states the cause, the place and the expected value. Bad input raises; a missing answer never does.
 """
 
 
@@ -33,7 +32,7 @@ class MeshError(ProximityError, ValueError):
 
 
 class MeshFormatError(MeshError):
-    """The file is not what it claims to be, or not all of it could be read."""
+    """The file is not of its declared format, or could not be read completely."""
 
 
 class FileVersionError(MeshFormatError):
@@ -41,7 +40,7 @@ class FileVersionError(MeshFormatError):
 
 
 class NotWatertightError(MeshError):
-    """A sign was asked of a surface that has no inside."""
+    """A sign was requested of a surface that has no inside."""
 
 
 class ArgumentError(ProximityError, ValueError):
@@ -61,7 +60,7 @@ class MissingLibraryError(ProximityError, ImportError):
 
 
 class SceneError(ProximityError, ValueError):
-    """The parts of a scene contradict each other, a part is not there, or a scene cannot be saved."""
+    """The parts of a scene contradict each other, a part does not exist, or a scene cannot be saved."""
 
 
 class RecordingError(ProximityError, ValueError):
@@ -81,8 +80,8 @@ class DecaffError(ProximityError, ValueError):
 
 
 class MotorError(ProximityError, RuntimeError):
-    """A motor cannot be used as described, or was switched off because something was uncertain."""
+    """A motor cannot be used as described, or was switched off because its state was uncertain."""
 
 
 class UnitsWarning(UserWarning):
-    """Points are so far from a scene that they were probably given in millimetres."""
+    """Points are far enough from a scene to be in millimetres."""

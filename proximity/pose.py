@@ -1,6 +1,6 @@
 """Rigid transforms, named ``target_from_source``.
 
-A pose turns and shifts; it never scales, shears or mirrors. Chained names rhyme:
+A pose rotates and translates; it never scales, shears or mirrors. Chained names match:
 ``world_from_solid @ solid_from_tool`` is ``world_from_tool``.
 """
 
@@ -12,21 +12,21 @@ from proximity.checks import as_float64, as_points, shown_number
 from proximity.errors import PoseError
 
 ORTHONORMAL_TOLERANCE = 1e-9
-"""How far rotation times its transpose may be from the identity: what a quaternion kept in float64, or a
-product of many matrices, leaves. One step towards the nearest exact rotation removes that."""
+"""Largest deviation of rotation times its transpose from the identity: the error of a quaternion in float64,
+or of a product of many matrices. One step towards the nearest exact rotation removes it."""
 SINGLE_TOLERANCE = 1e-5
-"""Likewise, of a rotation that was computed in single precision, which is off by a millionth. Up to here the
-nearest rotation is meant; what is farther off scales or shears."""
+"""The same for a rotation in single precision, whose error is about a millionth. Up to here the nearest
+rotation is used; a larger deviation is a scale or shear."""
 QUATERNION_TOLERANCE = 0.01
-"""How far the norm of a quaternion may be from 1: what three decimal places leave, and more."""
+"""Largest deviation of the norm of a quaternion from 1: more than the error of three decimal places."""
 LONGEST_STEP = 0.1
-"""s between two poses from which a velocity is taken."""
+"""Longest time, s, between two poses from which a velocity is computed."""
 ROUNDING = 8.0 * 2.0**-52
-"""How far the nearest exact one is off itself, in float64: so a pose made of a pose's matrix is that pose."""
+"""Error of the nearest exact rotation in float64: a pose of a pose's matrix is equal to that pose."""
 
 
 def _for_all(array: np.ndarray) -> np.ndarray:
-    """A view that nobody can make writeable again."""
+    """Return a view that cannot be made writeable again."""
     array.flags.writeable = False
     return array.view()
 
@@ -35,17 +35,17 @@ _UNTURNED, _UNMOVED = _for_all(np.eye(3)), _for_all(np.zeros(3))
 
 
 def quaternion_hint(array: np.ndarray) -> str:
-    """Return what to do with quaternions in place of poses, for the end of a message; "" if they are none.
+    """Return advice on quaternions given instead of poses, for the end of a message; "" for other arrays.
 
-    *array*: what was given as a pose, or as poses.
+    *array*: given as a pose, or as poses.
     """
     is_quaternion = array.shape[-1:] in ((4,), (7,)) and array.shape[-2:] != (4, 4)
     return "; Pose.from_quaternion(xyzw, translation) makes a pose of a quaternion" if is_quaternion else ""
 
 
 def nearest_rotations(rotations: np.ndarray) -> np.ndarray:
-    """Rotations (K, 3, 3) of which those that are off by single precision are replaced by the nearest."""
-    with np.errstate(over="ignore", invalid="ignore"):  # whatever a sender tells
+    """Return rotations (K, 3, 3), with those of single precision replaced by the nearest exact ones."""
+    with np.errstate(over="ignore", invalid="ignore"):  # values from a sender are arbitrary
         off = np.abs(rotations @ rotations.transpose(0, 2, 1) - _UNTURNED).max(axis=(1, 2), initial=0.0)
     rows = (off > ORTHONORMAL_TOLERANCE) & (off <= SINGLE_TOLERANCE)
     if rows.any():
@@ -61,10 +61,10 @@ class Pose:
     Parameters
     ----------
     rotation : (3, 3) float64
-        Orthonormal, determinant +1; one in single precision, off by 1e-5 at most, is replaced by the nearest.
-        The identity where not given.
+        Orthonormal, determinant +1; one in single precision, off by at most 1e-5, is replaced by the nearest.
+        Default: the identity.
     translation : (3,) float64, m
-        Zero where not given.
+        Default: zero.
 
     Raises
     ------
@@ -111,14 +111,14 @@ class Pose:
 
     @classmethod
     def from_quaternion(cls, xyzw: Any, translation: Any = None) -> "Pose":
-        """Return the pose of a unit quaternion, scalar last: (x, y, z, w), as SciPy and ROS have it.
+        """Return the pose of a unit quaternion, scalar last: (x, y, z, w), as in SciPy and ROS.
 
         Parameters
         ----------
         xyzw : (4,) float64
             Of norm 1, within 1 %; it is divided by its norm. (0, 0, 0, 1) is the identity.
         translation : (3,) float64, m
-            Zero where not given.
+            Default: zero.
 
         Raises
         ------
@@ -143,7 +143,7 @@ class Pose:
 
     @classmethod
     def known(cls, rotation: np.ndarray, translation: np.ndarray) -> "Pose":
-        """Return the pose of arrays that are known to be a rigid transform: copied, not checked.
+        """Return the pose of a known rigid transform: arrays are copied, not validated.
 
         Parameters
         ----------
@@ -250,7 +250,7 @@ def _checked_rotation(rotation: Any) -> np.ndarray:
         array = nearest_rotations(array[None])[0]
     elif off <= ROUNDING:
         return array.copy()
-    # A step of Newton's iteration towards the nearest: nothing but rounding is left of an error of 1e-9.
+    # A step of Newton's iteration towards the nearest rotation reduces an error of 1e-9 to rounding.
     return array + 0.5 * (_UNTURNED - array @ array.T) @ array
 
 
@@ -266,7 +266,7 @@ def _checked_translation(translation: Any) -> np.ndarray:
 def velocities_between(
     last: tuple[int, Pose] | None, pose: Pose, pose_ns: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Velocity and angular velocity between two poses, if they are near enough in time."""
+    """Return velocity and angular velocity between two poses; None if they are too far apart in time."""
     if last is None or not 0 < pose_ns - last[0] <= 1e9 * LONGEST_STEP:
         return None
     seconds = 1e-9 * (pose_ns - last[0])

@@ -1,4 +1,4 @@
-"""What all tests share: where the real parts lie, and how hypothesis runs."""
+"""Configuration of all tests: real parts, settings of hypothesis, and tiers."""
 
 import os
 import signal
@@ -17,18 +17,18 @@ import proximity
 from proximity.native import IS_AHEAD
 from proximity.system.file_cache import FOLDER_VARIABLE
 
-# A suite in the background, or one that may not hang up, is started with signals ignored, and programs
-# rightly leave them so. Tests that send them mean a program in the foreground.
+# Background jobs and nohup start the suite with signals ignored, which programs inherit and keep. Tests that
+# send signals need the defaults.
 for _name, _handler in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SIG_DFL)):
     if getattr(signal, _name, None) and signal.getsignal(getattr(signal, _name)) is signal.SIG_IGN:
         signal.signal(getattr(signal, _name), _handler)
 
 
-# What commands keep for the next one is not the user's in tests, and goes with the run.
+# Caches of commands are in a temporary folder, not in the user's.
 _CACHE = tempfile.TemporaryDirectory(prefix="proximity-test-cache-")
 os.environ[FOLDER_VARIABLE] = _CACHE.name
 
-settings.register_profile("default", deadline=None)  # a first call compiles, which no deadline can know
+settings.register_profile("default", deadline=None)  # the first call compiles, for an unknown time
 settings.register_profile(
     "ci", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow], print_blob=True
 )
@@ -37,7 +37,7 @@ settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Folder of the real parts beside the project; tests that need it are skipped where it is absent."""
+    """Folder of the real parts next to the project; tests that need it are skipped without it."""
     if not SHARED_DATA.is_dir():
         pytest.skip("the real parts (shared/data beside the project) are not here")
     return SHARED_DATA
@@ -45,21 +45,21 @@ def shared_data() -> Path:
 
 NO_INTERNALS = "internals of compiled code: run with PROXIMITY_ISA=jit"
 NO_BROWSER = "the page in a browser: run PROXIMITY_BROWSER=1 python -m pytest -n 0 -m browser by itself"
-"""Pictures are drawn in software here, which takes the machine of all other tests."""
+"""Browsers render in software here, with all cores."""
 TESTS_OF_PROCESSES = {"bench", "cli", "examples", "service", "transport", "web"}
-"""Folders whose tests start processes, look at clocks, or use what a machine has once."""
+"""Folders whose tests start processes, measure time, or use a unique resource of the machine."""
 MORE_TESTS_OF_PROCESSES = {
     "test_concurrency.py", "test_frame_log.py", "test_glove_to_drum.py", "test_readme.py",
     "test_receiver_c.py", "test_stopping.py", "test_study.py",
 }  # fmt: skip
-"""Files elsewhere that do so too."""
+"""Files in other folders that do the same."""
 
 
 FIRST_TIER = {
     "formats", "kernels", "mesh", "message", "native", "properties", "recording", "scene", "system",
     "tracker",
 }  # fmt: skip
-"""Folders of the tests that run without --everything: no process, no port, only the extra ``test``."""
+"""Folders of the first tier: tests start no process, open no port and need only the extra ``test``."""
 LATER_TESTS = {
     "test_clients.py", "test_clients_service.py", "test_documentation.py", "test_hostile_text.py",
     "test_kernel_build.py", "test_kernels_uncompiled.py", "test_message_blank.py", "test_message_header.py",
@@ -71,45 +71,45 @@ LONG_TESTS = {
     "test_decaff_calibration_tasks.py", "test_documentation.py", "test_kernel_build.py",
     "test_measurements.py", "test_modes.py", "test_study.py",
 }  # fmt: skip
-"""Files of few tests that take minutes: the workers of a run begin with them, and so end together."""
+"""Files of a few tests that take minutes: they run first, so that all workers finish together."""
 LATER_MARKS = ("browser", "processes", "slow")
 EVENTS_OF_PROCESSES = {"os.fork", "os.forkpty", "os.posix_spawn", "socket.bind", "subprocess.Popen"}
 _guarded: list[str] = []
-"""The test of the first tier that runs now."""
+"""The running test of the first tier."""
 
 
 def is_in_first_tier(path: Path) -> bool:
-    """Whether the tests of a file run without --everything; single ones may be marked as later ones."""
+    """Test whether a file is in the first tier; `LATER_MARKS` exclude single tests."""
     folder, *below = path.relative_to(TESTS).parts
     is_listed = folder in FIRST_TIER if below else True
     return is_listed and path.name not in LATER_TESTS | MORE_TESTS_OF_PROCESSES
 
 
 def is_marked_later(item: pytest.Item) -> bool:
-    """Whether a test is not in the first tier although its file is."""
+    """Test whether a test is not in the first tier although its file is."""
     return any(item.get_closest_marker(mark) for mark in LATER_MARKS)
 
 
 def is_first(item: pytest.Item) -> bool:
-    """Whether a test is in the first tier."""
+    """Test whether a test is in the first tier."""
     return is_in_first_tier(item.path) and not is_marked_later(item)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option for all tests."""
+    """Add the options that select all tests or those of later tiers."""
     parser.addoption("--everything", action="store_true", help="Run all tests, not only the first tier.")
     parser.addoption("--rest", action="store_true", help="Run all tests but those of the first tier.")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Run all tests of given paths and marks; workers of pytest-xdist have the arguments of their run."""
+    """Run all tests if paths or marks are given; workers of pytest-xdist have the arguments of their run."""
     is_chosen = config.args_source is pytest.Config.ArgsSource.ARGS or config.option.markexpr
     if is_chosen or config.option.rest:
         config.option.everything = True
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave out files of later tests, which may import packages that are not here."""
+    """Ignore files of later tests, whose imports may be missing."""
     if config.option.everything or collection_path.suffix != ".py":
         return None
     return None if is_in_first_tier(collection_path) else True
@@ -125,7 +125,7 @@ sys.addaudithook(_refuse_processes)
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Let no test of the first tier start a process or open a port."""
+    """Forbid processes and open ports during tests of the first tier."""
     if is_first(item):
         _guarded.append(item.nodeid)
     try:
@@ -135,15 +135,15 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 
 
 def has_processes(path: Path) -> bool:
-    """Whether the tests of a file start programs, and so begin with kernels compiled before."""
+    """Test whether the tests of a file start programs, and need compiled kernels."""
     return path.parent.name in TESTS_OF_PROCESSES or path.name in MORE_TESTS_OF_PROCESSES
 
 
 @pytest.fixture(autouse=True)
 def kernels_of_programs(request: pytest.FixtureRequest) -> None:
-    """Have the tests of programs begin with compiled kernels: a program says that it compiles.
+    """Compile all kernels before tests of programs, whose output would contain a note on compiling.
 
-    Tests of internals start none, and compile what they call: all kernels take six minutes.
+    Tests of internals compile only the kernels they call: all of them take six minutes.
     """
     is_of_internals = request.node.get_closest_marker("internals") is not None
     if has_processes(request.path) and not is_of_internals and not proximity.kernels_are_cached():
@@ -151,7 +151,7 @@ def kernels_of_programs(request: pytest.FixtureRequest) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Skip what this run has not, and begin with the files that take longest."""
+    """Skip tests whose requirements are missing; start with the files that take longest."""
     if config.option.rest or not config.option.everything:
         left = [item for item in items if is_first(item) == config.option.rest]
         config.hook.pytest_deselected(items=left)

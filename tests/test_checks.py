@@ -1,4 +1,4 @@
-"""Arrays at the door: what is converted quietly, and what is refused with the reason."""
+"""Conversion of array arguments, and errors for invalid ones."""
 
 from decimal import Decimal
 from fractions import Fraction
@@ -14,7 +14,7 @@ ROWS = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
 
 
 class Flavoured(np.ndarray):
-    """A subclass, as maps of files and quantities with units are."""
+    """A subclass, like memory maps and arrays with units."""
 
 
 def read_only():
@@ -49,7 +49,7 @@ def read_only():
     ids=lambda rows: f"{type(rows).__name__} {getattr(rows, 'dtype', '')}",
 )
 def test_numbers_of_any_kind_become_plain_float64(rows):
-    """Writeable, aligned and C-ordered: of another kind numba would compile all kernels again."""
+    """Writeable, aligned and C-ordered: other arrays would make numba compile all kernels again."""
     points = as_points(rows)
 
     assert type(points) is np.ndarray

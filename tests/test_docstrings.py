@@ -1,4 +1,4 @@
-"""What callers may catch, what a type checker knows of answers, and the form of docstrings."""
+"""Exceptions for callers to catch, types of answers, and the form of docstrings."""
 
 import inspect
 import re
@@ -42,7 +42,7 @@ def test_error_stands_below_its_parent_and_is_documented(name):
 
 @pytest.mark.parametrize("name", [name for name in TREE if name not in NOT_VALUES])
 def test_bad_values_are_value_errors_too(name):
-    """So that callers who do not know the package still catch what they expect."""
+    """Callers who do not know the package can catch ValueError."""
     assert issubclass(getattr(errors, name), ValueError)
 
 
@@ -82,7 +82,7 @@ proximity.Tracker(scene).tick(object(), 1, 1)
 
 @pytest.mark.processes
 def test_types_of_answers_are_known(tmp_path):
-    """Where a type were not known, what is wrong would pass."""
+    """With an unknown type, the wrong lines would pass."""
     user = tmp_path / "user.py"
     user.write_text(SNIPPET)
 
@@ -102,7 +102,7 @@ OPERATORS = {"__init__", "__repr__", "__eq__", "__hash__", "__matmul__"}
 
 
 def public_methods():
-    """(name, function) of methods, class methods and properties of public classes, inherited ones too."""
+    """Yield (name, function) of methods and properties of public classes, including inherited ones."""
     for name in CLASSES:
         for member in dir(getattr(proximity, name)):
             value = inspect.getattr_static(getattr(proximity, name), member)
@@ -117,13 +117,13 @@ CALLABLES = {name: getattr(proximity, name) for name in FUNCTIONS} | METHODS
 
 
 def sections_of(documentation):
-    """The text of each section by its title; the summary under ''."""
+    """Return the text of each section by its title, the summary by ''."""
     parts = re.split(r"^(\w[\w ]*)\n-{3,}\n", documentation, flags=re.MULTILINE)
     return {"": parts[0]} | dict(zip(parts[1::2], parts[2::2], strict=True))
 
 
 def documented_parameters(documentation):
-    """Names at the left edge of the section on parameters; several may share a line."""
+    """Return names at the left edge of the section on parameters; several may share a line."""
     text = sections_of(documentation).get("Parameters", "")
     heads = [line.split(" : ")[0] for line in text.splitlines() if line and not line.startswith(" ")]
     return [name.strip() for head in heads for name in head.split(",")]
@@ -134,7 +134,7 @@ def parameters_of(function):
 
 
 def test_there_is_something_to_look_at():
-    """Guards the collection above: a renamed base would empty it silently."""
+    """A renamed base would empty the collection above silently."""
     assert {"Solid.closest", "Scene.closest", "Scene.move", "Scene.from_mesh", "Pose.inverse"} <= set(METHODS)
     assert set(FUNCTIONS) == {
         "from_mesh", "from_trimesh", "kernels_are_cached", "load", "open_publisher",
@@ -171,7 +171,7 @@ def test_public_class_documents_what_it_is_made_of(name):
 
 @pytest.mark.parametrize("name", CLASSES)
 def test_public_class_says_what_its_attributes_are(name):
-    """Comments beside them in the source are not seen by who asks with help()."""
+    """help() does not show comments in the source."""
     value = getattr(proximity, name)
     attributes = [own for own in vars(value).get("__annotations__", {}) if not own.startswith("_")]
     words = set(re.findall(r"\w+", inspect.getdoc(value)))
@@ -191,7 +191,7 @@ def test_sections_are_known_and_in_order(name):
 
 @pytest.mark.parametrize("name", sorted(CALLABLES))
 def test_functions_that_raise_say_so(name):
-    """A raise in the function's own text is an error that its users meet."""
+    """A raise in the function's own source reaches its callers."""
     source = inspect.getsource(CALLABLES[name])
     raised = set(re.findall(r"raise (\w+Error)\(", source))
 

@@ -1,4 +1,4 @@
-"""What ``python -m pytest`` runs: tests that start no process, open no port, and need few packages."""
+"""Tests run by ``python -m pytest``: they start no process, open no port, and need few packages."""
 
 import os
 import socket
@@ -45,7 +45,7 @@ def test_path_selects_later_tests_in_every_worker():
     command = [sys.executable, "-m", "pytest", "-n", "1", "-p", "no:cacheprovider", *selected]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
 
-    assert done.returncode == 0, done.stdout + done.stderr  # 5: no test ran
+    assert done.returncode == 0, done.stdout + done.stderr  # 5: no tests ran
 
 
 def test_first_tier_needs_few_packages():

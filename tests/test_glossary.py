@@ -1,4 +1,4 @@
-"""Words that the product does not use: the field has others, see docs/design/layers.md."""
+"""Words that the product does not use; the usual ones are in docs/design/layers.md."""
 
 import ast
 import io
@@ -24,12 +24,12 @@ INSTEAD_IN_ENGINE = {
 }  # fmt: skip
 ENGINE = {"errors.py", "checks.py", "pose.py", "system", "native", "kernels", "mesh", "scene", "tracker"}
 PREFIXES = {"links": ("LINK_",)}
-"""Tables of the kernels, and what the names of their columns begin with."""
+"""Tables of the kernels, and the prefixes of their columns."""
 FILES = sorted((ROOT / "proximity").rglob("*.py"))
 
 
 def words_of(name):
-    """The words of an identifier, in lower case."""
+    """Return the words of an identifier, in lower case."""
     return {word.lower() for part in name.split("_") for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", part)}
 
 
@@ -48,7 +48,7 @@ def test_retired_words_are_no_names(folder):
 
 
 def names_in(path):
-    """The identifiers of a file that it may choose: those that it imports from elsewhere are left out."""
+    """Return the tokens of a file's identifiers, except imported ones."""
     tokens = list(tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline))
     imported = {
         alias.asname or alias.name
@@ -73,7 +73,7 @@ def test_retired_words_are_no_names_in_the_engine(folder):
 
 
 def constants_of(path):
-    """The names of the constants at the top of a file."""
+    """Return the names of a file's module-level constants."""
     return {
         name.id
         for node in ast.parse(path.read_text(encoding="utf-8")).body
@@ -95,7 +95,7 @@ def test_glossary_of_the_documentation_is_sorted_and_names_what_there_is():
 
 
 def test_a_constant_of_the_kernels_has_one_home():
-    """Two files that need one number share it, and two numbers have two names."""
+    """Files share a constant instead of repeating it, and different numbers have different names."""
     homes = {}
     for path in sorted((ROOT / "proximity" / "kernels").rglob("*.py")):
         for name in constants_of(path):
@@ -105,7 +105,7 @@ def test_a_constant_of_the_kernels_has_one_home():
 
 
 def test_columns_carry_the_name_of_their_table():
-    """Such as ``links[LINK_LEFT]``: a column of another table there is a mistake."""
+    """E.g. ``links[LINK_LEFT]``: another table's column is a mistake."""
     found = [
         f"{path.name}:{node.lineno}: {name}"
         for path in sorted((ROOT / "proximity" / "kernels").rglob("*.py"))
@@ -119,12 +119,12 @@ def test_columns_carry_the_name_of_their_table():
 
 
 def table_of(node):
-    """The name of the array that is indexed: ``links`` of ``tree.links[node, LINK_PARENT]``."""
+    """Return the name of the indexed array: ``links`` of ``tree.links[node, LINK_PARENT]``."""
     return node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")
 
 
 def columns_in(index):
-    """The constants that an index is made of, but for those by which another table in it is read."""
+    """Return the constants of an index, except in nested subscripts."""
     if isinstance(index, ast.Subscript):
         return set()
     if isinstance(index, ast.Name):

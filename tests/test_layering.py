@@ -12,7 +12,7 @@ import proximity
 from proximity.native.sources import kernel_sources
 
 ROOT = Path(proximity.__file__).parent.parent
-# Top to bottom. A unit (a module, or a folder) may import only from lines below its own.
+# From top to bottom. A unit (a module or a folder) imports only from lines below its own.
 PICTURES = {
     "proximity": """
 cli
@@ -148,7 +148,7 @@ program · tables
 output
 """,
 }
-# Part of the whole package but in no layer: what its users import, and what starts the command line.
+# Parts of the package without a layer: the users' imports, and the start of the command line.
 OUTSIDE = {"__init__", "__main__"}
 NAMES_SOURCES = {"proximity.native.sources"}  # reads all compiled sources, as bytes
 NO_FILES = {f"proximity.scene.{name}" for name in ("solid", "scene", "scene_parts", "queries.queries")}
@@ -157,12 +157,12 @@ NUMBA_MAY_BE_IMPORTED_BY = {
     "proximity.kernels.compiled_stack", "proximity.native.jit", "proximity.native.simd.compiled",
     "proximity.native.simd.vectors", "proximity.native.warm_up",
 }  # fmt: skip
-# What numba compiles, and code of LLVM that it is given: imported only where numba compiles kernels.
+# Names of `proximity.native` that declare kernels: files that import them are sources of kernels.
 DECLARATIONS = {"bundle", "entry", "inlined", "kernel", "allocating_kernel"}
 
 
 def module_of(path):
-    """The name under which the file at *path* is imported."""
+    """Return the name under which the file at *path* is imported."""
     return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
@@ -176,7 +176,7 @@ PACKAGES = sorted(module for module, path in FILES.items() if path.name == "__in
 
 @cache
 def imports(path):
-    """Modules of this package, or names of others, that a file imports anywhere in it, each with its line."""
+    """Return the modules of this package, or names in others, that a file imports, each with its line."""
     found = []
     for statement in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(statement, ast.Import):
@@ -200,7 +200,7 @@ HEADERS = {path.name.removesuffix(".in"): module for module, path in C_FILES.ite
 
 
 def includes(path):
-    """Files of this package that a file in C includes, each with its line; those that are generated aside."""
+    """Yield the package's files that a C file includes, each with its line, except generated ones."""
     text = path.read_text(encoding="utf-8")
     for found in re.finditer(r'^#include ["<](\w+\.\w+)[">]', text, re.MULTILINE):
         if found[1] in HEADERS:
@@ -208,7 +208,7 @@ def includes(path):
 
 
 def paths_in_strings(path):
-    """Units of the package whose folders a file names, each with its line."""
+    """Yield units of the package whose folders a file names, each with its line."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     joins = (each for each in ast.walk(tree) if isinstance(each, ast.BinOp) and isinstance(each.op, ast.Div))
     joined = [each.right for each in joins if "__file__" in ast.dump(each.left)]
@@ -220,20 +220,20 @@ def paths_in_strings(path):
 
 
 def everything_named(module, path):
-    """What a file depends on: imports of Python, paths in strings, or includes in C."""
+    """Return a file's dependencies: Python imports, paths in strings, or C includes."""
     if module in C_FILES:
         return [*includes(path)]
     return imports(path) + ([] if module in NAMES_SOURCES else [*paths_in_strings(path)])
 
 
 def unit_of(module, package):
-    """The unit directly in *package* that a module belongs to, or None."""
+    """Return the unit directly in *package* that a module belongs to, or None."""
     rest = module.removeprefix(package + ".")
     return None if rest == module else rest.split(".")[0]
 
 
 def levels_of(package):
-    """The units of a picture with their heights; 0 is the lowest."""
+    """Return the units of a picture with their heights; 0 is the lowest."""
     rows = PICTURES[package].strip().split("\n")
     return {unit: height for height, row in enumerate(reversed(rows)) for unit in row.split(" · ")}
 
@@ -258,7 +258,7 @@ def test_units_import_only_from_lines_below(package):
             continue
         for name, line in everything_named(module, path):
             other = unit_of(name, package)
-            # The command line is a user: it asks for public names, which are imported when first needed.
+            # The command line imports public names lazily, like a user.
             is_public = package == "proximity" and other in {*proximity.__all__, "__version__"}
             if other is None or other == own or (own == "cli" and is_public):
                 continue
@@ -295,7 +295,7 @@ def test_kernels_know_numbers_only(module):
 
 
 def test_nobody_else_imports_the_compiler():
-    """Kernels that were compiled ahead of time run where it is not installed."""
+    """Kernels compiled ahead of time run without it."""
     importing = {
         module
         for module, path in FILES.items()
@@ -306,7 +306,7 @@ def test_nobody_else_imports_the_compiler():
 
 
 def test_kernels_lie_where_changes_are_noticed():
-    """What was compiled serves until a source of kernels changes: `native.sources` says which those are."""
+    """Compiled kernels are used until one of the files in `native.sources` changes."""
     noticed = set(kernel_sources())
     for module, path in FILES.items():
         declares = {
@@ -319,7 +319,7 @@ def test_kernels_lie_where_changes_are_noticed():
 
 
 def test_only_lower_units_are_named_by_those_that_know_no_files():
-    """Neither a solid nor a scene reads files, and no mathematics is in the command line."""
+    """Solids and scenes do not read files, and the command line does not compute."""
     for module, path in FILES.items():
         used = {unit_of(name, "proximity") for name, _ in imports(path)}
         if module in NO_FILES:

@@ -1,4 +1,4 @@
-"""The oracle against solids of known formula, and against itself in fractions."""
+"""The oracle against analytic solids, and against itself in fractions."""
 
 import numpy as np
 import pytest
@@ -16,12 +16,12 @@ def around_cube(count, seed):
 
 
 def on_grid(seed, count, size=4):
-    """Points of a small integer grid: full of ties, parallels and faces without area."""
+    """Return points of a small integer grid: many ties, parallels and degenerate faces."""
     return np.random.default_rng(seed).integers(0, size, (count, 3)).astype(np.float64)
 
 
 def largest_error(vertices, faces, points):
-    """Worst error of the distance, in units of what the oracle promises."""
+    """Return the largest error of the distance, relative to the oracle's bound."""
     found = oracle.closest(vertices, faces, points)
     exact = np.array([oracle.root(oracle.closest_exact(vertices, faces, point)) for point in points])
     allowed = 1e-13 * exact + ROUNDING * max(abs(vertices).max(), abs(points).max())
@@ -69,7 +69,7 @@ def test_grid_triangles_agree_with_fractions(seed):
 @pytest.mark.parametrize("thickness", [1e-6, 1e-12, 1e-16, 1e-30, 0.0])
 @pytest.mark.parametrize("apex", [0.5, 1e-9, 1.0, 2.0])
 def test_needles_agree_with_fractions(thickness, apex):
-    """Slivers, caps and faces without area, seen from their plane, from just beside it and from afar."""
+    """Slivers, caps and degenerate faces, seen from their plane, close to it and from afar."""
     rng = np.random.default_rng(3)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     vertices = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [apex, thickness, 0.0]]) @ turn + rng.normal(
@@ -97,7 +97,7 @@ def test_powers_of_two_change_nothing(scale):
 
 
 def test_no_face_is_spared_wrongly():
-    """Many faces in many blocks give what each face alone gives."""
+    """Many faces in many blocks give the same as each face alone."""
     rng = np.random.default_rng(7)
     vertices, points = (
         rng.normal(size=(60, 3)) * 10.0 ** rng.uniform(-3, 3, (60, 1)),
@@ -133,7 +133,7 @@ def test_winding_number_of_one_face_is_its_solid_angle():
 
 @pytest.mark.parametrize("width", [1e-6, 1e-13])
 def test_winding_number_is_right_a_hair_from_needles(width):
-    """Inside and outside, 1e-9 beside the faces of a cube that has needles along two of its sides."""
+    """Inside and outside, 1e-9 from the faces of a cube with needles along two of its sides."""
     vertices, faces = needle_cube(width)
     picks = np.random.default_rng(9).integers(0, len(faces), 200)
     weights = np.random.default_rng(10).dirichlet([0.3, 0.3, 0.3], 200)
@@ -148,7 +148,7 @@ def test_winding_number_is_right_a_hair_from_needles(width):
 
 
 def needle_cube(width):
-    """A unit cube whose bottom and top carry strips of needles along one of their edges."""
+    """Return a unit cube with strips of needles along an edge of its bottom and top."""
     xs = np.array([0.0, width, 2 * width, 1.0])
     vertices = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in xs])
     loop = [0, 1, 2, 3, 7, 6, 5, 4]

@@ -1,4 +1,4 @@
-"""Poses: they rhyme, they come back, and what is not rigid is refused."""
+"""Poses: composition, inverses, and errors for transforms that are not rigid."""
 
 import re
 
@@ -48,7 +48,7 @@ def test_points_keep_their_shape(shape):
 
 
 def test_rotation_that_is_off_is_mended_to_the_last_bits_and_once():
-    """The nearest one, as far as products can tell, whatever library of linear algebra there is."""
+    """The nearest rotation, within the rounding of products, for any linear algebra library."""
     rng = np.random.default_rng(3)
     for seed in range(200):
         off = shapes.rotation(seed) @ (np.eye(3) + rng.uniform(-2e-10, 2e-10, (3, 3)))
@@ -222,7 +222,7 @@ def test_quaternion_in_place_of_a_pose_is_told_how_to_become_one(given):
 
 @pytest.mark.parametrize("convert", [np.asarray, lambda matrix: matrix.tolist()])
 def test_rotation_in_single_precision_is_taken_as_the_nearest(convert):
-    """OpenXR, Unity and Eigen::Matrix3f give it so; a quaternion could be a hundredth off."""
+    """OpenXR, Unity and Eigen::Matrix3f use it; a quaternion could be off by a hundredth."""
     for seed in range(50):
         exact = shapes.rotation(seed)
         rotation = Pose(convert(exact.astype(np.float32))).rotation

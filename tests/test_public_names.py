@@ -1,4 +1,4 @@
-"""The names that users see: complete, sorted, documented, and imported only when asked for."""
+"""The public names: complete, sorted, documented, and imported lazily."""
 
 import ast
 import inspect
@@ -14,7 +14,7 @@ from proximity.message import Kind
 
 
 def as_ruff_sorts(name):
-    """Constants, then classes, then functions."""
+    """Return the sort key of ruff: constants, then classes, then functions."""
     return 0 if name.isupper() else 1 if name[0].isupper() else 2, name
 
 
@@ -23,12 +23,12 @@ def test_public_names_are_sorted():
 
 
 def test_type_checkers_of_users_read_the_annotations():
-    """They pass over a package without this file (PEP 561): every name of it would be Any to them."""
+    """They ignore a package without this file (PEP 561): all its names would be Any."""
     assert (Path(proximity.__file__).parent / "py.typed").is_file()
 
 
 def test_public_names_are_those_agreed():
-    """Adding or removing one is a decision about versions: change this list with it."""
+    """Adding or removing one is a decision about versions: change this list too."""
     assert set(proximity.__all__) == {
         "ADDITIONS", "CHANGES", "CONNECTION", "CONTACT", "DEFORMATIONS", "FRAME", "GLOVE_POSES", "MEASURED",
         "MOVES", "NO_FACE", "NO_PART", "PATH_POSES", "POSES", "ArgumentError", "Clearance", "ClosestPoints",
@@ -65,7 +65,7 @@ def test_public_name_resolves_and_is_documented(name):
 
 
 def _parameters(value):
-    """Parameters of a function, or of a class's own __init__; fields of a record are told in its body."""
+    """Return parameters of a function or a class's own __init__; records document fields in their body."""
     if inspect.isclass(value):
         if "__init__" not in vars(value) or hasattr(value, "__dataclass_fields__"):
             return []
@@ -92,7 +92,7 @@ def test_public_methods_document_every_parameter(name):
 
 
 def stub():
-    """What type checkers read."""
+    """The stub read by type checkers."""
     return ast.parse(Path(proximity.__file__).with_suffix(".pyi").read_text(encoding="utf-8")).body
 
 
@@ -109,7 +109,7 @@ def test_type_checkers_are_told_every_name():
 
 
 def test_type_checkers_of_users_take_our_types_and_find_misspelt_names():
-    # Was: an installed package without a marker, whose types are passed over, and any name was one.
+    # Regression: without a marker the types of an installed package were ignored, and any name was valid.
     assert (Path(proximity.__file__).parent / "py.typed").read_bytes() == b""
     assert "__getattr__" not in {
         statement.name for statement in stub() if isinstance(statement, ast.FunctionDef)

@@ -84,7 +84,7 @@ def test_reader_of_frames_as_the_readme_shows_it_follows_and_retreats(monkeypatc
     told = []
 
     class Running:
-        """A service that ends after two looks at it."""
+        """A service that ends after two polls."""
 
         def __init__(self, path):
             self.looks = [True, True, False]
@@ -192,7 +192,7 @@ def test_every_file_named_is_there(text):
 
 
 def test_links_of_the_readme_lead_to_files():
-    """Those of the documentation are checked where it is built."""
+    """Those of the documentation are checked by its build."""
     for target in re.findall(r"\]\(([^)\s]+)\)", README):
         if not target.startswith("https:"):
             assert (ROOT / target.partition("#")[0]).exists(), target

@@ -1,7 +1,7 @@
-"""Clients in C, C++, JavaScript and C# that receive frames and send poses: sources to be written out.
+"""Source files of clients in C, C++, JavaScript and C# that receive frames and send poses.
 
-What is the same for all messages, their layout, is generated from the fields; the rest lies beside this file.
-The layouts are those of one version: whoever installs another one writes them out again.
+The layout of messages is generated from their fields; all other files are in this folder. The files are for
+one version: write them again after an update.
 """
 
 import os
@@ -22,12 +22,12 @@ LAYOUTS: dict[str, tuple[str, Callable[[], str]]] = {
     "cpp": ("proximity_message.h", header_text),
     "c": ("proximity_message.h", header_text),
 }
-"""By language: the file that is generated, and what makes it."""
+"""The generated file and its generator, by language."""
 CSHARP = {
     "client": ("ProximityClient.cs", "ProximityMailbox.cs", "ProximityHand.cs", "Example.cs"),
     "library": ("Proximity.cs", "ProximityDistance.cs", "Imported.cs"),
 }
-"""Files in C# that only one of them has; both may be written into one folder."""
+"""Files in C# of only one of the two; both may be written into one folder."""
 EXAMPLES = {
     *(f"Runtime/{name}.cs" for name in ("Example", "ProximityHand", "ProximityDistance")),
     "Examples~/Imported.cs",
@@ -36,11 +36,11 @@ EXAMPLES = {
     "receiver.c",
     "mailbox_receiver.c",
 }
-"""Files that are there to be changed: once written they are left alone."""
+"""Files for the user to edit: existing ones are not overwritten."""
 
 
 def client_files(language: str, without: str = "library") -> dict[str, str]:
-    """Return the files of a client, or in C# of the library: their texts by their paths in its folder."""
+    """Return the files of a client, or in C# of the library: their texts by path in its folder."""
     name, layout = LAYOUTS[language]
     folder = Path(__file__).parent / ("c/receivers" if language == "c" else language)
     mailbox = {"proximity_mailbox.h": (CORE / "mailbox" / "proximity_mailbox.h").read_text(encoding="utf-8")}
@@ -65,6 +65,6 @@ def license_text() -> str:
 def write_client(language: str, folder: str | os.PathLike[str]) -> dict[str, bool]:
     """Write the files of a client into a folder, created if needed.
 
-    Returned: by the files' paths, whether they were written: existing examples are left unchanged.
+    Returns, by path, whether a file was written: existing examples are left unchanged.
     """
     return write_files(client_files(language), folder, EXAMPLES)

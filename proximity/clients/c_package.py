@@ -25,13 +25,13 @@ PLACES = {
     HERE / "examples" / "moving.c": "examples",
     HERE / "examples" / "imported.cpp": "examples",
 }
-"""Files, and the folders that they are written to."""
+"""Files, and their destination folders."""
 
 
 def write_library(folder: str | os.PathLike[str]) -> dict[str, bool]:
     """Write header, library, CMake package, pkg-config file and examples into a folder.
 
-    Returned: by the files' paths, whether they were written: an example that is there already is left alone.
+    Returns, by path, whether a file was written: existing examples are left unchanged.
     """
     library = library_path()
     name = f"{library.name}.{interface()}" if library.suffix == ".so" else library.name
@@ -57,11 +57,11 @@ def write_library(folder: str | os.PathLike[str]) -> dict[str, bool]:
 
 
 def write_csharp_library(folder: str | os.PathLike[str]) -> dict[str, bool]:
-    """Write the engine for Unity and .NET: its binding, and the library where it was compiled."""
+    """Write the engine for Unity and .NET: its binding, and the library if it was compiled."""
     written = write_files(client_files("csharp", "client"), folder, EXAMPLES)
     try:
         library = library_path()
-    except ProximityError:  # sources are useful without it, and with one of another system
+    except ProximityError:  # the sources are useful without it, and with one for another system
         return written
     plugins = {library.name: library, "Android/arm64-v8a/libproximity.so": library.parent / ANDROID}
     contents = {name: path.read_bytes() for name, path in plugins.items() if path.is_file()}

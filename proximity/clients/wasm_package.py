@@ -60,5 +60,5 @@ def _compile() -> None:
 
 
 def write_package(folder: str | os.PathLike[str]) -> dict[str, bool]:
-    """Write the package into a folder; return by path whether files were written; examples are kept."""
+    """Write the package into a folder; return, by path, whether a file was written; examples are kept."""
     return write_files(package_files(), folder, EXAMPLES)

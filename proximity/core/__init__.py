@@ -1,9 +1,9 @@
-"""All C of the package but the controller's: the library, a service's loop, mailbox, receiver, extension.
+"""All C code of the package except the controller: library, service loop, mailbox, receiver, extension.
 
-Each has a folder. Layouts of records and numbers that they share with Python are generated from Python's.
+Each has a folder. Record layouts and numbers that they share with Python are generated from Python's.
 """
 
 from pathlib import Path
 
 CORE = Path(__file__).parent
-"""The folder of all sources in C, but for the controller's."""
+"""The folder of all C sources except the controller's."""

@@ -1,4 +1,4 @@
-"""What is compiled from C, for Python: handles of the library, and functions of the receiver of messages."""
+"""Compiled C code for Python: handles of the library, and functions of the message receiver."""
 
 import ctypes
 from functools import cache
@@ -22,7 +22,7 @@ _RECEIVER = {
 
 
 def library_path() -> Path:
-    """Return the library that was compiled for this system; a `ProximityError` where there is none."""
+    """Return the library compiled for this system; raise a `ProximityError` if there is none."""
     for name in LIBRARIES:
         if (NATIVE / name).is_file():
             return NATIVE / name
@@ -33,16 +33,16 @@ def library_path() -> Path:
 
 
 def interface() -> int:
-    """Return the version of the library's interface, as its header has it."""
+    """Return the version of the library's interface, from its header."""
     header = (Path(__file__).parent / "library" / "proximity.h").read_text(encoding="utf-8")
     return int(header.partition("#define PROXIMITY_INTERFACE ")[2].split()[0])
 
 
 @cache
 def libraries() -> tuple[ctypes.CDLL, ctypes.PyDLL]:
-    """Return the library twice: for calls that let other threads of Python run meanwhile, and for short ones.
+    """Return the library twice: for calls that release the interpreter lock, and for short ones.
 
-    `ProximityError` where it is missing, is of other sources, or cannot be loaded.
+    `ProximityError` if it is missing, is from other sources, or cannot be loaded.
     """
     path = library_path()
     if TOOLS.is_dir() and f"in C {core_digest()}\0".encode() not in path.read_bytes():
@@ -58,6 +58,6 @@ def libraries() -> tuple[ctypes.CDLL, ctypes.PyDLL]:
 
 @cache
 def receiver_in_c(name: str) -> Any:
-    """Return a function of the receiver; `ArgumentError` where it was not compiled, or of other sources."""
+    """Return a function of the receiver; `ArgumentError` if it was not compiled, or from other sources."""
     with needed_in_c("messages cannot be received, which is written in C"):
         return function_in_c(f"receiver_{name}", _RECEIVER[name])

@@ -1,7 +1,7 @@
-"""What decides whether a message is used: limits, and the state of a receiver, which C and Python share.
+"""Rules for using messages: limits, and the state of a receiver, shared by C and Python.
 
-Receivers in every language take the limits from here: `message/c_header.py` and the layouts for C# and
-JavaScript generate them, with the texts below them. All fields are of eight bytes.
+Receivers in every language use these limits: `message/c_header.py` and the layouts for C# and JavaScript
+generate them, with the texts below them. All fields have eight bytes.
 """
 
 from typing import Any
@@ -9,50 +9,50 @@ from typing import Any
 import numpy as np
 
 LONGEST_VALID_NS = 1_000_000_000
-"""After its oldest pose no frame is valid for longer, whatever it says."""
+"""Longest validity of a frame after its oldest pose, whatever the frame states."""
 STALE_AFTER_NS = 80_000_000
-"""From then on, until its bounds are worth nothing."""
+"""Time after the end of validity at which a frame is stale."""
 AHEAD_NS = 5_000_000
-"""An instant farther in the future is a mistake of some clock."""
+"""An instant farther in the future is an error of a clock."""
 LAST_NS = 2**61 - 1
-"""So is one that is later, or before 0: 73 years. Sums of a few must be numbers of 64 bits as well."""
+"""Largest valid instant, 73 years; the smallest is 0. Sums of a few must fit into 64 bits."""
 UNIT_ERROR = 1e-3
-"""By how much the length of a normal may differ from 1."""
+"""Largest deviation of the length of a normal from 1."""
 RESTART_SILENCE_NS = 50_000_000
-"""A publisher that is silent for longer may have been started anew with its calendar put back."""
+"""A publisher that is silent for longer may have restarted with its calendar set back."""
 MOST_SKIPPED = 100_000_000
-"""Numbers that may be missing between two messages of a run: one that is farther on is none of it."""
+"""Largest gap between two sequence numbers of a run; beyond it the message belongs to another run."""
 MOST_RUNS = 64
-"""Runs of the publisher that are remembered: what came of them does not come again."""
+"""Number of earlier runs of the publisher whose messages are recognised as repeated."""
 MOST_KINDS = 4
-"""Kinds of messages that one receiver takes."""
+"""Number of kinds of messages of one receiver."""
 MOST_NAMES = 1 << 20
-"""Names of a description: who claims more is not believed."""
+"""Largest number of names in a description."""
 MOST_AT_ONCE = 1024
-"""Messages taken in one go: more than a transport keeps for a reader."""
+"""Largest number of messages read in one call: more than a transport buffers for a reader."""
 MOST_FLAWED = 256
-"""Of these, such that cannot be used: a flood must not keep a reader from its work."""
+"""Largest number of flawed messages read in one call: a flood must not block a reader."""
 NS_PER_DRIFT = 5000
-"""In which two quartz clocks may drift apart by one: 200e-6, twice what their makers promise."""
+"""Ns in which two quartz clocks may drift apart by one: 200e-6, twice their specification."""
 TRANSIT_NS = 1_000_000
-"""A message is thought to have travelled that long at least: what no receiver can measure alone."""
+"""Assumed shortest transit of a message, which a receiver cannot measure alone."""
 SETTLING_NS = 50_000_000
-"""For so long a clock is watched before it is believed."""
+"""Time for which a clock is observed before it is used."""
 PACE_NS = 25_000_000
-"""By how much messages may be faster on their way than the first, and one that settles slower."""
+"""Largest amount by which a message is faster than the first, or one that settles the clock is slower."""
 JUMP_NS = 1_000_000_000
-"""A new run that begins later by more has another clock; less may be a longer way."""
+"""A new run that is later by more has another clock; a smaller delay may be a longer transit."""
 BACK_NS = 5_000_000
-"""By how much threads that send side by side may be out of order; an instant earlier by more steps back."""
+"""Largest disorder between messages of threads that send concurrently; an earlier instant is a step back."""
 
 LIMITS = {name: value for name, value in globals().items() if name.isupper()}
-"""All of them, by their names."""
+"""All limits by name."""
 
 WHOLE, COUNT, REAL = "<i8", "<u8", "<f8"
 
 
 def record(*fields: Any) -> np.dtype:
-    """A record of fields: names, apart by spaces, of whole numbers; or such names, a type, and a length."""
+    """Return a record type; a field is names of integers, or a tuple of names, type and length."""
     listed = []
     for each in fields:
         names, kind, *lengths = (each, WHOLE) if isinstance(each, str) else each
@@ -61,20 +61,20 @@ def record(*fields: Any) -> np.dtype:
 
 
 RUN = record(("kind session sequence", COUNT))
-"""A run of a publisher that another one has followed, and the last number of it."""
+"""A run of a publisher that another one has followed, and its last sequence number."""
 SEEN = record(("is_any session sequence", COUNT), "sent_ns taken_ns")
-"""Of one kind of messages: the last one that was used."""
+"""The last used message of one kind."""
 CLOCK = record(
     "is_heard is_certain has_former",
     ("session", COUNT),
     "offset_ns heard_ns first_ns first_offset_ns sent_ns",
-    "former_ns former_heard_ns",  # what was believed until a frame came too early
+    "former_ns former_heard_ns",  # the clock before a frame that came too early
 )
 """The clock of a sender on another machine."""
 RECEIVER = record(
-    "shares_clock is_keyed",  # set at the beginning, all else is zero
-    ("uncounted", COUNT),  # likewise: from 1 on, a kind of which none is counted as received or lost; 0: none
-    "is_new_run",  # whether the message that was used last is of another run than the one before
+    "shares_clock is_keyed",  # set at the start; the others start at zero
+    ("uncounted", COUNT),  # set at the start: a kind, from 1, that is not counted as received or lost
+    "is_new_run",  # whether the last used message is of another run than the one before
     ("received lost sessions newest_session", COUNT),
     ("flawed", COUNT, 9),  # by Defect, from 1 on
     ("seen", SEEN, MOST_KINDS),
@@ -82,7 +82,7 @@ RECEIVER = record(
     ("ended_count", COUNT),
     ("clock", CLOCK),
 )
-"""State of a receiver: what came last of each kind, and how many messages were not used for which reason."""
+"""State of a receiver: the last message of each kind, and the number of unused messages by reason."""
 
 RECORDS = {
     "proximity_run": RUN,
@@ -90,4 +90,4 @@ RECORDS = {
     "proximity_clock": CLOCK,
     "proximity_receiver": RECEIVER,
 }
-"""By their names in C."""
+"""Record types by their names in C."""

@@ -163,7 +163,7 @@ class FingerBench:
             self.reasons[self.controller.fault] += 1
             if isinstance(self.plant, MotorDrum):
                 raise self.plant.failed(self.controller.fault)
-            self.controller.reset()  # there is no person to press a button
+            self.controller.reset()  # no person is there to press a button
 
     @property
     def has_motor(self) -> bool:
@@ -171,7 +171,7 @@ class FingerBench:
         return isinstance(self.plant, MotorDrum)
 
     def switch_off(self, why: str) -> None:
-        """Leave the motor without power, despite the controller's last command; no step is computed."""
+        """Switch the motor's power off, despite the controller's last command; no step is computed."""
         self.controller.fault = why
         self.faults += 1
         if isinstance(self.plant, MotorDrum):
@@ -240,7 +240,7 @@ class DrumBench:
         self._is_stale = bool(self.fingers) and reading.state == State.STALE
 
     def switch_off(self, why: str) -> None:
-        """Leave all motors without power, when their controllers are no longer stepped."""
+        """Switch all motors' power off, when their controllers are no longer stepped."""
         for motor in self._motors:
             motor.switch_off()
         for finger in self.fingers:

@@ -1,4 +1,4 @@
-"""The contents of a file: as its reader found them, and as the rest of the package takes them.
+"""The contents of a file: as found by its reader, and as used by the rest of the package.
 
 Matrices of scene graphs are split into rigid poses and a remainder that goes into the vertices.
 """
@@ -21,14 +21,14 @@ UNPACKED_LIMIT = 2_000_000_000
 """Default limit of the unpacked size of a 3MF file, bytes."""
 
 UNKNOWN_FACE = -1
-"""Stands for the CAD faces of a part whose triangles do not say which they belong to."""
+"""Face id of triangles whose CAD face is not known."""
 RIGID_TOLERANCE = 4 * float(np.finfo(np.float32).eps)
-"""How far stretches may be from one another, or from 1, and still count as equal: scene graphs are written in
-single precision. A rotation within it is replaced by the nearest exact one."""
+"""Largest difference of stretches from one another, or from 1, that counts as equal: scene graphs are written
+in single precision. A rotation within it is replaced by the nearest exact one."""
 
 
 class DialectError(MeshFormatError):
-    """A refusal for the grammar alone, of a file with so many faces."""
+    """A refusal for the grammar alone, with the number of faces of the file."""
 
     def __init__(self, message: str, face_count: int) -> None:
         super().__init__(message)
@@ -61,20 +61,20 @@ class FileContents:
     units_declared: bool  # False: the file declares none, and the caller's unit was used
     geometries: tuple[Geometry, ...]  # at least one
     notes: tuple[str, ...]  # sentences for the user: parts left out, renamed or assumed
-    approximation: float  # m: how far triangles may be from curved faces; 0 where the file has triangles
+    approximation: float  # m: largest distance of triangles from curved faces; 0 for a file of triangles
 
 
 @dataclass(slots=True, eq=False)
 class RawMesh:
     """One mesh at one pose, in the numbers of the file."""
 
-    name: str  # as the file has it; "" where it has none
+    name: str  # as in the file; "" if it has none
     vertices: np.ndarray  # (V, 3) float64
     faces: np.ndarray  # (F, 3) int64
     source_faces: np.ndarray  # (F,) int32
     matrix: np.ndarray | None = None  # (4, 4) float64, world from mesh; None: identity
-    is_hidden: bool = False  # a part that no query finds until it is shown
-    above: tuple[str, ...] = ()  # names of the assemblies that hold it, the outermost first
+    is_hidden: bool = False  # hidden from queries until it is shown
+    above: tuple[str, ...] = ()  # names of the assemblies above it, the outermost first
 
 
 @dataclass(slots=True, eq=False)
@@ -84,7 +84,7 @@ class RawFile:
     format: str
     meshes: list[RawMesh]
     units: str | None = None  # None: the file declares none
-    metres_per_number: float | None = None  # where `units` says another (STEP comes in metres)
+    metres_per_number: float | None = None  # if `units` differs from it (STEP comes in metres)
     notes: list[str] = field(default_factory=list)
     approximation: float = 0.0  # m
 
@@ -98,7 +98,7 @@ class Source:
 
 
 def check_part_count(count: int) -> None:
-    """Raise if a file places more parts than anybody means, before they are made."""
+    """Raise if a file places an implausible number of parts, before they are made."""
     if count > MAX_PARTS:
         raise MeshFormatError(f"it places {count} parts, expected at most {MAX_PARTS}")
 
@@ -109,16 +109,16 @@ class Placement:
 
     rotation: np.ndarray  # (3, 3), exact
     translation: np.ndarray  # (3,), in the units of the file
-    scale: float  # uniform, negative where it mirrors; 1.0 where `stretch` is given
-    stretch: np.ndarray | None  # (3, 3), where the scale is not uniform
+    scale: float  # uniform, negative if it mirrors; 1.0 if `stretch` is given
+    stretch: np.ndarray | None  # (3, 3), if the scale is not uniform
 
     @property
     def is_mirrored(self) -> bool:
-        """Whether faces must be turned to keep looking outward."""
+        """Whether faces must be reversed to stay oriented outwards."""
         return self.scale < 0.0 or (self.stretch is not None and bool(np.linalg.det(self.stretch) < 0.0))
 
     def part_vertices(self, vertices: np.ndarray, metres_per_number: float) -> np.ndarray:
-        """Return vertices deformed and in metres; the same array where nothing changes.
+        """Return vertices deformed and in metres; the same array if nothing changes.
 
         *vertices*: (V, 3) units of the file.
         """
@@ -151,7 +151,7 @@ def place(matrix: np.ndarray | None) -> Placement:
     rotation = sign * (left @ right)
     if stretches[0] - stretches[2] > RIGID_TOLERANCE * stretches[0]:
         return Placement(rotation, translation, 1.0, sign * (right.T * stretches) @ right)
-    scale = float(stretches[1])  # exact where the matrix is diagonal
+    scale = float(stretches[1])  # exact for a diagonal matrix
     return Placement(
         rotation, translation, sign * (1.0 if abs(scale - 1.0) <= RIGID_TOLERANCE else scale), None
     )

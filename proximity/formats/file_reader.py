@@ -77,7 +77,7 @@ def read_geometries(
     of a STEP file. *unpacked_limit*: maximum unpacked size of a 3MF file, which is an archive. *cache*: read
     the triangles of a STEP file from the user's cache, or store them there.
 
-    Returned: at least one geometry; nothing merged, dropped or repaired. Identical instances share their
+    Returns at least one geometry, without merging, dropping or repairs. Identical instances share their
     arrays.
     """
     units = unit_name(units)

@@ -1,4 +1,4 @@
-"""Detection of a file's format from its contents, whichever name it has."""
+"""Detection of a file's format from its contents, independently of its name."""
 
 import re
 

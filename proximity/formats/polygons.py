@@ -132,7 +132,7 @@ def _cut_rings(
 
     for first, size, first_face in zip(firsts, sizes, first_faces, strict=True):
         ring = corners[first : first + size]
-        # The library promises size - 2 triangles along the edges given, whatever the polygon.
+        # The library guarantees size - 2 triangles along the edges of any polygon.
         faces[first_face : first_face + size - 2] = ring[manifold3d.triangulate([_flattened(vertices[ring])])]
 
 

@@ -1,7 +1,7 @@
 """Strict reader of rows of numbers in text.
 
-NumPy's loadtxt is as fast as its lenient fromstring, and refuses non-numbers; on a refusal the rows are read
-again to name the offender.
+NumPy's loadtxt is as fast as its lenient fromstring, and refuses non-numbers; the rows are then read again to
+name the invalid word.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
-"""Units of length that a file or a caller may name, and the one that a file of an implausible size is in.
+"""Units of length of a file or a caller, and the likely unit of a file with an implausible size.
 
-A file that declares no unit is read in the one that the caller names. An inch file read as millimetres is the
-commonest mistake: parts are then 25.4 times too small, which only their size can show.
+A file that declares no unit is read in the caller's. An inch file read as millimetres is the commonest
+mistake: parts are then 25.4 times too small, which only their size can show.
 """
 
 import math

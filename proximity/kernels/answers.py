@@ -1,4 +1,5 @@
-"""Answers that kernels write and Python reads: a row a point, ray or segment, a record a pair of parts."""
+"""Answers that kernels write and Python reads: a row per point, ray or segment, a record per pair of parts.
+"""
 
 from proximity.native import record
 
@@ -8,13 +9,13 @@ POINT_ANSWER_POINT = 1
 POINT_ANSWER_GRADIENT = 4
 POINT_ANSWER_BARYCENTRIC = 7
 POINT_ANSWER_REALS = 10
-# and int32, behind them
+# followed by int32
 POINT_ANSWER_PART = 2 * POINT_ANSWER_REALS
 POINT_ANSWER_FACE = POINT_ANSWER_PART + 1
 POINT_ANSWER_FEATURE = POINT_ANSWER_PART + 2
 POINT_ANSWER_IS_SIGNED = POINT_ANSWER_PART + 3
 POINT_ANSWER_WIDTH = POINT_ANSWER_REALS + 2
-"""float64 that a row takes in all."""
+"""Width of a row in float64."""
 
 # --- rays: float64 ---
 RAY_ANSWER_DISTANCE = 0
@@ -22,13 +23,13 @@ RAY_ANSWER_POINT = 1
 RAY_ANSWER_NORMAL = 4
 RAY_ANSWER_BARYCENTRIC = 7
 RAY_ANSWER_REALS = 10
-# and int32, behind them
+# followed by int32
 RAY_ANSWER_PART = 2 * RAY_ANSWER_REALS
 RAY_ANSWER_FACE = RAY_ANSWER_PART + 1
 RAY_ANSWER_WIDTH = RAY_ANSWER_REALS + 1
-"""float64 that a row takes in all."""
+"""Width of a row in float64."""
 DISTANCE_WIDTH = 1
-"""float64 of a row of which only the distance is asked."""
+"""Width in float64 of a row that holds only the distance."""
 
 # --- segments: float64 ---
 SEGMENT_ANSWER_DISTANCE = 0
@@ -37,11 +38,11 @@ SEGMENT_ANSWER_POINT_ON_SOLID = 4
 SEGMENT_ANSWER_FRACTION = 7
 SEGMENT_ANSWER_BARYCENTRIC = 8
 SEGMENT_ANSWER_REALS = 11
-# and int32, behind them
+# followed by int32
 SEGMENT_ANSWER_PART = 2 * SEGMENT_ANSWER_REALS
 SEGMENT_ANSWER_FACE = SEGMENT_ANSWER_PART + 1
 SEGMENT_ANSWER_WIDTH = SEGMENT_ANSWER_REALS + 1
-"""float64 that a row takes in all."""
+"""Width of a row in float64."""
 
 # --- pairs of parts ---
 APART, TOUCHES, CROSSES = 0, 1, 2
@@ -51,20 +52,20 @@ CLEARANCE_ANSWER = record(
     distance="f8",  # m
     points="(6,)f8",  # m, scene's frame: one on each part
     faces="(2,)i4",
-    relation="i4",  # one of the three above
-    may_be_inside="i4",  # 1 where one part may be inside the other: boxes overlap and nothing crosses
+    relation="i4",  # APART, TOUCHES or CROSSES
+    may_be_inside="i4",  # 1 if one part may be inside the other: boxes overlap, no surfaces cross
 )
 DEPTH_ANSWER = record(
     "DepthAnswer",
-    lower="f8",  # m: nowhere below is the first part free of the second
-    upper="f8",  # m: there it is
-    normal="(3,)f8",  # scene's frame: along it the first part is free of the second there, or 0
+    lower="f8",  # m: no shorter displacement separates the parts
+    upper="f8",  # m: this displacement separates them
+    normal="(3,)f8",  # scene's frame: normal of the contact at *upper*, towards the first part, or 0
     steps="i8",
 )
 DEEPEST_ANSWER = record(
     "DeepestAnswer",
-    lower="f8",  # m: a point is so deep
-    upper="f8",  # m: and none is deeper
+    lower="f8",  # m: a point is at least this deep
+    upper="f8",  # m: no point is deeper
     point="(3,)f8",  # m, scene's frame
     steps="i8",
 )

@@ -1,4 +1,4 @@
-"""Arrays on the stack of compiled code, as numba makes them."""
+"""Arrays on the stack of compiled code, built with numba's internals."""
 
 import math
 
@@ -13,7 +13,7 @@ LINE = 64
 
 
 def array_in_memory(context, builder, array_type, data, lengths):
-    """An array of those lengths, C-ordered, that owns nothing: of memory that is somebody else's."""
+    """Return a C-ordered array with *lengths* over memory that it does not own."""
     intp = context.get_value_type(types.intp)
     item = ir.Constant(intp, context.get_abi_sizeof(context.get_data_type(array_type.dtype)))
     strides = [item]
@@ -32,9 +32,9 @@ def array_in_memory(context, builder, array_type, data, lengths):
 
 
 def _array_on_stack(context, builder, item_type, *lengths):
-    """A C-ordered array of those constant lengths, that lasts as long as the function being compiled."""
+    """Return a C-ordered array of constant lengths, valid until the compiled function returns."""
     item = context.get_data_type(item_type)
-    # numba's own way to do this fills the memory with zeros at every call.
+    # numba's own implementation clears the memory at every call.
     with builder.goto_entry_block():
         position = builder.alloca(ir.ArrayType(item, math.prod(lengths)))
     position.align = LINE
@@ -45,7 +45,7 @@ def _array_on_stack(context, builder, item_type, *lengths):
 
 @intrinsic
 def reals_of(typingctx, records):
-    """Records of float64 as numbers, one row a record."""
+    """View records of float64 as numbers, one row per record."""
     size = records.dtype.size // 8
 
     def codegen(context, builder, sig, args):
@@ -59,7 +59,7 @@ def reals_of(typingctx, records):
 
 @intrinsic
 def rows_of_three(typingctx, numbers, start, count):
-    """So many rows of three of an array's numbers, from *start* on."""
+    """View *count* rows of three of an array's numbers, from *start* on."""
 
     def codegen(context, builder, sig, args):
         array = context.make_array(sig.args[0])(context, builder, args[0])

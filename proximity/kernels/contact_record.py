@@ -65,13 +65,13 @@ CONTACT_RECORD = record(
     source="u1",
     force_is_valid="u1",
 )
-"""The record of one finger's answer; `message.CONTACT` says what is in it, a test compares both.
+"""Contact record of one finger; `message.CONTACT` documents its fields.
 
 Kernels write ``record["flags"]``: interpreted, ``record.flags`` would be those of the NumPy object."""
 
 
 def unknown_contact():
-    """Return the record, (1,), of a finger of which nothing is known."""
+    """Return the record, (1,), of a finger without any measurement."""
     unknown = np.zeros(1, CONTACT_RECORD)
     for name in CONTACT_RECORD.names:
         if unknown[name].dtype == np.float64:

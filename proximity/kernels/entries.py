@@ -1,8 +1,7 @@
-"""Entry points by their names, for Python: ``from proximity.kernels.entries import signed_batch``.
+"""Entry points by name, for Python: ``from proximity.kernels.entries import signed_batch``.
 
-Compiled ones are made from the table of the extension, so that no module of kernels is imported for them.
-Otherwise the module that declares one is imported. A signature may name what `layout` declares, no other
-record or bundle.
+Compiled entry points come from the table of the extension, without importing kernel modules. Otherwise the
+module that declares the entry point is imported. A signature may name only records and bundles of `layout`.
 """
 
 from typing import Any
@@ -12,7 +11,7 @@ from proximity.native import entry_named
 
 
 def __getattr__(name: str) -> Any:
-    """Return the entry point of a name, and keep it."""
+    """Return the entry point of that name, and cache it."""
     value = entry_named(name)
     globals()[name] = value
     return value

@@ -1,7 +1,7 @@
-"""Arrays that a kernel needs for itself: on the stack, with anything in them.
+"""Scratch arrays of kernels, on the stack and uninitialized.
 
-So no kernel owns an array or counts references to one: counting was a tenth of the time of a call with five
-points and a fifth of a tick's.
+They keep kernels from owning arrays and counting references: counting took a tenth of a call with five points
+and a fifth of a tick.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from proximity.native import IS_JIT
 
 if IS_JIT:
     from proximity.kernels.compiled_stack import reals_of, rows_of_three, stack_arrays_of, stack_bundle
-else:  # plain Python, to step through; in code that was compiled ahead of time nobody calls them from here
+else:  # interpreted, for stepping through; code compiled ahead of time does not use these
 
     def stack_arrays_of(dtype):
         return lambda count: np.empty(count, dtype), lambda count, columns: np.empty((count, columns), dtype)
@@ -29,7 +29,7 @@ stack_f64, stack_f64_rows = stack_arrays_of("float64")
 stack_f32, stack_f32_rows = stack_arrays_of("float32")
 _, stack_i32_rows = stack_arrays_of("int32")
 stack_i64, stack_i64_rows = stack_arrays_of("int64")
-"""Functions of a constant count, or of two, rows and columns: an array that lasts as long as the caller runs.
-The caller must be a function that is called, not one that is put into another: such memory may be something
-else's as soon as it returns. To make rows of an array that is there would take longer than a step of a walk.
-`stack_bundle` makes such a function for a named tuple of arrays: of each the dtype and constant lengths."""
+"""Functions of a constant count, or of rows and columns, returning an array valid until the caller returns.
+The caller must be a called function, not an inlined one: the memory may be reused afterwards. Creating views
+of rows of an existing array would take longer than a step of a walk. `stack_bundle` makes such a function for
+a named tuple of arrays, each given by dtype and constant lengths."""

@@ -1,27 +1,27 @@
-"""Sizes and tolerances that Python and kernels compare with, or that Python hands to kernels."""
+"""Sizes and tolerances used by both Python and kernels."""
 
 LARGEST_COORDINATE = 1e150
 SMALLEST_SIZE = 1e-150
-"""m; squares of squares must stay within float64."""
+"""m; fourth powers stay within float64."""
 MILLIMETRES_FROM, MILLIMETRES_TO = 100.0, 10_000.0
-"""Sizes of the scene. Points that are given in millimetres are a thousand times as far away: some hundreds of
-its sizes where they are near the scene, some thousands where they are not."""
+"""Range of distances, in sizes of the scene, that suggest points given in millimetres. Such points are a
+thousand times too far: some hundreds of sizes if they are near the scene, some thousands otherwise."""
 SORT_FROM = 48
-"""Points from which on a batch is walked along a space-filling curve: each point then starts from its
+"""Size of a batch from which on its points are walked along a space-filling curve, each starting from its
 neighbour's answer. Sorting costs some 20 ns a point and saves a third of the walk."""
 VOLUME_ROUNDING = 64.0 * 2.0**-52
-"""A volume is zero when it drowns in the rounding of its coordinates; times area and reach."""
+"""A volume below this times area and reach is lost in the rounding of its coordinates, and counts as zero."""
 CONTACT_DEPTH = 1e-10
-"""Distance that the ends of an edge must have from a face, to both sides, in sizes of the part, for the edge
-to pass through; an edge of which both are nearer lies in its plane. What is thinner is no face."""
+"""Least distance, in sizes of the part, of an edge's two ends from a face on opposite sides for the edge to
+cross it; an edge with both ends nearer counts as coplanar. Faces thinner than this are degenerate."""
 SMALLEST_SHARE = 2.0**-8
-"""A part that is smaller than this share of a shared frame gets a frame of its own, for tight boxes."""
+"""A part smaller than this share of a shared frame gets a separate frame, for tight boxes."""
 OBLIQUE = 0.8
-"""From this share of the surface of boxes along the axes down, oriented ones are worth a look. On a plate
-with holes, all in line with the axes, they refuse one block in eight, and cost more than that saves."""
+"""Oriented boxes are tested if their surface is at most this share of that of axis-aligned ones. On a plate
+with axis-aligned holes they would reject one block in eight, and cost more than that saves."""
 MOVING_MARGIN = 0.25
-"""Share of the scene's frame that its parts take up at first: they can move before it must change."""
+"""Initial share of the scene's frame that its parts occupy: the rest lets them move before it must change."""
 SMALLEST_REACH = MOVING_MARGIN / 16.0
-"""Parts that take up less of the scene's frame than this have boxes that are coarse."""
+"""Below this share of the scene's frame the parts have coarse boxes."""
 SORT_STEPS = 8
-"""Steps a dynamic part by which the order is mended at a move. Any order is right; a good one is fast."""
+"""Steps per dynamic part that repair the order at a move. Any order is correct; a good one is fast."""

@@ -136,7 +136,7 @@ def numbers_on_wall(simulation: Simulation) -> Table:
 
 
 def curves(response: Response, real: Response, *, has_drum: bool, ideal: Response | None = None) -> Table:
-    """Return a press about every 0.1 ms, in whole steps, beside others at the same instants."""
+    """Return a press about every 0.1 ms, in whole steps, with the compared presses at the same instants."""
     stride = max(round(SAMPLING / response.step), 1)
     every = slice(response.zero % stride, None, stride)  # the contact among them
     times = response.times[every]

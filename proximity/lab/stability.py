@@ -107,7 +107,7 @@ def critical_stiffness(hand: Hand, device: Link, delay: float) -> float:
     positive("delay", delay, "seconds")
 
     def needed(omega: np.ndarray | float) -> np.ndarray:
-        """Minus the stiffness, where it is real."""
+        """Return minus the stiffness where it is real."""
         return device_resistance(hand, device, 1j * np.asarray(omega)) * np.exp(
             1j * np.asarray(omega) * delay
         )

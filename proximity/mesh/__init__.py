@@ -1,1 +1,1 @@
-"""Triangle meshes: faces by vertex index, how they meet, and what is wrong with them."""
+"""Triangle meshes: faces by vertex index, their connections and defects."""

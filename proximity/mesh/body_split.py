@@ -1,4 +1,4 @@
-"""Splitting of faces into bodies, and what was repaired."""
+"""Splitting of faces into bodies, with a report of repairs."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,25 +13,25 @@ from proximity.mesh.triangle_mesh import TriangleMesh
 
 @dataclass(frozen=True, slots=True)
 class Repairs:
-    """Changes that made one body of the faces given."""
+    """Changes made to the given faces to form one body."""
 
-    merged_vertex_count: int = 0  # vertices fewer because equal positions share one
-    welded_vertex_count: int = 0  # vertices fewer because near ones were pulled together to close the body
-    weld_distance: float = 0.0  # m, how far the farthest of them moved
+    merged_vertex_count: int = 0  # vertices removed because they shared a position
+    welded_vertex_count: int = 0  # vertices removed by welding near ones to close the body
+    weld_distance: float = 0.0  # m, largest displacement of a welded vertex
     dropped_sliver_count: int = 0  # faces without area
-    dropped_duplicate_count: int = 0  # faces that another one equals
-    turned_face_count: int = 0  # faces turned so that all run one way
-    is_turned_inside_out: bool = False  # every face turned, as the body had a negative volume
+    dropped_duplicate_count: int = 0  # faces equal to another one
+    turned_face_count: int = 0  # faces reversed to match the orientation of the others
+    is_turned_inside_out: bool = False  # all faces reversed, as the body had a negative volume
 
     @classmethod
     def of_counts(cls, *counts: float) -> "Repairs":
-        """Return what a row of repairs says, as `split_faces` gives it."""
+        """Return the repairs in a row from `split_faces`."""
         merged, welded, distance, slivers, duplicates, turned, is_turned_inside_out = counts
         numbers = (int(merged), int(welded), distance, int(slivers), int(duplicates), int(turned))
         return cls(*numbers, bool(is_turned_inside_out))
 
     def describe(self) -> str:
-        """Return what was done as one sentence for people; empty if nothing was."""
+        """Return the repairs as one sentence; empty if there are none."""
         deeds = []
         if self.merged_vertex_count:
             deeds.append(f"merged {_counted(self.merged_vertex_count, 'equal vertex', 'equal vertices')}")
@@ -55,29 +55,29 @@ class Repairs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """One body: its own mesh, and where the faces come from."""
+    """One body: its mesh, and the origin of its faces."""
 
-    mesh: TriangleMesh  # only the vertices in use, one a position
-    source_faces: np.ndarray  # (F,) int32, what each face is called where it comes from, read-only
+    mesh: TriangleMesh  # only the vertices in use, one per position
+    source_faces: np.ndarray  # (F,) int32, id of each face in the source, read-only
     repairs: Repairs
     topology: Topology
 
 
 def split_bodies(vertices: Any, faces: Any, source_faces: Any = None) -> list[Body]:
-    """Return the bodies that the faces make up, welded, cleaned and turned outside out.
+    """Return the bodies formed by the faces: welded, cleaned and oriented outwards.
 
-    *vertices*: (V, 3) m; *faces*: (F, 3). *source_faces*: what each face is called where it comes from; by
-    default its row. Returned: in the order of their first faces; within a body, faces keep the order given.
+    *vertices*: (V, 3) m; *faces*: (F, 3). *source_faces*: id of each face in the source; by default its row.
+    Bodies are in the order of their first faces; within a body, faces keep their order.
 
     Notes
     -----
-    Faces are connected across edges. Where more than two meet, those of bodies that merely touch come
-    apart: each wedge of material is one body's. Closed surfaces that vertex numbers keep apart stay apart,
-    and so do closed surfaces that share only corners. Open or flat pieces that share a corner are one body:
-    sides that were meshed without regard for each other enclose something only together.
-    A surface of negative volume within a body is a cavity of it; elsewhere it is turned inside out. Surfaces
-    with small holes count as closed ones there, sheets do not.
-    Degenerate: a face without area is kept where dropping it would open the surface.
+    Faces are connected across edges. At an edge of more than two faces, bodies that merely touch are
+    separated: each wedge of material belongs to one body. Closed surfaces with separate vertex numbers stay
+    separate, and so do closed surfaces that share only corners. Open or flat pieces that share a corner are
+    one body: sides that were meshed independently enclose a volume only together. A surface of negative
+    volume within a body is a cavity of it; elsewhere it is reversed. Surfaces with small holes count as
+    closed here, sheets do not.
+    Degenerate: a face without area is kept if dropping it would open the surface.
     Cost: 0.2 to 0.3 s for 300 k faces.
     """
     mesh = TriangleMesh(vertices, faces)

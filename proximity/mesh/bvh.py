@@ -1,6 +1,6 @@
-"""The tree of one part as data: local frame, nodes, leaf blocks, and a check that they hold together.
+"""The tree of one part as data: local frame, nodes, leaf blocks, and a consistency check.
 
-See `kernels.layout` for how the arrays are laid out.
+See `kernels.layout` for the layout of the arrays.
 """
 
 from dataclasses import dataclass
@@ -24,10 +24,9 @@ from proximity.kernels.thresholds import LARGEST_COORDINATE, MOVING_MARGIN, SMAL
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalFrame:
-    """A frame in which something lies within [-1, 1]: moved by *centre*, then scaled by *scale*.
+    """A frame in which a part is within [-1, 1]: translated by *centre*, then scaled by *scale*.
 
-    Both are chosen so that neither step rounds: the centre is zero or has few bits, the scale is a power of
-    two.
+    Neither step rounds: the centre is zero or has few bits, the scale is a power of two.
     """
 
     centre: np.ndarray  # (3,) m
@@ -39,7 +38,7 @@ class LocalFrame:
 
     @classmethod
     def read(cls, row: np.ndarray) -> "LocalFrame":
-        """Return what a row of a model's frames tells; a copy."""
+        """Return the local frame in a row of a model's frames; a copy."""
         return cls(row["centre"].copy(), float(row["scale"]))
 
     def write(self, row: np.ndarray) -> None:
@@ -65,7 +64,7 @@ def local_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
 
 
 def common_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
-    """Return a frame for parts that go together, with space for them to move.
+    """Return a frame for parts of one scene, with a margin for their motion.
 
     *lower*, *upper*: (3,) m.
     """
@@ -83,19 +82,19 @@ class Bvh:
 
     @property
     def node_count(self) -> int:
-        """Inner nodes."""
+        """Number of inner nodes."""
         return len(self.nodes) // NODE_STRIDE
 
     @property
     def block_count(self) -> int:
-        """Leaves."""
+        """Number of leaves."""
         return len(self.blocks) // BLOCK_STRIDE
 
     def check(self, corners: np.ndarray, faces: np.ndarray) -> int:
-        """Assert that the tree holds together, and return its depth.
+        """Assert that the tree is consistent, and return its depth.
 
-        Every face lies in exactly one slot, every box contains what is below it, every node and leaf is
-        reached once, and the depth is within the walks' stack.
+        Every face is in exactly one slot, every box contains its subtree, every node and leaf is reached
+        once, and the depth is within the traversal stack.
 
         *corners*: (K, 3); *faces*: (F, 3).
         """
@@ -141,7 +140,7 @@ def build_bvh(corners: np.ndarray, faces: np.ndarray) -> Bvh:
 
     Notes
     -----
-    Degenerate: any input gives a tree of bounded depth; runs that no plane separates are halved.
+    Degenerate: any input gives a tree of bounded depth; runs that no plane separates are split in half.
     Cost: O(F log F); 0.15 s for 300 k faces.
     Source: see `kernels.tree.builder`.
     """

@@ -1,7 +1,7 @@
-"""Diagnosis of a mesh: counts of its faults.
+"""Diagnosis of a mesh: counts of its defects.
 
-Nothing here repairs or decides: `bodies` has mended what could be, and whoever reads a diagnosis chooses.
-The second opinion on what is a solid is that of `manifold3d`.
+This module repairs nothing: `body_split` has repaired the mesh, and the caller judges the counts.
+`manifold3d` gives a second opinion on whether the mesh is a solid.
 """
 
 import math
@@ -26,17 +26,17 @@ class Diagnosis:
     nonmanifold_edge_count: int  # of more than two faces
     misoriented_edge_count: int  # of two faces that run the same way
     is_watertight: bool  # every edge has exactly two faces, running opposite ways
-    is_oriented: bool  # at every edge as many faces run one way as the other, but for one on a boundary
-    volume: float  # m³, negative if inside out, nan where an edge is not run as often one way as the other
+    is_oriented: bool  # every edge has equally many faces each way, except one on a boundary
+    volume: float  # m³, negative if inside out, nan if the faces at an edge are unbalanced
     area: float  # m²
     lower: tuple[float, float, float]  # m, corners of the box around all faces
     upper: tuple[float, float, float]  # m
-    is_solid_by_manifold: bool  # manifold3d takes it, and for something of positive volume
-    manifold_status: str  # manifold3d's word: "NoError", "NotManifold", ...
+    is_solid_by_manifold: bool  # manifold3d accepts it, with a positive volume
+    manifold_status: str  # status of manifold3d: "NoError", "NotManifold", ...
 
 
 def diagnose(mesh: TriangleMesh) -> Diagnosis:
-    """Return what there is to say about *mesh*.
+    """Return the diagnosis of *mesh*.
 
     Notes
     -----
@@ -68,7 +68,8 @@ def diagnose(mesh: TriangleMesh) -> Diagnosis:
 
 
 def _in_unit_box(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, int]:
-    """*points* about the middle of their box, scaled by a power of two to at most 1, and its exponent.
+    """Return *points* relative to the middle of their box, scaled by 2 ** -exponent to at most 1, and
+    exponent.
 
     Products of three coordinates then neither lose digits far from the origin nor over- or underflow.
     """
@@ -80,7 +81,7 @@ def _in_unit_box(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tu
 
 
 def _volume_and_area(mesh: TriangleMesh, lower: np.ndarray, upper: np.ndarray) -> tuple[float, float]:
-    """Volume by the divergence theorem, m³, and area, m²; the sums are rounded once."""
+    """Return volume, m³, by the divergence theorem, and area, m²; the sums are rounded once."""
     points, exponent = _in_unit_box(mesh.vertices[mesh.faces].reshape(-1, 3), lower, upper)
     a, b, c = np.moveaxis(points.reshape(-1, 3, 3), 1, 0)
     normals = np.cross(b - a, c - a)
@@ -93,13 +94,13 @@ def _volume_and_area(mesh: TriangleMesh, lower: np.ndarray, upper: np.ndarray) -
 def _opinion_of_manifold(
     mesh: TriangleMesh, topology: Topology, lower: np.ndarray, upper: np.ndarray
 ) -> tuple[bool, str]:
-    """Whether manifold3d takes the mesh for a solid, and its status."""
+    """Return whether manifold3d accepts the mesh as a solid, and its status."""
     if not topology.is_balanced:
         return False, "NotManifold"
     points, _ = _in_unit_box(corners_of(mesh, topology), lower, upper)
     judged = manifold_solid(points, topology.corner_ids)
     status = judged.status().name
-    # Flat and inside-out surfaces are manifolds too; a volume says that there is something inside.
+    # Flat and inside-out surfaces are manifolds too; only a solid has a positive volume.
     return status == "NoError" and judged.volume() > 0.0, status
 
 
@@ -109,13 +110,13 @@ def _as_tuple(point: np.ndarray) -> tuple[float, float, float]:
 
 
 def manifold_solid(points: np.ndarray, corner_ids: np.ndarray, face_ids: np.ndarray | None = None) -> Any:
-    """Return the ``manifold3d.Manifold`` of balanced faces; its ``status()`` says whether it is one.
+    """Return the ``manifold3d.Manifold`` of balanced faces; see its ``status()``.
 
-    *points* are (K, 3) float64, one row a position, *corner_ids* (F, 3) int32, as in `Topology`; what is cut
-    out of the solid keeps the (F,) *face_ids*. manifold3d 3.5.4 ends the process on 4 of 735 meshes whose
-    faces are not balanced.
+    *points*: (K, 3) float64, one row a position; *corner_ids*: (F, 3) int32, as in `Topology`. Pieces cut
+    from the solid keep the (F,) *face_ids*. manifold3d 3.5.4 ends the process on 4 of 735 meshes whose faces
+    are not balanced.
     """
-    import manifold3d  # 40 ms, and most meshes are never judged
+    import manifold3d  # takes 40 ms, and most meshes are never diagnosed
 
     is_folded = (corner_ids == np.roll(corner_ids, 1, axis=1)).any(axis=1)
     faces = corner_ids[~is_folded].astype(np.uint64)

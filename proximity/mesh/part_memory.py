@@ -1,12 +1,11 @@
-"""Memory for the arrays of one part, laid out as a model of that part alone has them.
+"""Memory for the arrays of one part, laid out as in a model of that part alone.
 
-So a solid's arrays are written once, where they stay: neither its sign nor a scene of it alone copies them.
+A solid's arrays are written once: neither its sign nor a scene of it alone copies them.
 
-An array starts at a cache line and, where it is large, uses huge pages: a walk goes from one end of a model
-to the other, and the processor keeps in mind where some two thousand pages are: 8 MB of ordinary ones, all of
-a model of a million faces in huge ones. The usual source gives huge pages to most of a large array, to all or
-to none, by where it happens to begin. Near 304 k faces points and rays take 0.95 to 0.99 of the time, and the
-same in every process.
+An array starts at a cache line and, if it is large, uses huge pages: a traversal touches a whole model, and
+the TLB has about two thousand entries, 8 MB of ordinary pages, but all of a model of a million faces in huge
+ones. malloc gives huge pages to most of a large array, to all or to none, depending on its address. Near 304
+k faces point and ray queries take 0.95 to 0.99 of the time, and the same in every process.
 """
 
 import mmap
@@ -17,28 +16,28 @@ import numpy as np
 ALIGNMENT = 64
 """Bytes; a cache line, and the widest vector register."""
 HUGE_PAGE = 2**21
-"""Bytes, on the processors that matter. Less than one is taken from the usual source."""
+"""Bytes, on common processors. Smaller arrays come from NumPy's allocator."""
 
 
 def aligned_empty(count: int, dtype: type) -> np.ndarray:
-    """Return (count,) uninitialised numbers that begin on a cache line; 2 MB and more on huge pages."""
+    """Return (count,) uninitialised numbers, aligned to a cache line; on huge pages from 2 MB."""
     size = count * np.dtype(dtype).itemsize
     if size >= HUGE_PAGE and hasattr(mmap, "MADV_HUGEPAGE"):
-        with suppress(OSError):  # no memory left, which the usual source tells in its own words
+        with suppress(OSError):  # out of memory: NumPy's allocator raises its own error
             return _on_huge_pages(size).view(dtype)
     return _from(np.empty(size + ALIGNMENT, np.uint8), ALIGNMENT, size).view(dtype)
 
 
 def _on_huge_pages(size: int) -> np.ndarray:
-    """So many bytes; what is left over of the last page is not asked for: 1 MB would be wasted on average."""
+    """Return *size* bytes. The rest of the last page is not requested: it would waste 1 MB on average."""
     memory = mmap.mmap(-1, size + HUGE_PAGE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
     raw = np.frombuffer(memory, np.uint8)
-    with suppress(OSError):  # a system without them
+    with suppress(OSError):  # the system has no huge pages
         memory.madvise(mmap.MADV_HUGEPAGE, -raw.ctypes.data % HUGE_PAGE, size // HUGE_PAGE * HUGE_PAGE)
     return _from(raw, HUGE_PAGE, size)
 
 
 def _from(raw: np.ndarray, step: int, size: int) -> np.ndarray:
-    """So many bytes of *raw* from the first address on that is a multiple of *step*."""
+    """Return *size* bytes of *raw* from its first address that is a multiple of *step*."""
     start = -raw.ctypes.data % step
     return raw[start : start + size]

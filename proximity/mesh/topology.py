@@ -1,8 +1,7 @@
 """Edges of a mesh and the faces that meet there, from positions alone.
 
-Corners at exactly equal positions count as one corner, whatever numbers the vertices have; near ones do
-not (pulling those together is the work of `body_split`, where it is reported). Nothing here changes a mesh.
-See `kernels.mesh.edges`.
+Vertices at exactly equal positions count as one corner; near ones do not (`body_split` welds and reports
+those). Topology does not change the mesh. See `kernels.mesh.edges`.
 """
 
 from dataclasses import dataclass
@@ -17,18 +16,18 @@ from proximity.mesh.triangle_mesh import TriangleMesh
 class Topology:
     """Connections between the faces of a mesh; the arrays are read-only."""
 
-    corner_ids: np.ndarray  # (F, 3) int32, 0 .. corner_count - 1, one number a position
-    neighbors: np.ndarray  # (F, 3) int32, face across edge k, or as `kernels.mesh.edges` says
-    edge_count: int  # pairs of corners that at least one face runs along
+    corner_ids: np.ndarray  # (F, 3) int32, 0 .. corner_count - 1, one number per position
+    neighbors: np.ndarray  # (F, 3) int32, face across edge k, or a code of `kernels.mesh.edges`
+    edge_count: int  # pairs of corners with at least one face
     boundary_edge_count: int  # edges of one face, or between equal corners
     nonmanifold_edge_count: int  # edges of more than two faces
     misoriented_edge_count: int  # edges of two faces that run along it the same way
     is_watertight: bool  # every edge has exactly two faces, running opposite ways
-    is_balanced: bool  # every edge is run as often one way as the other: the winding number is whole
+    is_balanced: bool  # every edge has equally many faces each way: the winding number is an integer
 
 
 def build_topology(mesh: TriangleMesh) -> Topology:
-    """Return how the faces of *mesh* meet.
+    """Return the connections between the faces of *mesh*.
 
     Notes
     -----
@@ -39,7 +38,7 @@ def build_topology(mesh: TriangleMesh) -> Topology:
 
 
 def topology_of(corner_ids: np.ndarray) -> Topology:
-    """Return how faces meet, whose corners are numbered by position.
+    """Return the connections between faces whose corners are numbered by position.
 
     *corner_ids*: (F, 3) int32, C-ordered.
     """
@@ -59,9 +58,9 @@ def topology_of(corner_ids: np.ndarray) -> Topology:
 
 
 def corners_of(mesh: TriangleMesh, topology: Topology) -> np.ndarray:
-    """Return the positions that faces of a mesh have, one row each, (K, 3) float64."""
+    """Return the positions of the corners of a mesh, one row each, (K, 3) float64."""
     count = int(topology.corner_ids.max()) + 1
-    if count == mesh.vertex_count:  # each vertex is in use, and has a position of its own
+    if count == mesh.vertex_count:  # each vertex is in use, at a distinct position
         return mesh.vertices
     corners = np.empty((count, 3))
     corners[topology.corner_ids.ravel()] = mesh.vertices[mesh.faces.ravel()]
@@ -69,12 +68,12 @@ def corners_of(mesh: TriangleMesh, topology: Topology) -> np.ndarray:
 
 
 def open_edges(mesh: TriangleMesh) -> np.ndarray:
-    """Return the middles of the edges of a body that are not closed, (E, 3) float64, m.
+    """Return the middles of the open edges of a body, (E, 3) float64, m.
 
     Notes
     -----
-    Vertices that a weld may pull together count as one: where it did not close the body, the seams that it
-    would have closed are not what is open. At a closed edge as many faces run one way as the other.
+    Vertices within weld distance count as one: seams that a failed weld would have closed are not reported. A
+    closed edge has equally many faces each way.
     """
     middles: np.ndarray = open_edge_middles(mesh.vertices, mesh.faces)
     return middles

@@ -1,6 +1,6 @@
-"""Triangles by vertex index, checked once and read-only afterwards.
+"""Triangles by vertex index, validated once and read-only afterwards.
 
-A mesh knows nothing of files, bodies, signs or trees. Units are metres.
+A mesh is independent of files, bodies, signs and trees. Units are metres.
 """
 
 from typing import Any
@@ -27,7 +27,7 @@ class TriangleMesh:
     Raises
     ------
     MeshError
-        If shapes, types, ranges or values cannot be used; the message names the first offender.
+        If shapes, types, ranges or values cannot be used; the message names the first invalid entry.
     """
 
     __slots__ = ("faces", "vertices")
@@ -44,7 +44,7 @@ class TriangleMesh:
 
     @classmethod
     def _from_checked(cls, vertices: np.ndarray, faces: np.ndarray) -> "TriangleMesh":
-        """A mesh of read-only arrays that were a mesh's before; they are not copied."""
+        """Return a mesh of the read-only arrays of another mesh, without copying them."""
         mesh = cls.__new__(cls)
         mesh.vertices, mesh.faces = vertices, faces
         return mesh
@@ -82,7 +82,7 @@ class TriangleMesh:
         Parameters
         ----------
         vertices : (V, 3) float64, m
-            As many as in this mesh, already checked. The mesh takes them over and makes them read-only.
+            As many as in this mesh, already validated. The mesh takes them over and makes them read-only.
         """
         mesh = TriangleMesh.__new__(TriangleMesh)
         mesh.vertices, mesh.faces = vertices, self.faces
@@ -136,13 +136,13 @@ def _checked_faces(faces: Any, vertex_count: int) -> np.ndarray:
 
 
 def _holds_whole_numbers(array: np.ndarray) -> bool:
-    """Whether floats can become integers: finite, no fraction, not too large."""
+    """Whether floats can be converted to integers: finite, integral, not too large."""
     wide = array.astype(np.float64)
     return bool((np.abs(wide) <= MAX_FACE_COUNT).all() and (wide == np.rint(wide)).all())
 
 
 def _from_objects(array: np.ndarray) -> np.ndarray:
-    """Integers out of an object array, or the reason why not."""
+    """Convert an object array to integers, or raise an error."""
     for value in array.flat:
         if not is_whole(value):
             raise MeshError(f"faces hold {value!r}, expected integers of shape (F, 3)")

@@ -1,4 +1,4 @@
-"""Compiled kernels: how they are declared, and where their code comes from."""
+"""Compiled kernels: declaration, and source of their code."""
 
 from proximity.native.declaration import (
     ENTRIES,

@@ -1,7 +1,7 @@
-"""How kernels are declared, whichever way they are compiled.
+"""Declaration of kernels, independent of how they are compiled.
 
-Python calls entry points only. Everything else that is compiled is called by compiled code: calling it from
-Python is an error where it was compiled ahead of time, so that nothing runs as slow Python by accident.
+Python calls only entry points. Other compiled functions are called by compiled code: calling one from Python
+is an error if it was compiled ahead of time, so that no kernel runs as slow Python by accident.
 """
 
 from collections.abc import Callable
@@ -25,15 +25,15 @@ from proximity.native.signature import (
 from proximity.native.sources import TOOLS, digest_in_c, entry_modules
 
 ENTRIES: dict[str, "Entry"] = {}
-"""All entry points that modules of this process declare, by their names."""
+"""All entry points declared by modules of this process, by name."""
 ROWS_WITH_GIL = 16
-"""Rows up to which an entry point may keep the interpreter locked: to release it takes 0.1 µs."""
+"""Maximum rows for which an entry point may keep the interpreter locked: releasing it takes 0.1 µs."""
 _KINDS = {"int": 0, "float": 1, "bool": 2}
 _ARRAY, _BUNDLE = 3, 4
 C_CODE = "c"
-"""Stands where a wrapper's set of instructions stands."""
+"""Takes the place of a wrapper's instruction set for functions written in C."""
 _RECORD_SIZE = 256
-"""Factor of the size in the number of a type of records, which NumPy gives all the same number."""
+"""Factor of the item size in the type number of records, which all have the same number in NumPy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +43,10 @@ class Entry:
     name: str
     signature: Signature
     rows_with_gil: int  # rows up to which the interpreter stays locked
-    compiled: Any  # the function as numba compiles it, or the plain one
+    compiled: Any  # the function compiled by numba, or the plain one
 
     def description(self) -> tuple[Any, ...]:
-        """Return what the extension has to know."""
+        """Return the description of the entry point for the extension."""
         takes, gives = (
             tuple(map(codes, each)) for each in (self.signature.arguments, self.signature.results)
         )
@@ -56,10 +56,10 @@ class Entry:
 def entry(
     *parts: Any, rows_with_gil: int = -1, makes_arrays: bool = False
 ) -> Callable[[Callable[..., Any]], Any]:
-    """Declare a kernel that Python calls, with the types that it takes and gives; other types are an error.
+    """Declare a kernel that Python calls, with its argument and result types; other types are an error.
 
     *parts*: the signature, see `native.signature`. *rows_with_gil*: rows of the first array up to which the
-    interpreter stays locked during a call; -1: it never does. *makes_arrays*: others count no references.
+    interpreter stays locked during a call; -1: never. *makes_arrays*: others count no references.
     """
     types = signature(", ".join(part if isinstance(part, str) else part.__name__ for part in parts))
 
@@ -75,8 +75,8 @@ def entry(
 
 
 def entry_named(name: str) -> Any:
-    """Return an entry point: of the compiled table, or else of the module that declares it."""
-    if name.startswith("__"):  # Python looks for such names in every module
+    """Return an entry point, from the compiled table or else from the module that declares it."""
+    if name.startswith("__"):  # Python probes every module for such names
         raise AttributeError(name)
     if not IS_AHEAD:
         import_entries(name)
@@ -88,13 +88,13 @@ def entry_named(name: str) -> Any:
 
 
 def import_entries(name: str = "") -> None:
-    """Import the modules of kernels that declare entry points; with a name, only where that is defined."""
+    """Import the kernel modules that declare entry points; with a name, only those that define it."""
     for module in entry_modules(name):
         import_module(module)
 
 
 def _entry(name: str) -> Entry:
-    """An entry point as the extension has it, or as a module declares it."""
+    """Return an entry point as described by the extension, or as declared by a module."""
     if not IS_AHEAD:
         return ENTRIES[name]
     rows_with_gil, types = _compiled_table()[name]
@@ -103,7 +103,7 @@ def _entry(name: str) -> Entry:
 
 @cache
 def _compiled_table() -> dict[str, list[str]]:
-    """Rows with the interpreter locked, and signature, of every entry point that was compiled."""
+    """Return rows with the interpreter locked, and signature, of every compiled entry point."""
     lines = (line.split("|") for line in OBJECTS.entry_signatures.splitlines())
     return {name: values for name, *values in lines}
 
@@ -111,14 +111,14 @@ def _compiled_table() -> dict[str, list[str]]:
 def kernel(function: Callable[..., Any]) -> Any:
     """Declare a function of compiled code.
 
-    It makes no arrays, and so counts no references: they would be a fifth of a tick. What it needs for itself
-    is on the stack, see `kernels.stack_arrays`. Whether it is put into its callers is LLVM's to say.
+    It allocates no arrays and counts no references, which would take a fifth of a tick. Its scratch memory is
+    on the stack, see `kernels.stack_arrays`. LLVM decides whether to inline it.
     """
     return _compiled(function, _nrt=False)
 
 
 def allocating_kernel(function: Callable[..., Any]) -> Any:
-    """Declare a function of compiled code that makes arrays."""
+    """Declare a function of compiled code that allocates arrays."""
     return _compiled(function)
 
 
@@ -128,12 +128,12 @@ def inlined(function: Callable[..., Any]) -> Any:
 
 
 def query(name: str, width: int, few: int, ask: Callable[..., Any]) -> Any:
-    """Return the function of a query: of a model, arrays of rows, a limit, and a number of workers.
+    """Return the function of a query, taking a model, arrays of rows, a limit, and a number of workers.
 
-    It returns the table of answers. Where it can, compiled code takes few plain rows by itself, which spares
-    a call of five rows half a microsecond; all else *ask* checks and answers, and refuses. The entry point
-    *name* takes a bundle, the arrays of rows, their order, limits and answers of *width* columns, and returns
-    -1 if it has answered all of them; *few*: rows below which it may be asked.
+    It returns the table of answers. If possible, compiled code handles small batches of plain rows directly,
+    which saves a call of five rows half a microsecond; *ask* checks and answers all others, and raises
+    errors. The entry point *name* takes a bundle, the arrays of rows, their order, limits and answers of
+    *width* columns, and returns -1 if it has answered all of them; *few*: exclusive limit of its rows.
     """
     if not IS_AHEAD:
         return ask
@@ -144,7 +144,7 @@ def query(name: str, width: int, few: int, ask: Callable[..., Any]) -> Any:
 
 
 def packed(arrays: Any) -> Any:
-    """Return a bundle, of a class that `bundle` declared, as entry points take it; nothing is copied."""
+    """Return a bundle in the form that entry points take, without a copy; `bundle` declared its class."""
     if not IS_AHEAD:
         return arrays
     kind = BUNDLES[type(arrays).__name__]
@@ -165,7 +165,7 @@ def function_in_c(name: str, types: str) -> Any:
 
 
 class _Internal:
-    """What Python cannot call, since it is compiled code's own."""
+    """Placeholder of a compiled function that Python cannot call."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._name = f"{function.__module__}.{function.__qualname__}"
@@ -188,7 +188,7 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
 
 
 def codes(value: Array | Scalar | Bundle) -> tuple[int, ...]:
-    """How the extension describes a type: kind, number, lengths."""
+    """Return the extension's description of a type: kind, number, lengths."""
     if isinstance(value, Scalar):
         return _KINDS[value.kind], 0, 0
     if isinstance(value, Bundle):

@@ -1,8 +1,8 @@
-"""Kernels compiled by numba when they are first called, and kept on disk.
+"""Kernels compiled by numba at their first call, and cached on disk.
 
-numba keeps a function's code as long as its own file is unchanged, even when a function that was compiled
-into it has changed elsewhere. So the code is kept in a folder named after all sources together: whoever edits
-one gets new code throughout, and the old folder is removed.
+numba considers cached code valid while the function's own file is unchanged, even if a function inlined into
+it has changed elsewhere. The cache folder is therefore named after the digest of all sources: editing one
+recompiles all kernels, and the old folder is removed.
 """
 
 import atexit
@@ -36,13 +36,13 @@ _TYPES = {name: numba.from_dtype(np.dtype(name)) for name in DTYPES} | {
     "float": types.float64,
 }
 is_kept = True
-"""Whether code is kept on disk; the build of objects keeps none."""
+"""True if code is cached on disk; builds of object files do not cache."""
 
 
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
-    """Return the function as numba compiles it when it is called."""
+    """Return the function compiled by numba at its first call."""
     dispatcher = numba.njit(nogil=True, error_model="numpy", **options)(function)
-    if is_kept and function.__closure__ is None:  # of a closure each process would keep another
+    if is_kept and function.__closure__ is None:  # each process would cache another copy of a closure
         before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder())
         try:
             dispatcher._cache = _SharedCache(function)
@@ -52,12 +52,12 @@ def compiled(function: Callable[..., Any], **options: Any) -> Any:
 
 
 def argument_types(signature: Signature) -> tuple[types.Type, ...]:
-    """Return what numba calls the types of an entry point's arguments."""
+    """Return numba's types of an entry point's arguments."""
     return tuple(map(numba_type, signature.arguments))
 
 
 def numba_type(value: Array | Scalar | Bundle) -> types.Type:
-    """Return what numba calls a type of a signature."""
+    """Return numba's type for a type of a signature."""
     if isinstance(value, Scalar):
         return _TYPES[value.kind]
     if isinstance(value, Array):
@@ -71,14 +71,14 @@ def numba_type(value: Array | Scalar | Bundle) -> types.Type:
 
 @cache
 def cache_folder() -> Path:
-    """Return the folder of compiled kernels: as set, beside the sources, the user's, or the process's."""
+    """Return the cache folder: as configured, next to the sources, the user's, or the process's."""
     name = f"{_PREFIX}{sources_digest()[:16]}-{numba.__version__}"
     if numba.config.CACHE_DIR:
         return Path(numba.config.CACHE_DIR) / name
     user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "proximity"
     beside = PACKAGE / "kernels" / "__pycache__"
     parent = next((folder for folder in (beside, user) if _is_ours(folder)), None)
-    if parent is None:  # what is read from there is run: nobody else may have made it
+    if parent is None:  # cached code is executed: no other user may have written it
         parent = Path(tempfile.mkdtemp(prefix=_PREFIX))
         atexit.register(shutil.rmtree, parent, ignore_errors=True)
     folder = parent / name
@@ -89,7 +89,7 @@ def cache_folder() -> Path:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Whether this user may write to a folder, made if absent, and nobody else owns it or has the world's."""
+    """Test whether a folder, made if absent, is owned by this user and not writable by others."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -100,11 +100,11 @@ def _is_ours(folder: Path) -> bool:
 
 
 class _SharedCache(FunctionCache):
-    """numba's cache, for processes that compile at the same time.
+    """numba's cache, safe for processes that compile concurrently.
 
-    To keep a version of a function numba reads the list of those that are kept, and then writes the list with
-    one more and the code. Of two processes that did so at once, the list of one could lead to the code of the
-    other, for arguments of other types.
+    To add a version of a function, numba reads the list of cached versions, then writes the extended list and
+    the code. With two concurrent processes, the list of one could refer to the code of the other, for other
+    argument types.
     """
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -118,12 +118,12 @@ class _SharedCache(FunctionCache):
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Wait until no other process is in such a block for this folder, where the system can tell."""
+    """Lock a folder against other processes, if the system supports it."""
     if fcntl is None:
         yield
         return
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / "lock").open("ab") as lock:
-        with suppress(OSError):  # of a file system that knows no locks
+        with suppress(OSError):  # on a file system without locks
             fcntl.flock(lock, fcntl.LOCK_EX)
         yield

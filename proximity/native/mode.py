@@ -1,13 +1,11 @@
-"""Where compiled kernels come from in this process.
+"""Source of the compiled kernels of this process.
 
-- *Objects*: compiled ahead of time, in the extension ``_kernels``, for a set of instructions that this
-  processor has. So it nearly always is.
-- *JIT*: numba compiles them when they are first called. For processors without objects, and for whoever edits
-  kernels.
-- *Interpreted*: plain Python, to step through (``NUMBA_DISABLE_JIT=1``).
+- *Objects*: compiled ahead of time, in the extension ``_kernels``, for an instruction set of this processor.
+   This is the usual case.
+- *JIT*: compiled by numba at the first call, on processors without objects and after editing kernels.
+- *Interpreted*: plain Python, for stepping through (``NUMBA_DISABLE_JIT=1``).
 
-``PROXIMITY_ISA`` overrides the choice: the name of a set of instructions (``v3``, ``v4``, ``neon``), or
-``jit``.
+``PROXIMITY_ISA`` overrides the choice: the name of an instruction set (``v3``, ``v4``, ``neon``), or ``jit``.
 """
 
 import importlib.util
@@ -22,7 +20,7 @@ _REBUILD = "run `python -m pip install -e .` in the checkout"
 
 
 def extension() -> Any:
-    """The extension module; None where there is none."""
+    """Return the extension module, or None if there is none."""
     try:
         from proximity.native import _kernels  # type: ignore[attr-defined]
     except ImportError:
@@ -31,7 +29,7 @@ def extension() -> Any:
 
 
 def _mode() -> tuple[str, Any]:
-    """The name of the mode, or of a set of instructions, and the extension where that is used."""
+    """Return the name of the mode, or of an instruction set, and the extension if it is used."""
     if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
         return INTERPRETED, None
     wanted = os.environ.get("PROXIMITY_ISA", "")
@@ -56,7 +54,7 @@ def _mode() -> tuple[str, Any]:
 
 
 def _instead(reason: str) -> tuple[str, Any]:
-    """Take numba, and say why."""
+    """Fall back to numba, and report why."""
     if importlib.util.find_spec("numba") is None:
         raise ImportError(
             f"proximity: {reason}, and numba, which compiles them when they are called, is not installed: "
@@ -73,6 +71,6 @@ def _instead(reason: str) -> tuple[str, Any]:
 
 MODE, OBJECTS = _mode()
 IS_AHEAD = OBJECTS is not None
-"""Whether kernels were compiled ahead of time."""
+"""True if kernels were compiled ahead of time."""
 IS_JIT = MODE == JIT
-"""Whether numba compiles them."""
+"""True if numba compiles them."""

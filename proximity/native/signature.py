@@ -1,12 +1,12 @@
-"""Signatures of entry points: what Python hands to compiled code, and gets from it.
+"""Signatures of entry points: types passed between Python and compiled code.
 
 A signature is written as ``"Model, float64[:, 3], int64[:], int -> bool"``: scalars (``int``, ``float``,
-``bool``), arrays in C order with their dtype and axes (a number where the length of an axis is fixed), and
-names of bundles. A *bundle* is a named tuple of arrays, declared once; compiled code finds its arrays through
-a table of words, so that a call hands over one address however many arrays there are. An array may have
-records, ``"Settings[:]"``, whose fields are declared once as well, see `record`.
+``bool``), arrays in C order with their dtype and axes (a number for an axis of fixed length), and names of
+bundles. A *bundle* is a named tuple of arrays, declared once; compiled code finds its arrays through a table
+of words, so that a call passes one address for any number of arrays. An array may have records,
+``"Settings[:]"``, whose fields are also declared once, see `record`.
 
-Every array and every result is a few 64-bit words: an array its address and its lengths, a scalar itself.
+Arrays and results are passed as 64-bit words: the address and lengths of an array, the value of a scalar.
 """
 
 import re
@@ -29,11 +29,11 @@ class Array:
     """An array in C order."""
 
     dtype: str
-    lengths: tuple[int, ...]  # of its axes; `ANY_LENGTH` where it is not fixed
+    lengths: tuple[int, ...]  # of its axes; `ANY_LENGTH` if not fixed
 
     @property
     def word_count(self) -> int:
-        """Words that hand it over: its address and its lengths."""
+        """Number of words that pass the array: its address and its lengths."""
         return 1 + len(self.lengths)
 
 
@@ -55,7 +55,7 @@ class Bundle:
 
     @property
     def name(self) -> str:
-        """Name of the tuple's class, by which signatures refer to it."""
+        """Name of the tuple's class, used in signatures."""
         return str(self.kind.__name__)
 
 
@@ -63,20 +63,20 @@ Value = Array | Scalar | Bundle
 
 BUNDLES: dict[str, Bundle] = {}
 RECORDS: dict[str, np.dtype[Any]] = {}
-"""Those that have been declared, by their names."""
+"""All declared bundles and records, by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Signature:
     """Arguments and results of an entry point."""
 
-    text: str  # as it is written
+    text: str  # as written
     arguments: tuple[Value, ...]
     results: tuple[Array | Scalar, ...]
 
 
 def bundle(kind: Any, **fields: str) -> Any:
-    """Declare a named tuple of arrays; returns its class.
+    """Declare a named tuple of arrays; return its class.
 
     *fields*: the type of the array of each field, as in a signature.
     """
@@ -88,9 +88,9 @@ def bundle(kind: Any, **fields: str) -> Any:
 
 
 def record(name: str, aliases: dict[str, str] | None = None, **fields: str) -> np.dtype[Any]:
-    """Declare a structured type by its fields, in their order; kernels read ``row.field``, as NumPy does.
+    """Declare a structured type by its fields, in order; kernels read ``row.field``, as NumPy does.
 
-    *aliases*: second names of fields, for rows in which they mean something else.
+    *aliases*: second names of fields, for rows with another meaning.
     """
     layout: Any = np.dtype(list(fields.items()), align=True)
     if aliases:
@@ -105,12 +105,12 @@ def record(name: str, aliases: dict[str, str] | None = None, **fields: str) -> n
 
 
 def dtype_of(name: str) -> np.dtype[Any]:
-    """Return the type of the items of an array, by its name in a signature."""
+    """Return the dtype of an array's items from its name in a signature."""
     return RECORDS[name] if name in RECORDS else np.dtype(name)
 
 
 def signature(text: str) -> Signature:
-    """Return the signature that is written so."""
+    """Parse a signature."""
     arguments, _, results = text.partition("->")
     return Signature(
         text,

@@ -1,4 +1,4 @@
-"""The sources that compiled kernels are made of, and their digest: which code belongs to which sources."""
+"""Sources of compiled kernels, and the digests that tie code to its sources."""
 
 import hashlib
 from functools import cache
@@ -6,12 +6,12 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent.parent
 TOOLS = PACKAGE.parent / "tools" / "kernel_build"
-"""Where a checkout has the tool that compiles kernels; an installed package has none."""
+"""Folder of the kernel compiler in a checkout; absent from an installed package."""
 _PATTERNS = ("native/*.py", "native/simd/*.py", "kernels/**/*.py", "*/**/*_kernels.py", "core/cpython/*.[ch]")
 
 
 def kernel_sources() -> list[Path]:
-    """Return the files in which kernels are written, and what they are declared and compiled with."""
+    """Return the source files of kernels, of their declaration and of their compilation."""
     files = {path for pattern in _PATTERNS for path in PACKAGE.glob(pattern)}
     if TOOLS.is_dir():
         files |= {path for path in TOOLS.rglob("*") if path.suffix in {".py", ".h"}}
@@ -26,7 +26,7 @@ def entry_modules(name: str = "") -> list[str]:
 
 
 def sources_in_c() -> list[Path]:
-    """Return the files of what the extension has in C beside kernels."""
+    """Return the C sources of the extension other than kernels."""
     controller = ("decaff/controller/*.c", "decaff/controller/*.in", "decaff/controller/records.py")
     patterns = (*controller, "core/receiver/*", "core/receiver_state.py")
     return sorted(path for pattern in patterns for path in PACKAGE.glob(pattern))
@@ -47,7 +47,7 @@ def sources_digest() -> str:
 
 @cache
 def digest_in_c() -> str:
-    """Return the digest of what is written in C beside them."""
+    """Return the digest of `sources_in_c`."""
     return _digest_of(sources_in_c())
 
 

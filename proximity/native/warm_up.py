@@ -1,6 +1,6 @@
-"""Having all kernels ready before they are needed, where numba compiles them.
+"""Preparation of all kernels before they are needed, if numba compiles them.
 
-Kernels that were compiled ahead of time always are. See `proximity.native.mode`.
+Kernels compiled ahead of time are always ready. See `proximity.native.mode`.
 """
 
 from contextlib import suppress
@@ -10,7 +10,7 @@ from proximity.native import ENTRIES, IS_JIT, import_entries
 
 
 def _mark() -> Path:
-    """The file that marks all kernels as compiled, for these sources and this kind of processor."""
+    """Return the file that marks all kernels as compiled, for these sources and this type of processor."""
     from llvmlite import binding
 
     from proximity.native.jit import cache_folder
@@ -19,7 +19,7 @@ def _mark() -> Path:
 
 
 def kernels_are_cached() -> bool:
-    """Return whether all kernels are ready, so that nothing waits for a compiler."""
+    """Return whether all kernels are ready, so that no call waits for a compiler."""
     if not IS_JIT:
         return True
     try:
@@ -31,8 +31,8 @@ def kernels_are_cached() -> bool:
 def warm_up() -> None:
     """Prepare every kernel.
 
-    Kernels that were compiled ahead of time are ready at once. If numba compiles them, that takes some
-    minutes the first time on a machine, and less than a second later.
+    Kernels compiled ahead of time are ready immediately. If numba compiles them, that takes some minutes the
+    first time on a machine, and less than a second later.
     """
     if not IS_JIT:
         return
@@ -41,5 +41,5 @@ def warm_up() -> None:
     import_entries()
     for entry in ENTRIES.values():
         entry.compiled.compile(argument_types(entry.signature))
-    with suppress(OSError):  # where nothing can be kept the next process compiles anew
+    with suppress(OSError):  # without a cache the next process compiles again
         _mark().touch()

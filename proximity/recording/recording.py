@@ -81,7 +81,7 @@ class Recording:
         """Return the recording at equal time steps, from its first instant.
 
         Positions are interpolated linearly between two samples of a finger, unless they are farther apart
-        than *gap_limit_s*: there it is missing. There is no extrapolation.
+        than *gap_limit_s*: there it is missing, without extrapolation.
         """
         if not (math.isfinite(period_s) and period_s * NANOSECONDS >= 1.0):
             raise RecordingError(f"a period of {period_s:g} s is too short, expected 1 ns or more")

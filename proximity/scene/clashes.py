@@ -1,4 +1,4 @@
-"""Pairs of parts that clash, fit or touch: how deep they are in each other."""
+"""Penetration of pairs of parts: clash, fit or contact."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from proximity.scene.pairs import SHARING, Clearance, Relation, deepest_of
 from proximity.scene.scene import Scene
 
 CONTACT = 1e-8  # m
-"""Depth up to which parts touch, where the file has triangles; the import of STEP rounds by as much."""
+"""Depth up to which parts of a triangle file count as touching; importing STEP rounds by about this."""
 TOLERANCE, EXIT_TOLERANCE = 0.001, 0.01
-"""Shares between the bounds of the deepest point and of the way out."""
+"""Relative tolerances of the deepest point and of the way out."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredPair:
-    """Two parts, and lengths in m, scene's frame; None for a volume that is not known."""
+    """Measurements of two parts, lengths in m, scene's frame; a volume that is not known is None."""
 
     clearance: Clearance
     relation: Relation
@@ -36,22 +36,22 @@ class MeasuredPair:
 
     @property
     def is_fit(self) -> bool:
-        """Whether the parts overlap by more than rounding and no more than the contact limit."""
+        """Whether the parts overlap by more than rounding and at most the contact limit."""
         return not self.is_clash and self.deepest_lower > CONTACT
 
     @property
     def rank(self) -> tuple[bool, float, float]:
-        """Key by which clashes come first, the deepest of them at the top, then the nearest pairs."""
+        """Sort key: clashes first, the deepest at the top, then the nearest pairs."""
         return (not self.is_clash, -self.deepest if self.is_clash else 0.0, self.clearance.distance)
 
 
 def contact_limit(scene: Scene) -> float:
-    """Return the depth, m, up to which parts touch: the deviation of triangles from surfaces of the file."""
+    """Return the depth, m, up to which parts touch: the deviation of triangles from the file's surfaces."""
     return (scene.report and scene.report.approximation) or CONTACT
 
 
 def _measure(scene: Scene, pair: Clearance, contact: float) -> MeasuredPair:
-    """Measure how deep two parts are in each other; up to *contact*, m, they touch."""
+    """Measure the penetration of two parts; up to *contact*, m, they touch."""
     touching = Relation.TOUCHING
     if pair.relation not in SHARING:
         return MeasuredPair(pair, touching if pair.distance <= contact else pair.relation)
@@ -65,7 +65,7 @@ def _measure(scene: Scene, pair: Clearance, contact: float) -> MeasuredPair:
 
 
 def _volume(scene: Scene, pair: Clearance) -> float | None:
-    """Return the common volume of two parts; None where a part is open."""
+    """Return the common volume of two parts; None if a part is open."""
     try:
         common = overlap(scene, pair.first, pair.second)
     except MeshError:

@@ -1,8 +1,8 @@
 """New vertex positions for a part of a model: its tree is refitted, not rebuilt.
 
-What changes: corners, leaf blocks, boxes, corner normals, moments, the part's own box, and its local frame
-where the old one no longer fits. Faces, neighbours, slots and the shape of the tree stay. The tree over the
-parts is left to the caller.
+Corners, leaf blocks, boxes, corner normals, moments and the part's own box change, and its local frame if the
+old one no longer fits. Faces, neighbours, slots and the topology of the tree stay. The caller updates the
+tree over the parts.
 """
 
 import numpy as np
@@ -18,9 +18,9 @@ from proximity.scene.model.assembly import Model
 from proximity.scene.solid import Solid
 
 FARTHEST = LARGEST_COORDINATE / 4.0
-"""m, for one coordinate: the part may be turned, and moved as far as a part may be."""
+"""m, for one coordinate; leaves room for any rotation and the farthest move of a part."""
 INSIDE_OUT = 1e-12
-"""Rounding of the enclosed volume, in areas times sizes of the local frame: a volume further below zero is
+"""Rounding error of the enclosed volume, relative to area times size in the local frame: a smaller volume is
 negative."""
 GRID_MARGIN = 1.0 + 2.0**-20
 
@@ -28,8 +28,8 @@ GRID_MARGIN = 1.0 + 2.0**-20
 def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: str) -> Solid:
     """Write new vertices into a part of *model*; return the solid that has them.
 
-    *solid*, the part as it was, keeps its shape: it builds its arrays anew when next asked. The part's box in
-    the scene and the tree over the parts are out of date afterwards.
+    *solid*, the part before the change, keeps its shape: it rebuilds its arrays on its next use. The part's
+    box in the scene and the tree over the parts are out of date afterwards.
 
     *vertices*: (V, 3) m, part's frame.
     """
@@ -53,16 +53,16 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
     before, normals = model.frames[row].copy(), _normals_of(model, row)
     normals_before = normals.copy()
     arrays = solid._arrays
-    is_own = arrays.row == row  # a solid in several parts has its arrays in one of them
-    arrays.is_overwritten |= is_own  # before anything is written
+    is_own = arrays.row == row  # a solid that occurs in several parts has its arrays in one of them
+    arrays.is_overwritten |= is_own  # before the first write
     _frame_for(before, lower, upper).write(model.frames[row])
     area, volume = refit_part(model.packed, row, kept, solid.first_vertices)
     is_closed = model.parts["grid"][row] != layout.NO_GRID
     if is_closed and volume < -INSIDE_OUT * area:
         model.frames[row] = before
-        # A copy, since kernels are compiled for arrays that can be written.
+        # Copied, as kernels are compiled for writeable arrays.
         refit_part(model.packed, row, solid.mesh.vertices.copy(), solid.first_vertices)
-        normals[:] = normals_before  # to the bit: they had been added in another order
+        normals[:] = normals_before  # bit for bit: refitting sums them in another order
         arrays.is_overwritten = arrays.is_overwritten and not is_own
         raise MeshError(
             f"part {name!r} would be turned inside out: its faces would enclose a negative volume"
@@ -75,13 +75,13 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
 
 
 def _normals_of(model: Model, row: int) -> np.ndarray:
-    """The part's corner normals, one after the other."""
+    """Return the part's corner normals, flat."""
     at = model.parts["corner_normals"][row]
     return model.reals[at : at + 3 * model.parts["corner_count"][row]]
 
 
 def _why_not(vertices: np.ndarray, first_vertices: np.ndarray, row: int, name: str) -> str:
-    """Description of the first vertex that cannot be used."""
+    """Describe the first invalid vertex."""
     position = _shown_position(vertices[row])
     if not np.isfinite(vertices[row]).all():
         return f"vertex {row} of part {name!r} would be at {position}, expected finite coordinates"
@@ -102,12 +102,12 @@ def _shown_position(point: np.ndarray) -> str:
 
 
 def _frame_for(row: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
-    """The part's frame, where the box lies well in it; else one of its own."""
+    """Return the part's local frame if the box fits well in it, else a new one."""
     frame = LocalFrame.read(row)
     centre = frame.centre
     low, high = frame.of(lower), frame.of(upper)
     is_held = bool(max(np.abs(low).max(), np.abs(high).max()) <= 1.0)
-    # A difference does not round between half and twice the centre (Sterbenz).
+    # The difference is exact between half and twice the centre (Sterbenz).
     side, off = np.sign(centre), np.abs(centre)
     near, far = np.minimum(side * lower, side * upper), np.maximum(side * lower, side * upper)
     is_exact = bool((near >= 0.5 * off).all() and (far <= 2.0 * off).all())
@@ -117,7 +117,7 @@ def _frame_for(row: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> LocalFr
 
 
 def _search_surface_only(model: Model, row: int, lower: np.ndarray, extent: float) -> None:
-    """Make the sign grid one cell that the surface crosses: within the box, the nearest face tells."""
+    """Make the sign grid one crossed cell: inside the box, the nearest face gives the sign."""
     part, frame = model.parts[row], model.frames[row]
     scale = frame["scale"]
     model.words[part["grid"] :][:1].view(np.int32)[0] = CELL_CROSSED

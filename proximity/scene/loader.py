@@ -1,4 +1,4 @@
-"""Loading files as scenes."""
+"""Load files as scenes."""
 
 import os
 import sys
@@ -45,32 +45,31 @@ def load(
         The file.
     units : str
         Unit of the coordinates if the file declares none: "mm" (the default), "m", "in", ...;
-        ``scene.report`` says which was taken. A `UnitsWarning` says that the file declares another.
+        ``scene.report`` has the one used. A `UnitsWarning` is issued if the file declares another.
     scale : float
-        By which all lengths are multiplied: 0.001 for a file that has millimetres and declares metres.
+        Factor of all lengths: 0.001 for a file in millimetres that declares metres.
     step_tolerance : m
         Largest deviation of triangles from the curved surfaces of a STEP file; distances are exact to the
-        triangles.
-        ``scene.report`` repeats it.
+        triangles. ``scene.report`` repeats it.
     unpacked_limit : bytes
-        Largest size that a 3MF file, which is an archive, may unpack to.
+        Largest unpacked size of a 3MF file, which is an archive.
     cache : bool
-        Whether the triangles of a STEP file are taken from the user's cache, or kept there for the next time.
+        Whether the triangles of a STEP file are read from, and written to, the user's cache.
     progress : callable
-        Called with the number of meshes that are prepared and the number of all, after each of them. Not
-        called for a compiled scene.
+        Called after each mesh with the number of meshes prepared and their total. Not called for a compiled
+        scene.
 
     Returns
     -------
     Scene
-        In metres. Names and poses are the file's; a part that is several bodies is split.
+        In metres. Names and poses are the file's; a part with several bodies is split.
 
     Raises
     ------
     MeshFormatError
         If the file is missing, damaged, or not in the format of its name. A file is never read in part.
     MeshError
-        If what is in it cannot be used, *units* are unknown, or an option is out of range.
+        If its contents cannot be used, *units* are unknown, or an option is out of range.
     ArgumentError
         If a compiled scene is to be scaled.
 
@@ -81,11 +80,11 @@ def load(
     the file's faces. If parts have an unlikely size, ``scene.report.notes`` names the likely unit.
 
     A saved scene is memory-mapped; only its checksum is computed. Processes that have it open share the
-    memory. Do not change the file in place meanwhile; saving again replaces it, which is safe. It is
-    recognised by its first bytes, whatever its name is. ``report`` is that of the original file.
+    memory. Do not modify the file in place while it is open; saving again replaces it, which is safe. It is
+    recognised by its first bytes, not by its name. ``report`` is that of the original file.
     """
     if _is_compiled(path):
-        unit_name(units or "mm")  # refuses what is no unit, as for any file
+        unit_name(units or "mm")  # raises for an unknown unit, as for any file
         if scale != 1.0:
             why = "a compiled scene is not scaled; compile it with a scale"
             raise ArgumentError(f"{os.fsdecode(path)}: {why}")
@@ -108,17 +107,14 @@ def load(
             contents.approximation,
         )
         scene = scene_of(_counted(contents.geometries, progress), os.fspath(path), report)
-    # The package itself is not warned: its commands give the unit of answers as well.
+    # Not for calls from the package: its commands take the unit of answers by the same option.
     if units and not sys._getframe(1).f_globals.get("__name__", "").startswith("proximity."):
         _warn_of_units(scene, unit_name(units))
     return scene
 
 
 def _is_compiled(path: Any) -> bool:
-    """Return whether a regular file begins like a compiled scene, or is named so.
-
-    *path*: of a file that may not be there: then it is none.
-    """
+    """Return whether *path* is a regular file with the signature or the extension of a compiled scene."""
     try:
         name = os.fsdecode(path)
         with open_regular(name) as file:
@@ -129,7 +125,7 @@ def _is_compiled(path: Any) -> bool:
 
 
 def joined(scenes: Sequence[Scene]) -> Scene:
-    """Return one scene with the parts of several loaded ones where they are; equal names are numbered."""
+    """Return one scene with the parts of several loaded ones at their poses; equal names are numbered."""
     named = [part for scene in scenes for part in scene.parts]
     parts = _with_own_names(named)
     reports = [scene.report for scene in scenes if scene.report is not None]
@@ -149,7 +145,7 @@ def joined(scenes: Sequence[Scene]) -> Scene:
 
 
 def _warn_of_units(scene: Scene, units: str) -> None:
-    """Warn a user whose unit has no effect, as the file declares another."""
+    """Warn that the caller's unit has no effect, as the file declares another."""
     report = scene.report
     if report is not None and units not in report.units.split(", "):
         warnings.warn(
@@ -184,7 +180,7 @@ def scene_of(geometries: Iterable[Geometry], origin: str, report: LoadReport) ->
 
 
 def _parts_of(geometries: Iterable[Geometry], origin: str) -> list[Part]:
-    """The parts of meshes, with names that differ."""
+    """Return the parts of meshes, with distinct names."""
     parts: list[Part] = []
     first_of: dict[tuple[int, int], tuple[Geometry, list[Part]]] = {}
     for geometry in geometries:
@@ -192,7 +188,7 @@ def _parts_of(geometries: Iterable[Geometry], origin: str) -> list[Part]:
         if arrays not in first_of:
             first_of[arrays] = geometry, _bodies(geometry, origin)
         first, bodies = first_of[arrays]
-        # A part that occurs at many poses is looked through and given its tree once.
+        # Meshes that share their arrays are validated and given a tree once.
         parts += [
             replace(
                 body,
@@ -206,7 +202,7 @@ def _parts_of(geometries: Iterable[Geometry], origin: str) -> list[Part]:
 
 
 def notes_on_sizes(scene: Scene) -> list[str]:
-    """Return the sentence of ``scene.report`` about parts of unlikely size, if there is one."""
+    """Return the note for ``scene.report`` about parts of unlikely size, if any."""
     assert scene.report is not None, "a scene read from a file has a report"
     lower, upper = scene.bounds
     with np.errstate(over="ignore"):
@@ -226,7 +222,7 @@ def _bodies(geometry: Geometry, origin: str) -> list[Part]:
 
 
 def _compiled_scene(path: str) -> Scene:
-    from proximity.scene.saved.compiled_scene import read_scene  # with kernels that other files do not need
+    from proximity.scene.saved.compiled_scene import read_scene  # loads kernels that other files do not need
 
     compiled = read_scene(path)
     parts, report = [Part(**fields) for fields in compiled.parts], compiled.report
@@ -239,7 +235,7 @@ def _compiled_scene(path: str) -> Scene:
 
 
 def _with_own_names(parts: list[Part]) -> list[Part]:
-    """Number the later of parts that would share a name, as a file's "a.1" and the first body of its "a"."""
+    """Number the later parts of equal name, such as a file's "a.1" and the first body of its "a"."""
     taken: set[str] = set()
     renamed: list[Any] = []
     for part in parts:

@@ -1,4 +1,4 @@
-"""The overlap of two parts: the volume that both of them fill."""
+"""Overlap of two parts: the volume inside both."""
 
 from typing import Any, NamedTuple
 
@@ -12,12 +12,12 @@ from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 
 TOUCHING_THICKNESS = 1e-6
-"""Mean thickness of a common volume that counts as touching, times the longest side of the box around both
-parts: STEP files are rounded to single precision, 6e-8, so parts that touch may overlap by a little."""
+"""Mean thickness up to which a common volume counts as touching, times the longest side of the box around
+both parts: STEP files are rounded to single precision, 6e-8, so parts that touch may overlap slightly."""
 
 
 class Overlap(NamedTuple):
-    """The volume that two parts have in common, in the scene's frame.
+    """The common volume of two parts, in the scene's frame.
 
     ``volume`` is in m³. ``lower`` and ``upper``, (3,) m, are the corners of the box around it.
     """
@@ -31,7 +31,7 @@ class Overlap(NamedTuple):
 
 
 def overlap(scene: Scene, first: str, second: str) -> Overlap | None:
-    """Return the volume that two parts of a scene have in common, hidden or not; None if there is none.
+    """Return the common volume of two parts of a scene, hidden or not; None if there is none.
 
     Parameters
     ----------
@@ -43,20 +43,20 @@ def overlap(scene: Scene, first: str, second: str) -> Overlap | None:
     Returns
     -------
     Overlap or None
-        Exact for the triangles, but for rounding. Parts that only touch have none: a common volume counts
-        if its mean thickness is more than 1e-6 of the longest side of the box around both parts.
+        Exact for the triangles, up to rounding. None for parts that only touch: the mean thickness of a
+        common volume must exceed 1e-6 of the longest side of the box around both parts.
 
     Raises
     ------
     SceneError
-        If there is no such part.
+        If a part does not exist.
     MeshError
         If a part is not a closed solid for manifold3d.
 
     Notes
     -----
     Degenerate: curved surfaces that touch overlap where their triangles differ.
-    Cost: 1 s for 300 k faces, once for each part; then as much for each pair of parts whose boxes meet.
+    Cost: 1 s for 300 k faces, once for each part, and again for each pair of parts whose boxes meet.
     Source: the intersection is computed by manifold3d.
     """
     parts = scene.part(first), scene.part(second)
@@ -67,7 +67,7 @@ def overlap(scene: Scene, first: str, second: str) -> Overlap | None:
     if (lowers.max(axis=0) >= uppers.min(axis=0)).any():
         return None
     lower, upper = lowers.min(axis=0), uppers.max(axis=0)
-    middle = lower + 0.5 * (upper - lower)  # no digits are lost far from the origin
+    middle = lower + 0.5 * (upper - lower)  # keeps precision far from the origin
     common = _solid(parts[0], points[0] - middle) ^ _solid(parts[1], points[1] - middle)
     volume, area = common.volume(), common.surface_area()
     if not 2.0 * volume > TOUCHING_THICKNESS * float((upper - lower).max()) * area:

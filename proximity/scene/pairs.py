@@ -1,4 +1,4 @@
-"""Questions about two parts: how far they are apart, and which of a scene are nearest to each other."""
+"""Queries of pairs of parts: their distance, and the nearest pairs of a scene."""
 
 from bisect import insort
 from collections.abc import Iterator
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 
 class Relation(StrEnum):
-    """How two parts lie to each other.
+    """Position of two parts relative to each other.
 
-    ``TOUCHING``: the surfaces meet, to within rounding, 1e-13 of sizes, and the parts have no volume in
-    common. ``CROSSING``: the surfaces meet and the parts have volume in common; faces cross, or lie flush
-    with the material on the same side. Open parts cross where their faces do. ``FIRST_INSIDE`` and
-    ``SECOND_INSIDE``: the whole part, or one of its surfaces, is inside the other part, and touches its
-    surface in single points at most.
+    ``TOUCHING``: the surfaces meet, within rounding, 1e-13 of sizes, and the parts have no common volume.
+    ``CROSSING``: the surfaces meet and the parts have a common volume; faces cross, or lie flush with the
+    material on the same side. Open parts cross if their faces do. ``FIRST_INSIDE`` and ``SECOND_INSIDE``: the
+    whole part, or one of its surfaces, is inside the other part, and touches its surface in single points at
+    most.
     """
 
     APART = "apart"
@@ -39,12 +39,12 @@ class Relation(StrEnum):
 
 
 SHARING = (Relation.CROSSING, Relation.FIRST_INSIDE, Relation.SECOND_INSIDE)
-"""Relations of parts with volume in common; open parts may cross without."""
+"""Relations of parts with common volume; open parts may cross without."""
 WIDER = 1.0 + 2.0**-40
 LEAST_TOLERANCE = 1e-9
-"""Of a depth: bounds that are nearer to each other are not looked for."""
+"""Relative to a depth: the search does not bring its bounds closer than this."""
 LEAST_LIMIT = 1e-12  # m
-"""Only what is shorter is found: with these a distance of exactly the limit is, also where that is 0."""
+"""A search finds only shorter distances: these two make it find one that equals the limit, 0 included."""
 _RELATIONS = {
     answers.APART: Relation.APART,
     answers.TOUCHES: Relation.TOUCHING,
@@ -55,13 +55,12 @@ _RELATIONS = {
 class Clearance(NamedTuple):
     """The shortest connection between two parts, in the scene's frame.
 
-    ``first`` and ``second`` are the parts' names. ``distance``, m, is 0 where they touch, cross, or one is
-    inside the other: ``relation`` tells which. ``point_on_first`` and ``point_on_second``, (3,) m, are its
-    ends. Where parts cross they are one point of both surfaces; where one part is inside the other, the point
-    of the inner surface that is nearest to the outer one. ``face_on_first`` and
-    ``face_on_second`` are the faces of the ends; `NO_FACE` where one part is inside the other. The true
-    distance is between ``lower``, m, and ``distance``: they are equal but where a tolerance or a budget ended
-    the search early.
+    ``first`` and ``second`` are the parts' names. ``distance``, m, is 0 for parts that touch, cross, or
+    contain one another, as in ``relation``. ``point_on_first`` and ``point_on_second``, (3,) m, are its ends:
+    one point of both surfaces if the parts cross; the point of the inner surface that is nearest to the outer
+    one if a part is inside the other. ``face_on_first`` and ``face_on_second`` are the faces of the ends;
+    `NO_FACE` if a part is inside the other. The true distance is between ``lower``, m, and ``distance``,
+    which are equal unless a tolerance or a budget ended the search early.
     """
 
     first: str
@@ -79,13 +78,13 @@ class Clearance(NamedTuple):
 
 
 class PairQueries:
-    """What a scene answers about pairs of its parts."""
+    """Queries of a scene about pairs of its parts."""
 
     _parts: Any
     snapshot: Any
 
     def _state_with_rows(self, *names: str | int) -> tuple[Model, list[Solid], list[int]]:
-        """A model, the solids of its parts, and the rows of some."""
+        """Return a model, the solids of its parts, and the rows of the named parts."""
         while True:
             parts, model = self._parts, self.snapshot()
             if parts is self._parts:
@@ -94,28 +93,28 @@ class PairQueries:
     def clearance(
         self, first: str | int, second: str | int, *, tolerance: float = 0.0, budget: int | None = None
     ) -> Clearance:
-        """Return the shortest distance between two parts, hidden or not, and where it is.
+        """Return the shortest distance between two parts, hidden or not, and its ends.
 
         Parameters
         ----------
         first, second : str or int
             Names or indices of two parts.
         tolerance : float
-            The distance returned may be longer than the true one by this share of it; ``lower`` is a lower
-            bound. 0 is exact.
+            Relative tolerance: the distance returned may exceed the true one by this share of it; ``lower``
+            is a lower bound. 0 is exact.
         budget : int
-            Steps of the search (boxes opened and groups of eight triangles compared) after which it ends
-            with what it knows; None for as many as it takes.
+            Steps of the search (boxes opened and groups of eight triangles compared) after which it returns
+            its present bounds; None for no limit.
 
         Returns
         -------
         Clearance
-            Exact but for rounding, without a tolerance or a budget.
+            Exact up to rounding, without a tolerance or a budget.
 
         Raises
         ------
         SceneError
-            If there is no such part, or both are the same.
+            If a part does not exist, or both are the same.
         ArgumentError
             If the tolerance or the budget is out of range.
 
@@ -123,8 +122,8 @@ class PairQueries:
         -----
         Degenerate: a part that is not closed contains nothing. Common volumes thinner than 1e-9 of the size
         count as touching.
-        Cost: 10 to 200 µs for parts of 3 to 80 thousand faces that are apart; several ms where large surfaces
-        run along each other at a small distance.
+        Cost: 10 to 200 µs for parts of 3 to 80 thousand faces that are apart; several ms if large surfaces
+        are nearly parallel at a small distance.
         Thread: as all queries.
         """
         tolerance = not_negative("tolerance", tolerance, "shares")
@@ -137,42 +136,42 @@ class PairQueries:
     def penetration(
         self, first: str | int, second: str | int, *, direction: Any = None, tolerance: float = 0.01
     ) -> "Penetration":
-        """Return how deep two parts are in each other: the way out, and the deepest point.
+        """Return the penetration of two parts: the way out, and the deepest point.
 
-        A screw in its hole comes free only along its axis, by its length, but where triangles stand for round
-        surfaces no point of it is far inside the other part: compare ``deepest`` with a tolerance.
+        A screw in its hole comes free only along its axis, by its length, but no point of it is far inside
+        the other part, as triangles approximate both round surfaces: compare ``deepest`` with a tolerance.
 
         Parameters
         ----------
         first, second : str or int
-            Names or indices of two parts, hidden or not. For the way out the first one is moved.
+            Names or indices of two parts, hidden or not. The way out moves the first.
         direction : (3,) array-like, scene's frame
             Direction of the way out. Default: a direction with a short way; the axes of both parts and the
             line between their middles are compared, and the best is turned to the normal at which the part
             comes free.
         tolerance : float
-            Share by which the bounds of each depth may differ. They differ by more after 48 probes of the way
-            out, where the part may be free for a moment before, and by 1e-7 of the smaller part's size for
-            the deepest point, or after two million steps.
+            Relative difference allowed between the bounds of each depth. They differ by more after 48 probes
+            of the way out, as the part may be free briefly before. The deepest point is found to 1e-7 of the
+            smaller part's size at best, and in at most two million steps.
 
         Returns
         -------
         Penetration
             Bounds of the displacement at which the parts do not overlap for the first time, and of the
             largest distance of a point of their common volume to the surface of either part. They do not
-            depend on how finely surfaces are divided. Along another direction the way out may be shorter.
+            depend on the tessellation. Along another direction the way out may be shorter.
 
         Raises
         ------
         SceneError
-            If there is no such part, or both are the same.
+            If a part does not exist, or both are the same.
         ArgumentError
             If the direction is not three finite numbers, or zero, or the tolerance is out of range.
 
         Notes
         -----
-        Degenerate: 0 where the parts are apart, or touch; the direction is then that of their distance. Where
-        both are open, ``lower`` is 0 and so is ``deepest``: they have no inside.
+        Degenerate: 0 for parts that are apart or touch; the direction is then that of their distance. Two
+        open parts have no inside: ``lower`` and ``deepest`` are 0.
         Cost: 1 to 15 ms each for parts of 3 to 80 thousand faces; with a direction a third of it.
         Thread: as all queries.
         Source: directional penetration depth, Dobkin, Hershberger, Kirkpatrick, Suri 1993.
@@ -183,7 +182,7 @@ class PairQueries:
         if row == other:
             raise SceneError(f"{first!r} is asked how deep it is in itself, expected two parts")
         faces = solids[row].surface_faces, solids[other].surface_faces
-        from proximity.scene import penetration  # other queries do not need it
+        from proximity.scene import penetration  # not needed by other queries
 
         search = penetration.PenetrationSearch(model, row, other, faces)
         search.search(tolerance) if along is None else search.look_along(along, tolerance)
@@ -205,25 +204,25 @@ class PairQueries:
         max_distance : m
             Pairs that are farther apart are left out.
         most : int
-            How many pairs to return at most; None for all.
+            Largest number of pairs to return; None for all.
         of : str or int
-            Name or index of one part: only pairs of it and another part. It may be hidden.
+            Name or index of one part: only its pairs are returned. It may be hidden.
 
         Returns
         -------
         list of Clearance
-            Each as `clearance` returns it; of pairs at the same distance first those of the earlier parts.
+            Each as from `clearance`; pairs at the same distance are in the order of their parts.
 
         Raises
         ------
         SceneError
-            If there is no such part.
+            If the part does not exist.
         ArgumentError
             If ``max_distance`` or ``most`` is out of range.
 
         Notes
         -----
-        Cost: that of `clearance` for every pair whose boxes are nearer than what is asked for.
+        Cost: that of `clearance` for every pair whose boxes are within the limit.
         """
         limit = not_negative("max_distance", max_distance, "metres", may_be_infinite=True)
         if most is not None and whole("most", most, 0) == 0:
@@ -252,7 +251,7 @@ def deepest_of(queries: PairQueries, first: str, second: str, tolerance: float) 
 
 
 def _unit(direction: Any) -> np.ndarray:
-    """A direction with length 1."""
+    """Return a direction scaled to length 1."""
     vector = as_float64(direction, "direction", expected="three numbers")
     length = float(np.linalg.norm(vector))
     if vector.shape != (3,) or not 0.0 < length < inf:
@@ -261,7 +260,7 @@ def _unit(direction: Any) -> np.ndarray:
 
 
 def _pairs_by_gap(model: Model, only: int | None) -> Iterator[tuple[float, int, int]]:
-    """Yield how far boxes of two parts are apart, the least first, and their rows, the lower one first."""
+    """Yield the distances of the boxes of two parts, ascending, and their rows, the lower one first."""
     frames = model.frames[:-1]
     visible = np.flatnonzero(model.parts["is_hidden"][:-1] == 0)
     if only is None:
@@ -286,7 +285,7 @@ def _clearance(
     tolerance: float = 0.0,
     budget: int = 0,
 ) -> Clearance:
-    """The connection of two parts; one that is no shorter than *limit*, m, may be inf."""
+    """Return the connection of two parts; if it is not shorter than *limit*, m, it may be inf."""
     answer, point, names = np.empty(1, answers.CLEARANCE_ANSWER), np.empty(3), model.names
     connect_parts(model.packed, first, second, limit, tolerance, budget, answer)
     lower, distance, _, (face, other_face), relation_row, may_be_inside = answer[0].tolist()

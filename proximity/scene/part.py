@@ -1,4 +1,4 @@
-"""A solid in a scene: name, pose, motion, and how it answers a touch; and the report of loading."""
+"""A solid in a scene: name, pose, motion and surface; and the report of loading."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -19,28 +19,28 @@ NO_REPAIRS = Repairs(0, 0, 0.0, 0, 0, 0, False)
 NO_VELOCITY = np.zeros(3)
 NO_VELOCITY.flags.writeable = False
 NO_VELOCITIES = np.zeros((0, 3))
-"""Stands for zero velocities of all parts that are moved."""
+"""Zero velocities of all parts that are moved."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A solid with a name, a pose in the scene, and references to where its faces came from.
+    """A solid with a name, a pose in the scene, and the origin of its faces.
 
     ``pose`` is world_from_part. ``velocity``, m/s, is that of the part's origin, ``angular_velocity``, rad/s,
     about it, both in the scene's frame. ``source_faces`` has, for each row of ``solid.mesh.faces``, the row
-    of the file's or the caller's faces; ``repairs`` counts what was repaired on loading. A part with
-    ``is_hidden`` is ignored by queries and ticks. ``stiffness``, N/m, and ``damping``, N s/m, are those of
-    a deformable part; a ``stiffness`` of None is rigid.
+    of the file's or the caller's faces; ``repairs`` counts the repairs on loading. Queries and ticks ignore a
+    part with ``is_hidden``. ``stiffness``, N/m, and ``damping``, N s/m, are those of a deformable part; a
+    ``stiffness`` of None is rigid.
     """
 
     name: str
     solid: Solid
     pose: Pose  # world_from_part; a scene takes a (4, 4) matrix as well
     source_faces: np.ndarray  # (F,) int32, row of the caller's faces, or of the file's
-    repairs: Repairs = NO_REPAIRS  # what was mended on loading
+    repairs: Repairs = NO_REPAIRS  # on loading
     velocity: np.ndarray = field(default_factory=lambda: NO_VELOCITY)  # (3,) m/s, of its origin, in the scene
     angular_velocity: np.ndarray = field(default_factory=lambda: NO_VELOCITY)  # (3,) rad/s, about its origin
-    is_hidden: bool = False  # no question finds it
+    is_hidden: bool = False  # ignored by queries
     stiffness: float | None = None  # N/m; None: rigid
     damping: float = 0.0  # N s/m, of a part that is not rigid
 
@@ -68,7 +68,7 @@ class LoadReport:
     notes : tuple of str
         Sentences for the user.
     approximation : float, m
-        How far triangles may be from the curved faces of a STEP file; 0 where the file has triangles.
+        Largest deviation of triangles from the curved faces of a STEP file; 0 for a file of triangles.
     """
 
     path: str
@@ -91,7 +91,7 @@ def part_cells(part: Part) -> tuple[Any, ...]:
 
 
 def checked_part(given: Any) -> Part:
-    """Return a part to put into a scene, with everything that a user may have set looked at.
+    """Return a part to put into a scene, with all fields that a user may set validated.
 
     *given*: a `Solid` becomes a part at the identity pose.
     """
@@ -129,8 +129,8 @@ def _as_part(part: Any) -> Part:
 def parts_of_mesh(vertices: Any, faces: Any, *, source_faces: Any = None, name: str = "mesh") -> list[Part]:
     """Return the bodies of a mesh as parts.
 
-    *source_faces*: what the rows of *faces* are called outside; their numbers where not given. *name*: of the
-    part; several bodies are numbered from 1.
+    *source_faces*: the caller's ids of the rows of *faces*; by default their numbers. *name*: of the part;
+    several bodies are numbered from 1.
     """
     bodies = split_bodies(vertices, faces, source_faces)
     lower = np.min([body.mesh.vertices.min(axis=0) for body in bodies], axis=0)
@@ -138,7 +138,7 @@ def parts_of_mesh(vertices: Any, faces: Any, *, source_faces: Any = None, name: 
     frame = common_frame(lower, upper) if len(bodies) > 1 else None
     count, parts = len(bodies), []
     for number in range(1, count + 1):
-        body = bodies.pop(0)  # what is made of it has not all to be there at once
+        body = bodies.pop(0)  # frees each body as soon as its solid is made
         own = name if count == 1 else f"{name}.{number}"
         solid = Solid._of_mesh(body.mesh, body.topology, own, frame)
         parts.append(Part(own, solid, Pose(), body.source_faces, body.repairs))
@@ -161,7 +161,7 @@ def checked_moves(
     angular = _as_velocities(names, angular_velocities, "angular_velocities")
     row = first_unfit_move(matrices, linear, angular)
     if row >= 0:
-        # Each is looked at alone, which finds the sentence to say.
+        # Validate each one, to raise the error of the one that is invalid.
         matrices = np.array([checked_matrix(*each) for each in zip(names, matrices, strict=True)])
         for name, velocity in zip(names, linear, strict=False):
             checked_velocity(name, velocity, "velocity", "m/s")
@@ -173,7 +173,7 @@ def checked_moves(
 def checked_move(
     name: str, pose: Any, velocity: Any, angular_velocity: Any
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what `checked_moves` returns, for one part.
+    """Return the results of `checked_moves` for one part.
 
     *pose*: (4, 4) array-like; *velocity*, *angular_velocity*: (3,) array-like.
     """
@@ -223,9 +223,9 @@ def checked_velocity(name: str, velocity: Any, what: str, unit: str) -> np.ndarr
 
 
 def checked_surface(name: str, stiffness: Any, damping: Any) -> tuple[float | None, float]:
-    """Return stiffness, N/m, None of a rigid part, and damping, N s/m.
+    """Return stiffness, N/m, None for a rigid part, and damping, N s/m.
 
-    *damping*: at least 0, and 0 of a rigid part.
+    *damping*: at least 0; 0 for a rigid part.
     """
     damping = not_negative(f"damping of part {name!r}", damping, "N s/m")
     if stiffness is not None:

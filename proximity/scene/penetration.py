@@ -1,4 +1,4 @@
-"""How deep one part is in another: how far it must move to be free, and how far a point of it is inside."""
+"""Penetration of two parts: the displacement that frees one of the other, and the deepest point."""
 
 from math import inf
 from typing import NamedTuple
@@ -10,27 +10,27 @@ from proximity.kernels.entries import deepest_point, depth_along
 from proximity.scene.model.assembly import Model
 
 MOST_TURNS = 4
-"""Times that the direction follows the surface at which a part comes free."""
+"""Number of times that the direction is set to the normal of the surface at which a part comes free."""
 BEYOND = 0.4
-"""Of the tolerance: so much beyond the depth expected parts should be apart."""
+"""Relative to the tolerance: the distance beyond the expected depth at which the parts should be apart."""
 LEAST_GAIN = 0.25
-"""Of the tolerance: for less a direction is not turned."""
+"""Relative to the tolerance: a direction is not turned for a smaller gain."""
 ROUGH = 0.1
 """Tolerance while directions are compared."""
 REST = 1e-7
-"""Of a part's size: bounds of the deepest point are brought no nearer to each other."""
+"""Relative to a part's size: bounds of the deepest point are brought no closer."""
 DEEPEST_BUDGET = 2_000_000
-"""Steps in each direction, some 2 s, after which the bounds of the deepest point are left as they are."""
+"""Steps in each direction, about 2 s, after which the search returns the present bounds."""
 
 
 class Penetration(NamedTuple):
-    """How deep two parts are in each other.
+    """Penetration of two parts.
 
     ``first`` and ``second`` are the parts' names. *Way out*: moved by ``depth``, m, along ``direction``,
     (3,), scene's frame, the first part does not overlap the second; moved by less than ``lower``, m, it does.
     *Deepest point*: no point of either part is farther inside the other than ``deepest``, m;
-    ``deepest_point``, (3,) m, scene's frame, is at least ``deepest_lower``, m, inside. All are 0 where the
-    parts do not overlap; the point is nan then.
+    ``deepest_point``, (3,) m, scene's frame, is at least ``deepest_lower``, m, inside. For parts that do not
+    overlap all are 0 and the point is nan.
     """
 
     first: str
@@ -44,7 +44,7 @@ class Penetration(NamedTuple):
 
 
 class DeepestPoint(NamedTuple):
-    """Bounds, m, of how far any point of two parts is inside the other, the point, (3,) m, and the steps."""
+    """Bounds, m, of the largest depth of a point of either part in the other, the point, and the steps."""
 
     upper: float
     lower: float
@@ -55,7 +55,7 @@ class DeepestPoint(NamedTuple):
 def find_deepest(
     model: Model, first: int, second: int, tolerance: float, budget: int = DEEPEST_BUDGET
 ) -> DeepestPoint:
-    """Search both parts for their deepest point in the other; *tolerance*: share between its bounds."""
+    """Search both parts for their deepest point in the other; *tolerance*: relative, between its bounds."""
     found, frames = np.zeros(1, DEEPEST_ANSWER), model.frames[[first, second]]
     found["point"] = np.nan
     rest = REST * float(np.linalg.norm(frames["own_upper"] - frames["own_lower"], axis=1).min())
@@ -68,7 +68,7 @@ def find_deepest(
 
 
 class PenetrationSearch:
-    """Looks for a direction in which the first of two parts of a model soon comes free of the second.
+    """Search for a direction in which the first of two parts of a model is soon free of the second.
 
     *faces*: one of each surface of either part.
     """
@@ -84,9 +84,9 @@ class PenetrationSearch:
         self._normal = np.zeros(3)
 
     def look_along(self, direction: np.ndarray, tolerance: float, expected: float = 0.0) -> bool:
-        """Keep a direction if the depth along it is less than along the best so far; whether it is.
+        """Measure the depth along a direction; if it is less than the best, store it and return True.
 
-        *expected*: depth, m, at which it is looked first, a little beyond.
+        *expected*: depth, m; the search begins slightly beyond it.
         """
         left = max(self._budget - self.steps, 1) if self._budget else 0
         found, limit = self._found, self.depth
@@ -100,7 +100,7 @@ class PenetrationSearch:
         return True
 
     def search(self, tolerance: float) -> None:
-        """Look for a direction with a small depth, anywhere."""
+        """Search for a direction with a small depth."""
         self._compare_axes()
         self.follow_normals(ROUGH)
         self.refine(tolerance)
@@ -117,7 +117,7 @@ class PenetrationSearch:
             self.look_along(np.ascontiguousarray(direction), ROUGH)
 
     def follow_normals(self, tolerance: float) -> None:
-        """Turn the direction to the normal at which the part comes free, while that makes the depth less."""
+        """Turn the direction to the normal at which the part comes free, while that reduces the depth."""
         for _ in range(MOST_TURNS):
             gain = 1.0 - float(self._normal @ self.direction)  # share of the depth that turning saves, about
             if not self._normal.any() or gain < LEAST_GAIN * tolerance:
@@ -126,7 +126,7 @@ class PenetrationSearch:
                 break
 
     def refine(self, tolerance: float) -> None:
-        """Bring the bounds of the best direction together."""
+        """Narrow the bounds of the best direction to the tolerance."""
         if self.depth < inf and self.depth - self.lower > tolerance * self.depth:
             before, self.depth = (self.depth, self.lower), inf
             self.look_along(self.direction, tolerance, self.depth)

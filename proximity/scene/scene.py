@@ -31,7 +31,7 @@ from proximity.system.locks import fork_safe_lock
 
 
 class Scene(Queries, PairQueries):
-    """Parts that are queried together. They may be moved, deformed, added and removed between queries.
+    """Parts that are queried together; they may be moved, deformed, added and removed between queries.
 
     A scene is a context manager: ``with proximity.load("a.prox") as scene`` closes it at the end: see
     `close`.
@@ -46,7 +46,7 @@ class Scene(Queries, PairQueries):
     Raises
     ------
     SceneError
-        If there are no parts, something else than parts, or two of one name, or if velocities, stiffness or
+        If there are no parts, an entry is not a part, two have the same name, or velocities, stiffness or
         damping of a part are out of range.
     PoseError
         If a part's pose is not a rigid transform, or is too far away.
@@ -74,7 +74,7 @@ class Scene(Queries, PairQueries):
 
     @classmethod
     def from_mesh(cls, vertices: Any, faces: Any = None, *, name: str = "mesh") -> "Scene":
-        """Return a scene of the bodies in a mesh, welded, split and signed as when loaded from a file.
+        """Return a scene of the bodies in a mesh, welded, split and signed like a loaded file.
 
         Parameters
         ----------
@@ -115,7 +115,7 @@ class Scene(Queries, PairQueries):
         with self._lock:
             model = self._parts.updated()
             if model is None:
-                # All copies are in use by queries that take long, or a tree has outgrown its memory.
+                # All copies are in use by long queries, or a tree has outgrown its memory.
                 self._parts = self._parts.in_new_memory()
                 model = self._parts.state.latest
             return model
@@ -128,7 +128,7 @@ class Scene(Queries, PairQueries):
 
     @property
     def epoch(self) -> int:
-        """A number that grows when indices of parts, their faces, or hidden parts change."""
+        """A number that grows when indices of parts, their faces, or their visibility change."""
         return self._parts.state.epoch
 
     @property
@@ -141,7 +141,7 @@ class Scene(Queries, PairQueries):
         return known[1].copy(), known[2].copy()
 
     def _model_and_parts(self) -> tuple[Model, list[Part]]:
-        """The arrays of the present state, and the parts in the same state."""
+        """Return the arrays of the present state, and the parts in the same state."""
         while True:
             model = self.snapshot()
             with self._lock:
@@ -157,7 +157,7 @@ class Scene(Queries, PairQueries):
 
     @property
     def memory_bytes(self) -> int:
-        """Bytes held by meshes and trees."""
+        """Bytes of meshes and trees."""
         return self._parts.memory_bytes
 
     def part(self, name: str | int) -> Part:
@@ -171,7 +171,7 @@ class Scene(Queries, PairQueries):
         Raises
         ------
         SceneError
-            If there is no such part; the message lists the names.
+            If the part does not exist; the message lists the names.
         """
         with self._lock:
             return self._parts[self._parts.find(name)]
@@ -187,7 +187,7 @@ class Scene(Queries, PairQueries):
     def move(
         self, name: str, pose: Any, *, velocity: Any = NO_VELOCITY, angular_velocity: Any = NO_VELOCITY
     ) -> None:
-        """Set the pose of a part, and the velocity that it has there.
+        """Set the pose of a part, and its velocity.
 
         Parameters
         ----------
@@ -204,7 +204,7 @@ class Scene(Queries, PairQueries):
         Raises
         ------
         SceneError
-            If there is no such part, or a velocity is not finite, or beyond 1e9 m/s or rad/s.
+            If the part does not exist, or a velocity is not finite, or beyond 1e9 m/s or rad/s.
         PoseError
             If the pose is not a rigid transform.
         """
@@ -224,27 +224,27 @@ class Scene(Queries, PairQueries):
         poses : (K, 4, 4) float64, or a list of Pose
             ``world_from_part``, metres.
         velocities : (K, 3) float64, m/s, scene's frame
-            Of the parts' origins; zero where not given.
+            Of the parts' origins. Default: zero.
         angular_velocities : (K, 3) float64, rad/s, scene's frame
-            About the parts' origins; zero where not given.
+            About the parts' origins. Default: zero.
 
         Raises
         ------
         SceneError
-            If there is no such part, one is named twice, or velocities are not finite, beyond 1e9 m/s or
-            rad/s, or not as many.
+            If a part does not exist, one is named twice, or velocities are not finite, beyond 1e9 m/s or
+            rad/s, or not one for each part.
         PoseError
             If a pose is not a rigid transform; the message names the part.
 
         Notes
         -----
-        Cost: some 10 µs for 20 parts of 200, whatever their faces, and as much for the next question or tick;
-        some 0.5 ms more when a part moves for the first time, and some 10 ms when one leaves the scene far
-        enough for another tree over the parts. The same names again, of the same `str` objects, save some µs.
+        Cost: 10 µs for 20 parts of 200, regardless of faces, and the same for the next query or tick; 0.5 ms
+        more when a part moves for the first time, and 10 ms when one leaves the scene far enough for a new
+        tree over the parts. Repeating the same names, as the same `str` objects, saves some µs.
         """
         if isinstance(names, str) or not isinstance(names, Iterable):
             raise SceneError(f"names are {names!r}, expected a list of names")
-        names = list(names)  # before the lock is taken: they may come from somebody who asks this scene
+        names = list(names)  # before the lock is taken: the iterable may query this scene
         with self._lock:
             rows = self._parts.rows_of(names)
             self._parts.state.move(rows, *checked_moves(names, poses, velocities, angular_velocities))
@@ -277,7 +277,7 @@ class Scene(Queries, PairQueries):
             self._parts = self._parts.with_part(part)
 
     def remove(self, name: str) -> None:
-        """Remove a part, at the cost of `add`; the indices of later parts go down by one.
+        """Remove a part, at the cost of `add`; the indices of later parts decrease by one.
 
         Parameters
         ----------
@@ -287,7 +287,7 @@ class Scene(Queries, PairQueries):
         Raises
         ------
         SceneError
-            If there is no such part, or it is the only one.
+            If the part does not exist, or it is the only one.
         """
         with self._lock:
             row = self._parts.find(name)
@@ -306,7 +306,7 @@ class Scene(Queries, PairQueries):
         Raises
         ------
         SceneError
-            If there is no such part.
+            If the part does not exist.
         """
         with self._lock:
             self._parts.state.set_hidden(self._parts.find(name), True)
@@ -322,7 +322,7 @@ class Scene(Queries, PairQueries):
         Raises
         ------
         SceneError
-            If there is no such part.
+            If the part does not exist.
         """
         with self._lock:
             self._parts.state.set_hidden(self._parts.find(name), False)
@@ -342,13 +342,13 @@ class Scene(Queries, PairQueries):
         Raises
         ------
         SceneError
-            If there is no such part, or a number is out of range.
+            If the part does not exist, or a number is out of range.
         """
         with self._lock:
             self._parts.state.set_surface(self._parts.find(name), *checked_surface(name, stiffness, damping))
 
     def save(self, path: Any) -> None:
-        """Write the scene to a file that `load` opens in milliseconds: no tree has to be built again.
+        """Write the scene to a file that `load` opens in milliseconds, without rebuilding trees.
 
         Parameters
         ----------
@@ -363,10 +363,10 @@ class Scene(Queries, PairQueries):
         Notes
         -----
         Cost: 176 bytes a face on the disk.
-        Thread: parts may be queried and moved meanwhile; the file has the state of one moment.
+        Thread: parts may be queried and moved during the call; the file has the state of one moment.
         """
         from proximity.scene.saved.archive import check_extension
-        from proximity.scene.saved.compiled_scene import write_scene  # with kernels that queries do not need
+        from proximity.scene.saved.compiled_scene import write_scene  # loads kernels that queries do not need
 
         check_extension(path)
         write_scene(path, *self._model_and_parts(), self.report)
@@ -387,7 +387,7 @@ class Scene(Queries, PairQueries):
         Raises
         ------
         SceneError
-            If there is no such part.
+            If the part does not exist.
         MeshError
             If they cannot be used, would tear the surface, or would turn a closed part inside out. The part
             is then unchanged.
@@ -434,5 +434,5 @@ class Scene(Queries, PairQueries):
 
 
 def _made_again(parts: list[Part], report: LoadReport | None, dynamic: list[int], epoch: int) -> Scene:
-    """The copy of a scene, with a lock and arrays of its own."""
+    """Return the copy of a scene, with its own lock and arrays."""
     return Scene._of_parts(SceneParts.of(*with_arrays(parts), dynamic=dynamic, epoch=epoch), report)

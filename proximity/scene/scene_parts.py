@@ -1,4 +1,4 @@
-"""The parts of a scene by name, and their arrays; replaced as a whole when a part comes or goes."""
+"""The parts of a scene by name, and their arrays; replaced as a whole when a part is added or removed."""
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -16,13 +16,13 @@ from proximity.scene.part import Part, checked_part
 from proximity.system.memory import return_free_memory
 
 MANY_FACES = 100_000
-"""Of new parts: the making of more leaves so much unused memory that it is given back at once."""
+"""Number of new faces from which memory freed by their construction is returned to the system."""
 
 
 class SceneParts:
     """Parts, their rows by name, and the state of their arrays.
 
-    Not for several threads at once: the scene has a lock.
+    Not thread-safe: the scene has a lock.
     """
 
     def __init__(self, parts: list[Part], state: SceneState) -> None:
@@ -30,7 +30,7 @@ class SceneParts:
         self.row_of = {part.name: row for row, part in enumerate(parts)}
         self.solids = [part.solid for part in parts]
         self._parts = parts
-        self._versions = state.versions.copy()  # of the rows that `_parts` shows
+        self._versions = state.versions.copy()  # of the rows in `_parts`
         self._last_rows: tuple[list[str], np.ndarray] = [], np.empty(0, np.int64)
         self._interrupted: tuple[int, LocalFrame] | None = None  # deformation: row, and its frame before
 
@@ -38,10 +38,10 @@ class SceneParts:
     def of(
         cls, parts: list[Part], sources: list[Model], *, dynamic: Collection[int] = (), epoch: int = 0
     ) -> "SceneParts":
-        """Return parts whose arrays are put together from *sources*.
+        """Return parts whose arrays are assembled from *sources*.
 
-        *parts*: with names that differ, and solids that are in no other scene. *dynamic*: rows of the parts
-        that have moved by themselves.
+        *parts*: with distinct names, and solids that are in no other scene. *dynamic*: rows of the parts that
+        have moved on their own.
         """
         model = assemble(
             sources,
@@ -63,9 +63,9 @@ class SceneParts:
 
     @classmethod
     def of_new(cls, parts: list[Part]) -> "SceneParts":
-        """Return parts whose solids nobody else has.
+        """Return parts whose solids have no other owner.
 
-        *parts*: as `checked_parts` takes them. The list is emptied: their arrays are not needed twice.
+        *parts*: as for `checked_parts`. The list is emptied, so that their arrays are freed early.
         """
         own, sources = with_arrays(checked_parts(parts))
         parts.clear()
@@ -83,11 +83,11 @@ class SceneParts:
         return len(self._parts)
 
     def __iter__(self) -> Iterator[Part]:
-        """The parts as they are at present."""
+        """Iterate over the parts in their present state."""
         return (self[row] for row in range(len(self._parts)))
 
     def __getitem__(self, row: int) -> Part:
-        """A part with its present values; made when somebody asks, not when it moves."""
+        """Return a part with its present values; made on access, not when the part moves."""
         self.mend()
         version = self.state.versions[row]
         if version != self._versions[row]:
@@ -97,7 +97,7 @@ class SceneParts:
 
     @property
     def face_count(self) -> int:
-        """Arrays of all parts."""
+        """Number of faces of all parts."""
         return sum(part.solid.mesh.face_count for part in self._parts)
 
     @property
@@ -107,7 +107,7 @@ class SceneParts:
         return self.state.latest.memory_bytes + sum(solid._mesh_bytes for solid in solids)
 
     def find(self, name: str | int) -> int:
-        """Return the row of the part of that name or index; a `SceneError` if there is none."""
+        """Return the row of the part of that name or index; raise a `SceneError` if there is none."""
         if isinstance(name, int | np.integer) and 0 <= name < len(self._parts):  # -1 is `NO_PART`
             return int(name)
         try:
@@ -116,7 +116,7 @@ class SceneParts:
             raise SceneError(f"no part is named {name!r}; {self._hint(name)}") from None
 
     def _hint(self, name: object) -> str:
-        """Name the part with the most similar name, or some of them."""
+        """Return a hint with the most similar name, or with some of the names."""
         if isinstance(name, str) and (close := get_close_matches(name, self.row_of, 1)):
             return f"did you mean {close[0]!r}?"
         known = ", ".join(repr(known) for known in list(self.row_of)[:10])
@@ -124,9 +124,9 @@ class SceneParts:
         return f"the scene has {known}{more}"
 
     def rows_of(self, names: list[str]) -> np.ndarray:
-        """Return the rows of parts of those names, each once; a `SceneError` if they are not."""
+        """Return the rows of parts of those names; raise a `SceneError` if one is unknown or repeated."""
         last, rows = self._last_rows
-        if len(last) == len(names) and all(map(is_, last, names)):  # as they mostly are
+        if len(last) == len(names) and all(map(is_, last, names)):  # the usual case
             return rows
         rows = np.array([self.find(name) for name in names], np.int64)
         if len(set(names)) < len(names):
@@ -136,7 +136,7 @@ class SceneParts:
         return rows
 
     def with_part(self, part: Part) -> "SceneParts":
-        """Return these parts and another one behind them."""
+        """Return these parts followed by another one."""
         parts, pieces = self._parts_and_arrays(range(len(self)))
         added, arrays = with_arrays([part])
         return self.of(
@@ -144,7 +144,7 @@ class SceneParts:
         )
 
     def without(self, removed: int) -> "SceneParts":
-        """Return these parts but the one of that row."""
+        """Return these parts without the one of that row."""
         kept = [row for row in range(len(self)) if row != removed]
         dynamic = [new for new, row in enumerate(kept) if row in self.state.dynamic_rows]
         remaining = self.of(*self._parts_and_arrays(kept), dynamic=dynamic, epoch=self.state.epoch + 1)
@@ -154,7 +154,7 @@ class SceneParts:
         return remaining
 
     def in_new_memory(self) -> "SceneParts":
-        """Return the same parts, with their arrays elsewhere."""
+        """Return the same parts, with their arrays in new memory."""
         kept = self._parts_and_arrays(range(len(self)))
         return self.of(*kept, dynamic=self.state.dynamic_rows, epoch=self.state.epoch)
 
@@ -164,12 +164,12 @@ class SceneParts:
         return parts, [model.part_alone(row) for row in rows]
 
     def updated(self) -> Model | None:
-        """Return a model of what is true now; None where there is no memory left to write it to."""
+        """Return a model of the present state; None if no memory is left to write it to."""
         self.mend()
         return self.state.current or self.state.update()
 
     def deform(self, row: int, vertices: Any) -> None:
-        """Give a part another shape; whoever interrupts this leaves a note, by which it is mended.
+        """Change the shape of a part. If this is interrupted, `mend` completes or reverts it later.
 
         *vertices*: (V, 3) m, part's frame.
         """
@@ -179,7 +179,7 @@ class SceneParts:
         state.current, self._interrupted = None, (row, LocalFrame.read(state.frames[row]))
         try:
             solid = deform_part(state.writable_model(), row, part.solid, vertices, part.name)
-        except (ArgumentError, MeshError):  # nothing has changed
+        except (ArgumentError, MeshError):  # before any change
             self._interrupted = None
             raise
         self._parts[row], self.solids[row] = replace(part, solid=solid), solid
@@ -187,7 +187,7 @@ class SceneParts:
         self._interrupted = None
 
     def mend(self) -> None:
-        """Give a part whose deformation was interrupted the shape of its solid, the old or the new one."""
+        """Restore a part whose deformation was interrupted to the shape of its solid, old or new."""
         if self._interrupted is not None:
             row, frame = self._interrupted
             frame.write(self.state.frames[row])
@@ -204,7 +204,7 @@ class ClosedParts:
 
 
 def checked_parts(given: Iterable[Any]) -> list[Part]:
-    """Return parts to make a scene of."""
+    """Return validated parts for a scene."""
     parts = [checked_part(part) for part in given]
     if not parts:
         raise SceneError("a scene has no parts, expected at least one")
@@ -222,7 +222,7 @@ def checked_parts(given: Iterable[Any]) -> list[Part]:
 
 
 def with_arrays(parts: list[Part]) -> tuple[list[Part], list[Model]]:
-    """Return parts for a scene of their own, and their arrays."""
+    """Return parts for a new scene, and their arrays."""
     solids = {id(part.solid): part.solid._for_scene() for part in parts}
     own = [replace(part, solid=solids[id(part.solid)]) for part in parts]
     return own, [part.solid.snapshot() for part in own]

@@ -1,11 +1,10 @@
-"""The choice of how inside is decided for a body, checked by sampling.
+"""Choice of the sign method of a body, checked by sampling.
 
-- *pseudo-normal*: the surface is closed and oriented, so the normal of the nearest feature tells the side;
-  over faces that are folded onto their neighbours, pass through others or are as thin as a line, the winding
-  number.
-- *winding number*: the surface is closed but much of it meets itself, or it has small holes; how often it
-  winds around a point tells.
-- *none*: a sheet, or a surface with large holes. There is no inside; distances have no sign.
+- *pseudo-normal*: the surface is closed and oriented; the normal of the nearest feature gives the sign. Near
+  faces that are folded onto their neighbours, pass through others or are as thin as a line, the winding
+  number does.
+- *winding number*: the surface is closed but much of it meets itself, or it has small holes.
+- *none*: a sheet, or a surface with large holes. It has no inside; distances have no sign.
 """
 
 from enum import Enum
@@ -19,8 +18,8 @@ class SignMethod(Enum):
     """The method that decides the sign of a distance.
 
     PSEUDONORMAL: by the normal of the nearest face, edge or corner of a closed and oriented surface.
-    WINDING_NUMBER: by how often the surface winds around the point, if it is closed but intersects itself,
-    or has small holes. NONE: there is no inside, and distances have no sign.
+    WINDING_NUMBER: by the number of times the surface winds around the point, if it is closed but intersects
+    itself, or has small holes. NONE: distances have no sign, as the part has no inside.
     """
 
     PSEUDONORMAL = "pseudo-normal"
@@ -55,13 +54,13 @@ REASONS = {
     ),
     layout.REASON_OPEN: "not closed: there is no inside, so distances have no sign",
 }
-"""Why a part has its sign."""
+"""Reasons for the choice of a sign method."""
 EXCEPTIONS = (
     "; {count} faces are as thin as a line, or next to such faces: there the winding number decides",
     "; {count} faces are folded over, or pass through others, or next to such faces: there the winding "
     "number decides",
 )
-"""Where the winding number decides the sign of a part that has pseudo-normals, and why; if there are any."""
+"""Faces of a part with pseudo-normals whose sign comes from the winding number, and the reason, if any."""
 FLIPPED = "; all faces were flipped: they ran clockwise seen from outside"
 
 

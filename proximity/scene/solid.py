@@ -1,4 +1,4 @@
-"""Solids: one body with its faces, tree, and method to decide what is inside."""
+"""Solids: one body with its faces, tree and sign method."""
 
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -26,8 +26,8 @@ DEFORMED = "; decided before the part was deformed, and not checked since"
 class Solid(Queries):
     """One body, ready for queries. It never changes: deforming a part makes another solid.
 
-    ``mesh`` holds vertices and faces; ``sign_method`` says how inside and outside are decided,
-    ``sign_reason`` why.
+    ``mesh`` has vertices and faces; ``sign_method`` is how inside and outside are decided, ``sign_reason``
+    why.
 
     Parameters
     ----------
@@ -44,11 +44,11 @@ class Solid(Queries):
     Raises
     ------
     MeshError
-        If the arrays cannot be used; the message names the first offender.
+        If the arrays cannot be used; the message names the first invalid entry.
 
     Notes
     -----
-    Cost: for 300 k faces 0.8 s where they are even and 1.2 s where they are needles; 190 bytes a face.
+    Cost: for 300 k faces 0.8 s if they are even, 1.2 s if they are needles; 190 bytes a face.
     """
 
     mesh: TriangleMesh
@@ -66,7 +66,7 @@ class Solid(Queries):
     def _begin(
         self, mesh: TriangleMesh, topology: Topology | None, name: str, frame: LocalFrame | None
     ) -> None:
-        """Make the tree of a mesh and choose the sign; *topology*: of the mesh, if somebody has it."""
+        """Build the tree of a mesh and choose the sign; *topology*: of the mesh, if known."""
         if topology is None:
             topology = build_topology(mesh)
         is_turned = topology.is_balanced and signed_volume(mesh.vertices, mesh.faces) < 0.0
@@ -87,7 +87,7 @@ class Solid(Queries):
     def _of_mesh(
         cls, mesh: TriangleMesh, topology: Topology | None, name: str, frame: LocalFrame | None
     ) -> "Solid":
-        """The solid of a mesh, whose arrays it shares; the rest is for `_begin`."""
+        """Return the solid of a mesh, sharing its arrays; see `_begin`."""
         solid = cls.__new__(cls)
         solid._begin(mesh, topology, name, frame)
         return solid
@@ -96,7 +96,7 @@ class Solid(Queries):
     def _from_model(
         cls, model: Model, row: int, mesh: TriangleMesh, name: str, sign: tuple[SignMethod, str, bool]
     ) -> "Solid":
-        """The body of a part of a model, without making anything anew; *sign*: method, reason, watertight."""
+        """Return the solid of a model's part without rebuilding it; *sign*: method, reason, watertight."""
         solid = cls.__new__(cls)
         solid.mesh, solid.name = mesh, name
         solid.sign_method, solid.sign_reason, solid._is_watertight = sign
@@ -104,13 +104,13 @@ class Solid(Queries):
         return solid
 
     def _for_scene(self) -> "Solid":
-        """The same solid, for a scene to say where its arrays are."""
+        """Return the same solid, for a scene to assign its arrays."""
         solid = Solid.__new__(Solid)
         solid.__dict__.update(self.__dict__, _arrays=SolidArrays(self.snapshot()))
         return solid
 
     def _deformed(self, vertices: np.ndarray, model: Model, row: int) -> "Solid":
-        """The same faces over other vertices, checked already, with their arrays in a scene's memory."""
+        """Return the same faces over other, validated vertices, with arrays in a scene's memory."""
         reason = self.sign_reason.removesuffix(DEFORMED) + DEFORMED
         sign = self.sign_method, reason, self._is_watertight
         solid = Solid._from_model(model, row, self.mesh.with_vertices(vertices), self.name, sign)
@@ -118,19 +118,18 @@ class Solid(Queries):
         return solid
 
     def __getstate__(self) -> dict[str, Any]:
-        """State for a copy: arrays of its own, wherever the original's lie."""
+        """Return the state for a copy, with arrays separate from the original's."""
         return self.__dict__ | {"_arrays": assemble([self.snapshot()], [Pose()])}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _arrays=SolidArrays(state["_arrays"]))
 
     def snapshot(self) -> Model:
-        """Return the arrays that queries take, at the identity pose.
+        """Return the arrays for queries, at the identity pose.
 
         Notes
         -----
-        Cost: none, except after a scene has deformed the part of this solid: then its tree is built again,
-        once.
+        Cost: none, except after a scene has deformed the part of this solid: then its tree is rebuilt once.
         """
         arrays = self._arrays
         return arrays.rebuilt(self.mesh) if arrays.is_overwritten else arrays.model
@@ -156,13 +155,13 @@ class Solid(Queries):
 
     @cached_property
     def topology(self) -> Topology:
-        """Connections between the faces; computed anew when first asked for."""
+        """Connections between the faces; computed on first access."""
         return build_topology(self.mesh)
 
     @cached_property
     def diagnosis(self) -> "Diagnosis":
         """Diagnosis of the mesh, with manifold3d's verdict."""
-        from proximity.mesh.diagnosis import diagnose  # queries do not need it
+        from proximity.mesh.diagnosis import diagnose  # not needed by queries
 
         return diagnose(self.mesh)
 
@@ -173,7 +172,7 @@ class Solid(Queries):
 
     @cached_property
     def first_vertices(self) -> np.ndarray:
-        """The first vertex at the position of each vertex, (V,) int32; -1 where no face has it."""
+        """The first vertex at the position of each vertex, (V,) int32; -1 for a vertex of no face."""
         model = self._arrays.model
         part = model.parts[0]
         corner_of = model.words[part["faces"] :][: 3 * part["face_count"]].view(np.int32)
@@ -181,7 +180,7 @@ class Solid(Queries):
         corner[self.mesh.faces.ravel()] = corner_of
         used = np.flatnonzero(corner != UNUSED)
         first = np.empty(int(corner.max()) + 1, np.int32)
-        first[corner[used[::-1]]] = used[::-1]  # of several the last one stays
+        first[corner[used[::-1]]] = used[::-1]  # the smallest vertex of each corner is written last
         assert (np.diff(first) > 0).all(), "corners are numbered in the order of their first vertices"
         return np.where(corner == UNUSED, np.int32(UNUSED), first[corner])
 
@@ -193,7 +192,7 @@ class Solid(Queries):
 
     @property
     def memory_bytes(self) -> int:
-        """Bytes held by the mesh and the tree."""
+        """Bytes of the mesh and the tree."""
         return self.snapshot().memory_bytes + self._mesh_bytes
 
     @property

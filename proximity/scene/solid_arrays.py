@@ -1,4 +1,4 @@
-"""The arrays of a solid, which a scene may hold and deform while the solid never changes."""
+"""The arrays of a solid, which may be in a scene that deforms them while the solid stays unchanged."""
 
 import numpy as np
 
@@ -16,14 +16,14 @@ def part_model(
 ) -> Model:
     """Return the model of one part that has no sign yet.
 
-    *corners*: (K, 3) m; *faces*: (F, 3) of *corners*; *neighbors*: (F, 3). *frame*: to share with other
-    parts; the part has its own if none is given or if the part is small in it.
+    *corners*: (K, 3) m; *faces*: (F, 3) of *corners*; *neighbors*: (F, 3). *frame*: shared with other parts;
+    the part gets its own if none is given or the part is small in it.
     """
     shared = np.zeros(4) if frame is None else np.append(frame.centre, frame.scale)
     frames, parts = np.zeros(2, FRAME), np.zeros(2, PART)
     *tree, real_count, word_count = plan_part(corners, faces, shared, frames, parts)
     if not real_count:
-        local_frame(corners.min(axis=0), corners.max(axis=0))  # which raises
+        local_frame(corners.min(axis=0), corners.max(axis=0))  # raises
     reals, words = aligned_empty(real_count, np.float64), aligned_empty(word_count, np.float32)
     model = finished(reals, words, frames, parts)
     fill_part(model.packed, *tree, corners, faces, neighbors)
@@ -31,12 +31,12 @@ def part_model(
 
 
 class SolidArrays:
-    """The arrays of a solid: in memory of its own, or in that of a scene."""
+    """The arrays of a solid: in separate memory, or in that of a scene."""
 
     __slots__ = ("is_overwritten", "model", "row")
     model: Model
     row: int  # of the part in the scene's memory
-    is_overwritten: bool  # the scene has given the part another shape: `rebuilt` is to be asked
+    is_overwritten: bool  # the scene has given the part another shape: call `rebuilt`
 
     def __init__(self, model: Model) -> None:
         self.model, self.row, self.is_overwritten = model, 0, False
@@ -49,18 +49,18 @@ class SolidArrays:
         return arrays
 
     def move_to(self, scene: Model, row: int) -> None:
-        """Look at equal arrays of a part in a scene's memory from now on, and let those before go."""
+        """Replace the arrays by the equal ones of a part in a scene's memory."""
         self.model, self.row, self.is_overwritten = scene.part_alone(row), row, False
 
     def leave_scene(self, mesh: TriangleMesh) -> None:
-        """Look at a copy, which does not hold on to the memory of the scene."""
+        """Replace the arrays by a copy, which does not keep the scene's memory alive."""
         self.model = assemble([self.rebuilt(mesh) if self.is_overwritten else self.model], [Pose()])
 
     def rebuilt(self, mesh: TriangleMesh) -> Model:
-        """Return the arrays made anew, after the scene has written another shape over them."""
+        """Return rebuilt arrays, after the scene has overwritten them with another shape."""
         model = self.model
         part = model.parts[0]
-        # Faces, neighbours and folded faces stay where they are, whatever shape the scene gives the part.
+        # Faces, neighbours and folded faces are the same for every shape of the part.
         faces, neighbors = (
             model.words[part[column] :][: 3 * part["face_count"]].view(np.int32).reshape(-1, 3).copy()
             for column in ("faces", "neighbors")
@@ -69,7 +69,7 @@ class SolidArrays:
         corners[faces.ravel()] = mesh.vertices[mesh.faces.ravel()]
         rebuilt = part_model(corners, faces, neighbors, LocalFrame.read(model.frames[0]))
         restore_sign(rebuilt.packed, int(part["sign"]), part["grid"] != NO_GRID, model.folded_faces(0))
-        # In this order: another thread may look, and must not find the old arrays to be right.
+        # In this order: another thread must not take the old arrays for valid ones.
         self.model = rebuilt
         self.is_overwritten = False
         return self.model

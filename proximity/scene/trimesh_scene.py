@@ -1,4 +1,4 @@
-"""Meshes of trimesh, PyVista and Open3D as scenes, by their arrays; and scenes as objects of trimesh."""
+"""Meshes of trimesh, PyVista and Open3D as scenes, by their arrays; and scenes as trimesh objects."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -15,7 +15,7 @@ from proximity.scene.part import LoadReport
 from proximity.scene.scene import Scene
 
 Placed = tuple[str, Any, np.ndarray | None]
-"""Name of a part, its mesh or other geometry, and the matrix that places it."""
+"""Name of a part, its mesh or other geometry, and its matrix."""
 
 
 def from_trimesh(mesh: Any, *, units: str | None = None, name: str = "mesh") -> Scene:
@@ -34,14 +34,13 @@ def from_trimesh(mesh: Any, *, units: str | None = None, name: str = "mesh") -> 
     Returns
     -------
     Scene
-        In metres. A mesh that is several bodies is split; ``part.source_faces`` has the rows of the mesh's
+        In metres. A mesh with several bodies is split; ``part.source_faces`` has the rows of the mesh's
         faces.
 
     Raises
     ------
     MeshError
-        If it is neither of the two, has no unit or another one than *units*, has no faces, or cannot be
-        used.
+        If it is neither of the two, has no unit or another one than *units*, has no faces, or is not usable.
     """
     kind = trimesh_kind(mesh)
     if kind is None:
@@ -52,7 +51,7 @@ def from_trimesh(mesh: Any, *, units: str | None = None, name: str = "mesh") -> 
         raise MeshError(f"the trimesh.{kind} holds no faces")
     left_out = len(placed) - len(meshes)
     notes = (f"{left_out} of its geometries have no faces and were ignored",) if left_out else ()
-    # Where None was assigned, trimesh says "none".
+    # For a unit of None, trimesh reports "none".
     declared = {str(each[1].units) for each in meshes} - {"None", "none"}
     units = _agreed_units(declared, units)
     report = LoadReport("", f"trimesh.{kind}", units, bool(declared), notes)
@@ -67,20 +66,20 @@ def from_mesh(mesh: Any, *, units: str | None = None, name: str = "mesh") -> Sce
     mesh : trimesh.Trimesh, trimesh.Scene, pyvista.PolyData or open3d.geometry.TriangleMesh
         Also any object with arrays ``vertices`` and ``faces``. All faces must be triangles.
     units : str
-        Unit of the coordinates: "mm", "m", "in", ...; only a mesh of trimesh may name it itself.
+        Unit of the coordinates: "mm", "m", "in", ...; only a mesh of trimesh may declare it itself.
     name : str
         Name of the part.
 
     Returns
     -------
     Scene
-        In metres. A mesh that is several bodies is split; ``part.source_faces`` has the rows of the mesh's
+        In metres. A mesh with several bodies is split; ``part.source_faces`` has the rows of the mesh's
         faces.
 
     Raises
     ------
     MeshError
-        If it is none of these, has no unit, has other faces than triangles, or cannot be used.
+        If it is none of these, has no unit, has faces other than triangles, or is not usable.
     """
     if trimesh_kind(mesh) is not None:
         return from_trimesh(mesh, units=units, name=name)
@@ -107,7 +106,7 @@ def _arrays_of(mesh: Any) -> tuple[Any, np.ndarray]:
 
 
 def to_trimesh(scene: Scene) -> Any:
-    """Return a scene as a `trimesh.Scene`, for example to boolean, section or export its parts.
+    """Return a scene as a `trimesh.Scene`, for example for boolean operations, sections or export.
 
     Parameters
     ----------
@@ -117,12 +116,12 @@ def to_trimesh(scene: Scene) -> Any:
     Returns
     -------
     trimesh.Scene
-        In metres, and its meshes say so. The arrays are copies.
+        In metres, also by its declared unit. The arrays are copies.
 
     Raises
     ------
     ArgumentError
-        If *scene* is none.
+        If *scene* is not a `Scene`.
     """
     import trimesh
 
@@ -142,7 +141,7 @@ def to_trimesh(scene: Scene) -> Any:
 
 
 def _agreed_units(declared: set[str], given: str | None) -> str:
-    """The unit that all meshes agree on, and the caller too."""
+    """Return the unit that all meshes and the caller agree on."""
     names = set(map(unit_name, declared))
     if given is not None:
         names.add(unit_name(given))
@@ -154,14 +153,14 @@ def _agreed_units(declared: set[str], given: str | None) -> str:
 
 
 def _placed(scene: Any) -> Iterator[Placed]:
-    """Name, geometry and matrix of each node of a trimesh scene that has a geometry."""
+    """Yield name, geometry and matrix of each node of a trimesh scene that has a geometry."""
     for node in scene.graph.nodes_geometry:
         matrix, geometry = scene.graph[node]
         yield str(node), scene.geometry[geometry], np.asarray(matrix, np.float64)
 
 
 def _geometries(placed: list[Placed], metres: float) -> list[Geometry]:
-    """The meshes in metres; the same mesh, deformed alike, has the same arrays."""
+    """Return the meshes in metres; equally deformed instances of a mesh share their arrays."""
     shared: dict[tuple[Any, ...], tuple[np.ndarray, np.ndarray]] = {}
     geometries = []
     for name, mesh, matrix in placed:

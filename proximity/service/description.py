@@ -31,7 +31,7 @@ class Describer:
         self._refused, self._refusal = 0, b""
 
     def refuse(self, kind: str, reason: str, count: int = 1) -> None:
-        """Have described that messages of a kind, or moves, were refused, and why."""
+        """Record, for the next description, that messages of a kind, or moves, were refused, and why."""
         self._refused += count
         self._refusal = encoded_name(f"{kind}: {reason}", REFUSAL_BYTES)
 

@@ -1,7 +1,7 @@
 """Contacts of a tracked part: its nearest connections to other parts, at the instant of its newest pose.
 
-`MovesInput` reads the poses for the scene. They are applied once more to a copy of the scene's frames, so
-that all parts have one instant, independently of the fingers' loop.
+`MovesInput` reads the poses for the scene. They are also applied to a copy of the scene's frames, so that all
+parts have one instant, independently of the fingers' loop.
 """
 
 import weakref
@@ -247,7 +247,7 @@ def _pose_of(matrix: np.ndarray) -> Pose:
 
 
 def _velocity_at(frames: np.ndarray, rows: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return velocities of parts at points, (N, 3), m/s; of the origin if there is no point."""
+    """Return velocities of parts at points, (N, 3), m/s; for a point of nan that of the origin."""
     velocities, turning = frames["velocity"][rows], frames["angular_velocity"][rows]
     if turning.any():
         arms = np.where(np.isnan(points), 0.0, points - frames["translation"][rows])

@@ -79,7 +79,7 @@ class PoseBridge(Worker):
         return hasattr(self._input, "wait")
 
     def poll(self, now_ns: int) -> None:
-        """Put new poses into the mailbox."""
+        """Write new poses to the mailbox."""
         for samples in self._input.poll(now_ns):
             self._publisher.publish(samples.message())
 

@@ -143,7 +143,7 @@ class SourceMemory:
         self._fields["sensor"] = self._sensor.ctypes.data
 
     def _set_scene(self, contacts: TrackedContacts, model: Model) -> None:
-        """Let only the loop move parts: no other thread writes to its arrays."""
+        """Reserve the scene's arrays for the loop: no other thread writes to them."""
         self.has_scene, self._scene = True, contacts.tracker.scene
         self._is_edited_elsewhere = contacts.moves is contacts.changes is None
         self._epoch, self._snapshot = model.epoch, weakref.ref(model)

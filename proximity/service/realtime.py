@@ -95,7 +95,7 @@ class RealTime:
 
     @contextmanager
     def beside(self) -> Iterator[None]:
-        """Give a thread that receives or sends for the loop the next lower priority, if permitted."""
+        """Set the next lower priority for a thread that receives or sends for the loop, if permitted."""
         with ExitStack() as undo:
             with suppress(AttributeError, OSError, ValueError):
                 before, settings = os.sched_getscheduler(0), os.sched_getparam(0)

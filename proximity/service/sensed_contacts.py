@@ -67,7 +67,7 @@ class SensedContacts:
         self.unknown = unknown.view(CONTACT_RECORD)
 
     def labels(self) -> PartLabels:
-        """Return empty labels: there are no parts."""
+        """Return empty labels: a sensor has no parts."""
         return (), np.zeros(0, bool)
 
     def new_samples(self) -> Measurements:

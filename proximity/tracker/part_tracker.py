@@ -1,4 +1,4 @@
-"""Trackers of parts: every tick, the nearest connections of a part that moves to the rest, with bounds."""
+"""Trackers of parts: at every tick, the shortest connections of a moving part to the others, with bounds."""
 
 import operator
 import weakref
@@ -25,11 +25,11 @@ HORIZON = 0.25
 """s"""
 LEAST_DEPTH_TOLERANCE = 0.01
 CONNECTION = tracked_records.CONNECTION_RECORD
-"""One connection of a part that is tracked; `PartTracker.tick` says what is in it."""
+"""One connection of a tracked part; see `PartTracker.tick` for the fields."""
 
 
 class ConnectionFlag(IntFlag):
-    """What is known about a connection; a set of bits in ``connections["flags"]``."""
+    """Properties of a connection; a set of bits in ``connections["flags"]``."""
 
     PREDICTED = contact_record.PREDICTED
     """The velocities are known, so that predictions and times to contact are valid."""
@@ -38,64 +38,64 @@ class ConnectionFlag(IntFlag):
     BOUNDED = contact_record.BOUNDED
     """A tolerance or the budget ended the search: the bounds hold, the distance is the shortest found."""
     SKIPPED = contact_record.SKIPPED
-    """No search was made: the bounds follow from the last one and from the motion since."""
+    """The search was skipped: the bounds follow from the last one and from the motion since."""
     INSIDE = contact_record.INSIDE
-    """One of the parts is inside the other. The distance is 0; both points are the one of the inner surface
+    """One of the parts is inside the other. The distance is 0; both points are the point of the inner surface
     that is nearest to the outer surface."""
     IN_RANGE = contact_record.IN_RANGE
     """The distance is within the working range."""
     PART_CHANGED = contact_record.PART_CHANGED
     """The connection is to another part than at the tick before."""
     CROSSING = tracked_records.CROSSING_PARTS
-    """The surfaces of the two parts meet, and they share volume. The distance is 0; both points are one."""
+    """The surfaces of the two parts meet, and they share volume. The distance is 0; both points are equal."""
 
     @classmethod
     def _missing_(cls, value: Any) -> Any:
-        """Take the NumPy integer of a record as well."""
+        """Accept the NumPy integer of a record."""
         return super()._missing_(operator.index(value))
 
 
 class PartTracker:
-    """The nearest connections of a part that moves, or of several that move together, to the rest of a scene.
+    """The shortest connections of a moving part, or of a rigid group of parts, to the rest of a scene.
 
     Parameters
     ----------
     scene : Scene
         Its parts may be moved, added, removed, hidden or deformed between ticks.
     part : str or sequence of str
-        Name of the part, or names of a rigid group: what is between them is not looked at.
+        Name of the part, or names of a rigid group: distances within it are not computed.
     connections : int
-        How many connections to answer, at most one for each other part; 1 to 16.
+        Number of connections to return, at most one for each other part; 1 to 16.
     working_range : float, m
-        Connections that are longer are not looked for: only bounds are known of them.
+        Only bounds are computed for longer connections.
     tolerance : float
-        Share of its distance by which the bounds of a connection may differ. 0: exact at every tick.
+        Relative tolerance of the bounds of a connection. 0: exact at every tick.
     budget : int, optional
-        Largest number of steps a tick (boxes opened, and groups of eight triangles compared), and as many
-        again for times to contact, and for the depth of each connection. Where they do not suffice, the
-        bounds differ by more. None: as many as it takes.
+        Largest number of steps a tick (boxes opened, and groups of eight triangles compared), again for times
+        to contact, and again for the depth of each connection. If it is exhausted, the bounds differ by more.
+        None: no limit.
     latency : float, s
-        From a tick until its answer is used, 0 to 1: predictions are for that instant.
+        Time from a tick until its answer is used, 0 to 1: predictions are for that instant.
     horizon : float, s
         Contacts are predicted up to this time ahead.
 
     Raises
     ------
     SceneError
-        If there is no such part.
+        If a part does not exist.
     ArgumentError
-        If an argument cannot be used; the message names it and what was expected.
+        If an argument cannot be used; the message names it and the expected value.
 
     Notes
     -----
-    Degenerate: distances are those of solids, 0 where surfaces cross or one part is inside another. Hidden
-    parts are not looked at, except for the tracked ones themselves.
-    Cost: 10 to 60 µs for parts of 3 to 80 thousand faces; more where large surfaces run along each other.
+    Degenerate: distances are those of solids, 0 if surfaces cross or one part is inside another. Hidden parts
+    are ignored, except for the tracked ones themselves.
+    Cost: 10 to 60 µs for parts of 3 to 80 thousand faces; more if large surfaces are nearly parallel.
     Thread: a tick releases the interpreter lock. One thread ticks a tracker; any thread may move parts.
     Source: conservative advancement after Mirtich 1996.
     """
 
-    connections: np.ndarray  # (K,) CONNECTION, filled anew by each tick
+    connections: np.ndarray  # (K,) CONNECTION, overwritten by each tick
 
     def __init__(
         self,
@@ -135,7 +135,7 @@ class PartTracker:
 
     @property
     def scene(self) -> Scene:
-        """The scene. For another scene, make another tracker."""
+        """The scene. Another scene needs another tracker."""
         return self._scene
 
     @property
@@ -150,11 +150,11 @@ class PartTracker:
 
     @property
     def free_time(self) -> float:
-        """Time from the pose, s, before which no part is met, while velocities stay; the horizon at most."""
+        """Time from the pose, s, without contact at constant velocities; the horizon at most."""
         return float(self._settings["free_time"][0])
 
     def reset(self) -> None:
-        """Forget everything: the next tick is treated as the first."""
+        """Reset the state: the next tick is treated as the first."""
         self._epoch = -1
         self._last_pose: tuple[int, Pose] | None = None
         self._last_model = lambda: None
@@ -170,14 +170,14 @@ class PartTracker:
         velocity: Any = None,
         angular_velocity: Any = None,
     ) -> np.ndarray:
-        """Move the tracked part, or group, and answer its nearest connections.
+        """Move the tracked part, or group, and return its shortest connections.
 
         Parameters
         ----------
         pose : Pose or (4, 4) array-like, or None
-            Pose of the part, world_from_part; of a group that of the first part, which the others follow as
-            they were placed when the tracker was made. None: the parts are where they are in the scene, and
-            have the velocities that they have there.
+            Pose of the part, world_from_part; for a group that of the first part, which the others follow at
+            their relative poses from when the tracker was made. None: the parts keep their poses and
+            velocities in the scene.
         t_pose_ns : int, ns
             Instant of the pose, on the clock of *now_ns*.
         now_ns : int, ns
@@ -190,31 +190,31 @@ class PartTracker:
         Returns
         -------
         (connections,) CONNECTION
-            The shortest first. The same array at each tick: copy what you need after the next tick. Fields:
+            The shortest first. The same array at each tick: copy values needed after the next tick. Fields:
 
-            - ``distance``, m: of the shortest connection found; inf where there is none in the working range;
-            - ``lower``, ``upper``, m: the true distance to that part is between them. In the first record
-              ``lower`` holds for all parts, and where there is no connection for all that are not answered;
+            - ``distance``, m: of the shortest connection found; inf if there is none in the working range;
+            - ``lower``, ``upper``, m: bounds of the true distance to that part. In the first record ``lower``
+              holds for all parts, and in a record without a connection for all parts that have no record;
             - ``point_on_own``, ``point_on_part``, m, scene's frame: its ends;
-            - ``normal``: unit vector along which the tracked part moves away; 0 where there is none;
-            - ``depth``, ``depth_lower``, m: where parts cross, one is inside the other, or a budget left
-              that open, how far the tracked part must move along the normal to be free of the other, at most
-              and at least; else 0;
+            - ``normal``: unit vector along which the tracked part moves away; 0 if there is none;
+            - ``depth``, ``depth_lower``, m: upper and lower bound of the displacement along the normal that
+              frees the tracked part of the other, if they cross, one is inside the other, or a budget left
+              that open; else 0;
             - ``part``, ``own_part``, ``face``, ``own_face``: rows of `Scene.parts` and of their faces; -1;
-            - ``approach_speed``, m/s: -d/dt of the distance; nan where velocities are not known;
-            - ``predicted_ns``, ``predicted_distance``, ``predicted_lower``, ``predicted_upper``: when the
-              answer is used, while velocities stay;
+            - ``approach_speed``, m/s: -d/dt of the distance; nan if velocities are not known;
+            - ``predicted_ns``, ``predicted_distance``, ``predicted_lower``, ``predicted_upper``: at the
+              instant of use, at constant velocities;
             - ``time_to_contact``, s from the pose: expected; 0 in contact, inf if none is expected within the
               horizon;
-            - ``time_to_contact_lower``, s from the pose: not touched before, while velocities stay, turning
-              included; the horizon at most. In the first record this holds for all parts. A touch that ends
+            - ``time_to_contact_lower``, s from the pose: lower bound at constant velocities, rotation
+              included; the horizon at most. In the first record this holds for all parts. A contact that ends
               within the first 8 millionths of the part's size does not count, so that a part can leave;
             - ``flags``: a set of `ConnectionFlag`; ``work``: steps; ``pose_ns``, ``age_ns``.
 
         Raises
         ------
         SceneError
-            If a tracked part is not in the scene any more.
+            If a tracked part is no longer in the scene.
         PoseError, ArgumentError
             If the pose, an instant or a velocity cannot be used.
         """
@@ -227,7 +227,7 @@ class PartTracker:
         return self._follow(self._scene.snapshot(), pose_ns, now, is_predicted)
 
     def _follow(self, model: Model, pose_ns: int, now_ns: int, is_predicted: bool) -> np.ndarray:
-        """Answer as `tick` does, of a model in which the parts stand already."""
+        """Run `tick` for a model whose parts are at their poses already."""
         self._settings["pose_ns"], self._settings["now_ns"] = pose_ns, now_ns
         self._settings["is_predicted"] = is_predicted
         is_moved = model is not self._last_model()
@@ -248,11 +248,11 @@ class PartTracker:
         return self.connections
 
     def _forbid_motion(self) -> None:
-        """Certify no time without a contact."""
+        """Set the time without contact to zero."""
         self._settings["free_time"] = self.connections["time_to_contact_lower"] = 0.0
 
     def _comes_free(self, model: Model) -> bool:
-        """Whether parts that touch others do not touch them from within: whether a small move frees them."""
+        """Return whether a small displacement frees the touching parts: whether they touch from outside."""
         for pair in self._pairs[self._pairs["is_opening"] != 0]:
             search = self._penetration_search(model, pair)
             if search is None or not pair["normal"].any():
@@ -265,7 +265,7 @@ class PartTracker:
         return True
 
     def _surface_faces(self, model: Model, rows: Iterable[Any]) -> dict[int, np.ndarray] | None:
-        """One face of each surface of some parts; None where shapes have changed since the model."""
+        """Return one face of each surface of some parts; None if shapes have changed since the model."""
         try:
             faces = {int(row): self._scene.part(model.names[row]).solid.surface_faces for row in rows}
         except SceneError:
@@ -273,7 +273,7 @@ class PartTracker:
         return faces if self._scene.epoch == model.epoch else None
 
     def _penetration_search(self, model: Model, pair: Any) -> PenetrationSearch | None:
-        """A search for a direction out of the other part of a pair; None where shapes have changed."""
+        """Return a search for a direction out of the other part of a pair; None if shapes have changed."""
         own, other = int(pair["own"]), int(pair["other"])
         faces = self._surface_faces(model, (own, other))
         if faces is None:
@@ -282,7 +282,7 @@ class PartTracker:
         return PenetrationSearch(model, own, other, (faces[own], faces[other]), budget)
 
     def _measure_depth(self, model: Model, record: Any) -> None:
-        """Fill how far a part must move to be free of another, along the direction found last, or anew."""
+        """Measure the displacement that frees a part of another, in the last direction or a new one."""
         pairs = self._pairs
         row = np.flatnonzero((pairs["own"] == record["own_part"]) & (pairs["other"] == record["part"]))[0]
         pair = pairs[row].copy()
@@ -302,12 +302,12 @@ class PartTracker:
             pairs["depth"][row] = search.depth
 
     def _offsets_in_group(self) -> list[Pose]:
-        """Poses of the tracked parts relative to the first."""
+        """Return the poses of the tracked parts relative to the first."""
         poses = [self._scene.part(name).pose for name in self._names]
         return [poses[0].inverse @ pose for pose in poses]
 
     def _move(self, pose: Pose, pose_ns: int, velocity: Any, angular_velocity: Any) -> bool:
-        """Move the tracked parts; whether their velocities are known."""
+        """Move the tracked parts; return whether their velocities are known."""
         linear, angular = velocity, angular_velocity
         is_known = velocity is not None and angular_velocity is not None
         if not is_known:
@@ -332,7 +332,7 @@ class PartTracker:
         return is_known
 
     def _adopt(self, model: Model) -> None:
-        """Answer from a model that has other parts or faces than the last."""
+        """Switch to a model that has other parts or faces than the last."""
         missing = [name for name in self._names if name not in model.names]
         if missing:
             raise SceneError(f"the tracked part {missing[0]!r} is not in the scene any more")
@@ -358,9 +358,9 @@ class PartTracker:
         self._last_model = lambda: None
 
     def _decide_inside(self, model: Model) -> bool:
-        """Decide whether one part is inside the other, where surfaces may have met and do not cross.
+        """Decide whether one part is inside the other, for surfaces that may have met and do not cross.
 
-        Whether it is decided: where shapes have changed since the model was taken, the next tick does it.
+        Returns False if shapes have changed since the model was taken: the next tick decides then.
         """
         pairs, point = self._pairs, np.empty(3)
         rows = np.flatnonzero(pairs["is_undecided"])
@@ -393,5 +393,5 @@ class PartTracker:
 
 
 def follow(tracker: PartTracker, model: Model, pose_ns: int, now_ns: int, is_predicted: bool) -> np.ndarray:
-    """Answer as `PartTracker.tick` does, of a model in which all parts stand where they are at *pose_ns*."""
+    """Run `PartTracker.tick` for a model whose parts are at their poses of *pose_ns*."""
     return tracker._follow(model, pose_ns, now_ns, is_predicted)

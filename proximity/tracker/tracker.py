@@ -1,4 +1,4 @@
-"""Trackers: every tick, signed distances with bounds, predictions, time and location of contact."""
+"""Trackers: at every tick, signed distances with bounds, predictions, time and location of contact."""
 
 import weakref
 from collections.abc import Callable
@@ -37,64 +37,62 @@ from proximity.tracker.tracker_arguments import (
 )
 
 GONE = -2
-"""Part of the last answer that is not in the scene any more."""
+"""Part of a last answer that is no longer in the scene."""
 HORIZON = 0.25
 """s. A drum needs less than a tenth of a second to arrive."""
 
 _Given = tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None, np.ndarray | None]
 """Velocities, paths, bends at their corners, and bends, as a tick reads them."""
 NOTHING_GIVEN: _Given = (None, None, None, None)
-MOST_PACKS = 8  # that are kept
+MOST_PACKS = 8  # in the cache
 
 
 class Tracker:
-    """Distances, predictions and contacts for the controller of a haptic glove: every fingertip, every tick.
+    """Distances, predictions and contacts of all fingertips at every tick, for a haptic glove's controller.
 
     Parameters
     ----------
     scene : Scene
         Its parts may be moved, added, removed, hidden or deformed between ticks.
     fingers : int
-        How many fingertips.
+        Number of fingertips.
     radius : float or (fingers,) floats, m
         Of the fingertip spheres, 0.1 at most; 0 is a point, whose contact with a sheet (which has no
         inside) is predicted on its path but never confirmed.
     period : float, s
         Time between ticks; only returned by the property `period`.
     latency : float, s
-        From a tick until the controller acts on its answer, 0 to 1: predictions are for that instant.
+        Time from a tick until the controller acts on its answer, 0 to 1: predictions are for that instant.
     budget : int
-        Largest number of nodes and leaves visited per finger and tick, without a few for the side and the
-        path. None: 250, which keeps any tick of five fingers below 0.2 ms. All fingers together have 20
-        budgets for distances (eight if there are thousands) and four for predictions. If that is not
-        enough, fingers take turns, and the bounds of all differ by the same share of their distance, as
-        small as possible.
+        Largest number of nodes and leaves visited per finger and tick, plus a few for the sign and the path.
+        None: 250, which keeps any tick of five fingers below 0.2 ms. All fingers together have 20 budgets for
+        distances (eight if there are thousands) and four for predictions. If that is not enough, fingers take
+        turns, and the bounds of all have the same, smallest possible relative difference.
     working_range : float, m
         10 at most. At a larger distance only bounds are computed.
     tolerance : float
-        Share of its distance by which the bounds of a finger may differ. 0: exact at every tick. 0.05 suits
-        skins of thousands of points: most answers then follow from the tick before, and searches end
-        earlier.
+        Relative tolerance of the bounds of a finger. 0: exact at every tick. 0.05 suits skins of thousands of
+        points: most answers then follow from the tick before, and searches end earlier.
     horizon : float, s
         Contacts are predicted up to this time ahead.
     max_speed : float, m/s
-        A finger that seems faster than this is treated as a tracking jump.
+        A faster finger is treated as a tracking jump.
     max_acceleration : float, m/s²
-        Largest acceleration of a fingertip: bounds of predictions hold as long as neither is exceeded.
+        Largest acceleration of a fingertip: bounds of predictions hold while neither maximum is exceeded.
 
     Raises
     ------
     ArgumentError
-        If an argument cannot be used; the message names it and what was expected.
+        If an argument cannot be used; the message names it and the expected value.
 
     Notes
     -----
-    Thread: a tick releases the interpreter lock. One thread ticks a tracker; any thread may move parts
-    meanwhile.
+    Thread: a tick releases the interpreter lock. One thread ticks a tracker; any thread may move parts during
+    a tick.
     Source: conservative advancement after Mirtich 1996.
     """
 
-    contacts: Contacts  # (fingers,) CONTACT, filled anew by each tick
+    contacts: Contacts  # (fingers,) CONTACT, overwritten by each tick
 
     def __init__(
         self,
@@ -126,21 +124,21 @@ class Tracker:
         self._shape, self._arrays = (count, 3), new_arrays(count, settings)
         self._arrays["tracks"]["radius"] = as_radii(radius, count)
         self._pose_ns = np.zeros(count, np.int64)  # of `tick`
-        self._copies: dict[str, np.ndarray] = {}  # of what `tick` is given, by its names
-        self._given: _Given | None = None  # what ticks read; None: it is being exchanged
-        self._packs: dict[tuple[int, ...], tuple[_Given, Any]] = {}  # by what they read
-        # Not the model itself: what trackers hold on to, a scene could not write its next one to.
+        self._copies: dict[str, np.ndarray] = {}  # of the arguments of `tick`, by name
+        self._given: _Given | None = None  # arrays read by ticks; None: they are being exchanged
+        self._packs: dict[tuple[int, ...], tuple[_Given, Any]] = {}  # by the arrays they read
+        # A weak reference: the scene cannot overwrite a model that a tracker keeps alive.
         self._last_model: Callable[[], Model | None] = lambda: None
         self._last_now_ns = -MOST_NS  # of the last tick
         self._last_epoch = -1  # of the parts and faces in `contacts`
         self._epoch = -1
-        self._names: tuple[str, ...] = ()  # of the parts that `REPORTED_PART` counts
+        self._names: tuple[str, ...] = ()  # of the parts to which `reported_part` refers
         self.reset()
         self._read_from(NOTHING_GIVEN)
 
     @property
     def scene(self) -> Scene:
-        """The scene. For another scene, make another tracker."""
+        """The scene. Another scene needs another tracker."""
         return self._scene
 
     @property
@@ -150,12 +148,12 @@ class Tracker:
 
     @property
     def latency(self) -> float:
-        """From a tick until the instant that predictions are for, s, as given to the tracker."""
+        """Time from a tick to the instant of its predictions, s, as given to the tracker."""
         return self._settings["latency"].item()
 
     @property
     def notes(self) -> list[str]:
-        """Sentences on poses that were probably meant otherwise: of another clock, or in millimetres."""
+        """Notes on poses that are probably of another clock or in millimetres."""
         return list(self._pose_notes.sentences)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -174,21 +172,21 @@ class Tracker:
         path_bends: npt.ArrayLike | None = None,
         bends: npt.ArrayLike | None = None,
     ) -> Contacts:
-        """Answer for all fingers.
+        """Return the contacts of all fingers.
 
         Parameters
         ----------
         positions : (fingers, 3) float64, m, scene's frame
-            Centres of the fingertips. A row that is not finite is a finger that is not tracked: its record
-            says so, and the others are answered. Do not write to the array during the tick.
+            Centres of the fingertips. A row that is not finite marks a finger that is not tracked, also in
+            its record; the others are answered. Do not write to the array during the tick.
         t_pose_ns : int or (fingers,) int64, ns
-            Instant of the positions, on the clock of *now_ns*. The same instant again does not change the
+            Instant of the positions, on the clock of *now_ns*. Repeating an instant does not change the
             velocity; an earlier one is a jump. A finger whose instant is more than a second from *now_ns* is
-            not tracked: it is of another clock, and `notes` says so.
+            not tracked, and `notes` reports another clock.
         now_ns : int, ns
             Instant of the tick, as `time.monotonic_ns` gives it.
         velocities : (fingers, 3) float64, m/s
-            Velocities, if they are known better than from the poses. Rows that are not finite are
+            Velocities, if more accurate ones are known than from the poses. Rows that are not finite are
             estimated.
         paths : (fingers, K, 3) float64, m, scene's frame
             Path of each fingertip as the finger bends: the corners of a polyline. A finger whose first
@@ -201,7 +199,7 @@ class Tracker:
         Returns
         -------
         (fingers,) CONTACT
-            The same array at each tick: copy what you need after the next tick.
+            The same array at each tick: copy values needed after the next tick.
 
         Raises
         ------
@@ -212,7 +210,7 @@ class Tracker:
         Notes
         -----
         Sign: as `Scene.signed_distance`, minus the radius.
-        Cost: some 10 µs for five fingers near parts of 100 k faces.
+        Cost: 10 µs for five fingers near parts of 100 k faces.
         """
         if velocities is not None:
             velocities = self._copied("velocities", as_shape(velocities, "velocities", self._shape))
@@ -224,7 +222,7 @@ class Tracker:
         elif bends is not None or path_bends is not None:
             raise ArgumentError("path_bends are given without paths")
         rows = as_shape(positions, "positions", self._shape)
-        # As instants nearly always are.
+        # The usual case.
         if (
             type(t_pose_ns) is type(now_ns) is int
             and EARLY_NS <= t_pose_ns <= MOST_NS
@@ -257,10 +255,10 @@ class Tracker:
         path_bends: np.ndarray | None = None,
         bends: np.ndarray | None = None,
     ) -> Contacts:
-        """Answer as `tick` does, but without its checks.
+        """Run `tick` without validation.
 
-        All arrays are contiguous and exactly of the types below. They are read where they are; ticks are
-        fastest where they are the same arrays each time.
+        All arrays are contiguous and exactly of the types below. They are not copied; ticks are fastest with
+        the same arrays each time.
 
         Parameters
         ----------
@@ -281,12 +279,13 @@ class Tracker:
         Raises
         ------
         ArgumentError, TypeError
-            If positions or instants are not as many as fingers, or an array has another type or layout.
+            If the number of positions or instants is not that of fingers, or an array has another type or
+            layout.
         """
-        v, p, b, own = self._given or (self,) * 4  # what is nothing that could be given
+        v, p, b, own = self._given or (self,) * 4  # differs from any argument
         if velocities is not v or paths is not p or path_bends is not b or bends is not own:
             self._read_from((velocities, paths, path_bends, bends))
-        # That parts have moved is reported until a tick has taken it in, even if someone interrupts this one.
+        # Moved parts are reported until a tick has processed them, even if a tick is interrupted.
         model = self._scene.snapshot()
         is_moved = model is not self._last_model()
         if is_moved:
@@ -304,7 +303,7 @@ class Tracker:
         return self.contacts
 
     def write_to(self, contacts: np.ndarray) -> None:
-        """Have ticks fill other records, such as those of a message; `contacts` is a view of them.
+        """Make ticks write other records, such as those of a message; `contacts` is a view of them.
 
         Parameters
         ----------
@@ -317,11 +316,11 @@ class Tracker:
 
     @property
     def epoch(self) -> int:
-        """Epoch of the scene at the last tick, to which parts and faces in contacts refer; -1 before it."""
+        """Epoch of the scene at the last tick, of the parts and faces in contacts; -1 before it."""
         return self._last_epoch
 
     def reset(self) -> None:
-        """Forget all fingers: the next tick is treated as the first."""
+        """Reset all fingers: the next tick is treated as the first."""
         self._arrays["motions"][:] = 0
         self._arrays["tracks"]["reported_part"] = NO_PART
         self._last_now_ns = -MOST_NS
@@ -329,7 +328,7 @@ class Tracker:
         track.forget_surfaces(self._arrays["tracks"], self._arrays["balls"])
 
     def _adopt_model(self, model: Model) -> None:
-        """Answer from *model* from now on; its epoch is written last, so that an interrupt repeats this."""
+        """Switch to *model*; its epoch is written last, so that an interrupted switch is repeated."""
         if model.epoch != self._epoch:
             self._renumber_parts(model.names)
             count = len(model.parts) - 1
@@ -341,7 +340,7 @@ class Tracker:
             self._epoch = model.epoch
 
     def _renumber_parts(self, names: tuple[str, ...]) -> None:
-        """Write the present numbers of the parts in the last answers; `GONE` where a part was removed."""
+        """Update the part rows in the last answers; `GONE` for a part that was removed."""
         if names != self._names:
             rows = {name: row for row, name in enumerate(names)}
             reported = self._arrays["tracks"]["reported_part"]
@@ -349,12 +348,12 @@ class Tracker:
             reported[:], self._names = found, names
 
     def _pack(self) -> None:
-        """Have ticks use the arrays that there are now."""
+        """Pack the present arrays for ticks."""
         records = self.contacts.view(np.ndarray).view(CONTACT_RECORD)
         self._packed: Any = native.packed(track.TrackerArrays(**self._arrays, records=records))
 
     def _copied(self, name: str, values: np.ndarray) -> np.ndarray:
-        """Return the values in the same array at each tick, as long as they have the same shape."""
+        """Return a copy of the values, in the same array at each tick while the shape stays."""
         copy = self._copies.get(name)
         if copy is None or copy.shape != values.shape:
             copy = self._copies[name] = np.empty(values.shape)
@@ -362,7 +361,7 @@ class Tracker:
         return copy
 
     def _read_from(self, given: _Given) -> None:
-        """Have ticks read these arrays; callers may change between a few."""
+        """Set the arrays that ticks read; callers may alternate between several sets."""
         self._given = None
         velocities, paths, path_bends, bends = given
         arrays = self._arrays
@@ -388,7 +387,7 @@ class Tracker:
 
 
 def arrays_of(tracker: Tracker, *given: np.ndarray) -> tuple[Model, track.TrackerArrays]:
-    """The model and the arrays that a loop of compiled code ticks with from now on, in place of the tracker.
+    """Return the model and the arrays for a compiled loop that ticks instead of the tracker.
 
     *given*: velocities, paths, bends at their corners, and bends.
     """
@@ -402,7 +401,7 @@ def arrays_of(tracker: Tracker, *given: np.ndarray) -> tuple[Model, track.Tracke
 
 
 def arrays_after(tracker: Tracker, model: Model) -> tuple[track.TrackerArrays, np.ndarray]:
-    """The arrays of such a loop once its scene has other parts, and their rows by those that were before."""
+    """Return the arrays of such a loop once its scene has other parts, and their rows by previous rows."""
     count, rows = len(model.parts) - 1, {name: row for row, name in enumerate(model.names)}
     rows_after = np.array([rows.get(name, GONE) for name in tracker._names], np.int64)
     tracker._arrays["before"] = np.empty((count, POSE_COLUMNS))
@@ -414,5 +413,5 @@ def arrays_after(tracker: Tracker, model: Model) -> tuple[track.TrackerArrays, n
 
 
 def note_answers(tracker: Tracker, answers: int) -> None:
-    """Note what the ticks of such a loop have answered about poses."""
+    """Record the notes on poses in the answers of such a loop."""
     tracker._pose_notes.add(answers, tracker.contacts.copy(), tracker._scene.snapshot())

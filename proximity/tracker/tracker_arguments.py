@@ -1,6 +1,6 @@
-"""What a tracker is given: checks, arrays of a tick, and notes on poses that were probably meant otherwise.
+"""Arguments of a tracker: validation, arrays of a tick, and notes on poses of a wrong clock or unit.
 
-Each check raises a `ArgumentError` that says what was expected.
+Each check raises an `ArgumentError` with the expected value.
 """
 
 import logging
@@ -30,36 +30,36 @@ from proximity.scene.queries.checked_query import in_millimetres, size_of
 
 LOGGER = logging.getLogger("proximity.tracker")
 DEFAULT_BUDGET = 250
-"""Nodes and leaves a finger and tick. Near CAD parts a walk takes 10 to 60, near free forms 3 in 100 000 take
-more than these. At the centre of a ball of 1.3 M faces they take 13 to 28 µs, as fast as the memory is, and
-bound the distance within 4.1 %. With 350 it is 2.5 %, but on a busy machine one tick in a hundred of five
-fingers there took longer than 0.2 ms then; with 175 it is 6.4 %."""
+"""Nodes and leaves a finger and tick. Near CAD parts a traversal takes 10 to 60; near free forms 3 in 100 000
+take more than this. At the centre of a ball of 1.3 M faces it takes 13 to 28 µs, limited by memory, and
+bounds the distance within 4.1 %. With 350 it is 2.5 %, but on a busy machine one tick in a hundred of five
+fingers took longer than 0.2 ms there; with 175 it is 6.4 %."""
 MOST = 2**31 - 1
-"""Nodes and leaves: more than any scene has."""
+"""Nodes and leaves: more than in any scene."""
 LONGEST_LATENCY = 1.0
-"""s, as in a scene file; 20 ms that are given as 20 are more."""
+"""s, as in a scene file; 20 ms given as 20 exceed it."""
 LARGEST_RADIUS = 0.1
-"""m; no fingertip is larger, and 7 mm that are given as 7 are."""
+"""m; larger than any fingertip; 7 mm given as 7 exceed it."""
 LARGEST_WORKING_RANGE = 10.0
-"""m; likewise 120 mm that are given as 120."""
+"""m; 120 mm given as 120 exceed it."""
 SHORTEST_NS = 1000
-"""From one tick to another, and from a clock's 0 to the first: a tick takes longer."""
+"""Shortest time between ticks, and from a clock's 0 to the first: a tick takes longer."""
 EARLY_NS = 100_000
-"""Instants below are seconds where the other instant of the tick is more than `OTHER_CLOCK_NS` away."""
+"""Smaller instants are in seconds if the other instant of the tick is more than `OTHER_CLOCK_NS` away."""
 LARGEST_SECONDS = 10_000_000_000
-"""No clock or calendar shows as many."""
+"""More seconds than any clock or calendar shows."""
 NOT_NANOSECONDS = "expected nanoseconds, as time.monotonic_ns() gives them: it looks like seconds"
 TWO_CLOCKS = "t_pose_ns and now_ns may be of two clocks: take both from time.monotonic_ns()"
 
 
 def length_error(length: float, most: float) -> str:
-    """Say why a length cannot be meant; follows "… is "."""
+    """Return the reason why a length is probably in millimetres; follows "… is "."""
     return f"{length:g} m ({1e3 * length:g} mm), expected at most {most:g} m: was it meant in millimetres?"
 
 
 def as_shape(values: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
     """Return numbers as a float64 array of that shape, as kernels read it."""
-    # Nothing to do, as at nearly every tick, is seen first.
+    # The usual case first: the array can be used as it is.
     if type(values) is np.ndarray and values.dtype is FLOAT64 and values.shape == shape:
         flags = values.flags
         if flags.c_contiguous and flags.aligned:
@@ -98,13 +98,13 @@ def as_instants(t_pose_ns: Any, count: int) -> np.ndarray:
 
 
 def refuse_seconds(pose_ns: np.ndarray, now_ns: int, last_now_ns: int) -> None:
-    """Refuse instants, of poses and of a tick, that no clock shows in nanoseconds."""
+    """Raise an error for instants, of poses and of a tick, that are probably in seconds."""
     first_ns = pose_ns.item(0)
     is_apart = abs(now_ns - first_ns) > OTHER_CLOCK_NS
     is_too_soon = 0 < now_ns - last_now_ns < SHORTEST_NS and 0 < now_ns < LARGEST_SECONDS
     if 0 < now_ns < (EARLY_NS if is_apart else SHORTEST_NS) or is_too_soon:
         raise ArgumentError(f"now_ns is {now_ns}, {NOT_NANOSECONDS}")
-    # Of one finger alone it may be a fault of its sensor.
+    # For one finger alone it may be a defect of its sensor.
     if is_apart and 0 < first_ns < EARLY_NS and pose_ns.max() < EARLY_NS:
         raise ArgumentError(f"t_pose_ns is {first_ns}, {NOT_NANOSECONDS}")
 
@@ -132,7 +132,7 @@ def as_paths(paths: Any, count: int) -> np.ndarray:
 
 
 def as_path_bends(path_bends: Any, count: int) -> np.ndarray:
-    """Return the bend at each of *count* corners, increasing; evenly from 0 to 1 where not given."""
+    """Return the bend at each of *count* corners, increasing; by default evenly from 0 to 1."""
     if path_bends is None:
         return np.linspace(0.0, 1.0, count)
     given = as_shape(path_bends, "path_bends", (count,))
@@ -150,7 +150,7 @@ def new_settings(
     max_speed: Any,
     max_acceleration: Any,
 ) -> np.ndarray:
-    """Return the settings of ticks, as `kernels.tracking.track` numbers them."""
+    """Return the settings of ticks, a record of `kernels.tracking.track`."""
     reach = not_negative("working_range", working_range, "metres")
     if reach > LARGEST_WORKING_RANGE:
         raise ArgumentError(f"working_range is {length_error(reach, LARGEST_WORKING_RANGE)}")
@@ -169,7 +169,7 @@ def new_settings(
 
 
 def new_arrays(count: int, settings: np.ndarray) -> dict[str, np.ndarray]:
-    """Return what a tick reads and writes beside its records, by the names in `kernels.tracking.track`."""
+    """Return the arrays of a tick except its records, named as in `kernels.tracking.track`."""
     return {
         "settings": settings,
         "velocities": np.full((count, 3), np.nan),
@@ -189,7 +189,7 @@ def new_arrays(count: int, settings: np.ndarray) -> dict[str, np.ndarray]:
 
 
 class PoseNotes:
-    """Sentences about the poses of a tracker; each kind is logged once."""
+    """Notes on the poses of a tracker; each kind is logged once."""
 
     sentences: list[str]
 
@@ -198,7 +198,7 @@ class PoseNotes:
         self._known = DONE
 
     def add(self, answer: int, contacts: np.ndarray, model: Model) -> None:
-        """Note what the *answer* of a tick says about its poses, unless that is known."""
+        """Add the notes in the *answer* of a tick about its poses that are new."""
         new, self._known = answer & ~self._known, answer | self._known
         for sentence in _sentences(new, contacts, model) if new else ():
             self.sentences.append(sentence)

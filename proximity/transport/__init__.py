@@ -53,7 +53,7 @@ def open_publisher(address: str) -> Publisher:
     Raises
     ------
     PublishError
-        If the address is invalid, in use, or cannot be opened; the message says what was expected.
+        If the address is invalid, in use, or cannot be opened; the message has the expected form.
     """
     return Publisher(open_outlet(address), address)
 

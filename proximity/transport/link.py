@@ -54,7 +54,7 @@ class Inlet(Protocol):
 
 
 NOTHING = -1
-"""No message waits."""
+"""No message is waiting."""
 SHORTEST_NAP = 50e-6
 """s: minimum delay of a frame; the system adds the same again."""
 LONGEST_NAP = 1e-3

@@ -34,9 +34,9 @@ FIRST_BYTES = 8192
 """Initial message size: the ring holds 15, or 74 frames of five fingers. A longer one enlarges it."""
 HEADER_BYTES = 128
 MIN_PRIVATE, MIN_SLOT_COUNT, MAX_RING_BYTES = 64, 8, 1 << 26
-"""Messages that a private mailbox has room for, also of thousands of fingers, and bytes that they take."""
+"""Capacity of a private mailbox in messages, also of thousands of fingers, and in bytes."""
 SLICE = 0.1
-"""s: a waiting thread wakes this often, for signals and for a manually removed file."""
+"""s: period at which a waiting thread wakes, for signals and for a manually removed file."""
 _BOX, _TEXT, _WORD, _LONG = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_uint64
 _TYPES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "size": (ctypes.c_int64, ()),
@@ -147,7 +147,7 @@ _OUTLETS: WeakSet[SharedMemoryOutlet] = WeakSet()
 
 
 def _close_inherited() -> None:
-    """Leave mailboxes, and their names, to the parent process after a fork."""
+    """Release mailboxes, and their names, to the parent process after a fork."""
     for outlet in list(_OUTLETS):
         outlet.close()
 
@@ -230,7 +230,7 @@ class SharedMemoryInlet(_Mailbox):
         return bool(self._call.is_over(self._box, looks))
 
     def _follow(self) -> bool:
-        """Open the mailbox that has the name now; return whether there is one."""
+        """Open the present mailbox of that name; return whether there is one."""
         with self._lock:
             if self._is_open:
                 super().close()

@@ -26,7 +26,7 @@ STALE_AFTER = 1e-9 * STALE_AFTER_NS
 MAX_SPEED = 3.0
 """m/s: no finger is faster, the tracker's default."""
 MAX_ACCELERATION = 120.0
-"""m/s², likewise."""
+"""m/s², the tracker's default."""
 LONGEST_WAIT = 3600.0
 """s; a longer wait is split."""
 
@@ -42,12 +42,11 @@ class Reading:
 
     Until ``valid_until``, and at most a second after its oldest pose, a frame is reported as published.
     After that, or if the frame itself is LATE, only the bounds hold, and they widen with time; the distance
-    stays that of the pose. Later, or if the frame itself says so, nothing is reported of the fingers: STALE,
-    or STOPPING.
+    stays that of the pose. Later, or if the frame itself says so, the fingers are unknown: STALE or STOPPING.
 
     ``state`` gives the trust in the frame, ``is_new`` whether it is new since the previous reading.
     ``contacts`` are records of `CONTACT`; ``header`` has the fields of the frame, None before the first
-    frame. The next reading overwrites both: copy what you need later. ``now_ns`` is the instant of the
+    frame. The next reading overwrites both: copy values needed later. ``now_ns`` is the instant of the
     reading on the publisher's clock, ``age_ns`` the time since the oldest pose of a tracked finger, -1 before
     the first frame.
     """
@@ -83,7 +82,7 @@ class Subscriber:
     max_speed : float, m/s
         Largest speed of a finger, by which bounds widen.
     max_acceleration : float, m/s²
-        Largest acceleration of a finger, likewise.
+        Largest acceleration of a finger, by which bounds widen.
     clock : callable
         Returns the present instant, ns, monotonic.
 
@@ -94,7 +93,7 @@ class Subscriber:
 
     Notes
     -----
-    Cost: some 20 µs with a new frame of five fingers, 5 without.
+    Cost: 20 µs with a new frame of five fingers, 5 without.
     Thread: one thread reads.
     """
 

@@ -168,7 +168,7 @@ class Bridge:
             raise _TooMuchError("too many messages")
         if isinstance(data, bytes):
             if not client.feeds:
-                return  # under way when another page took over
+                return  # sent before another page took over
             done = self._shown.feed.receive(data, client.clock)
             if done is not None:
                 self._broadcast(done)

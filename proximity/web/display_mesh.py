@@ -1,4 +1,4 @@
-"""Drawn form of a mesh: faces with normals that are smooth where the surface is, and its sharp edges.
+"""Displayed form of a mesh: faces with normals that are smooth on smooth surfaces, and its sharp edges.
 
 For display alone: single precision, relative to the middle of the part; distances are never computed from it.
 """

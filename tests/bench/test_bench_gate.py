@@ -1,6 +1,6 @@
-"""The regression gate's verdicts: what fails, what is said then, and that a kernel asked twice does not pass.
+"""The regression gate's verdicts and messages, also for a kernel measured twice.
 
-No real time is judged here: clocks and cases are made up.
+Clocks and cases are made up.
 """
 
 from pathlib import Path
@@ -23,7 +23,7 @@ reason = "2026-11-21: first"
 
 @pytest.fixture
 def limits(monkeypatch, tmp_path):
-    """The module of the limits, with a file of its own."""
+    """The module of the limits, with a temporary file."""
     path = tmp_path / "gate.toml"
     path.write_text(LIMITS, encoding="utf-8")
     monkeypatch.setattr(limits_module, "FILE", path)
@@ -33,7 +33,7 @@ def limits(monkeypatch, tmp_path):
 
 @pytest.fixture
 def gate(limits, monkeypatch):
-    """The gate, with cases whose calls take as long as is said, on a clock that only they move."""
+    """The gate, with cases whose calls take given times on a clock that only they advance."""
     now_ns = [0]
 
     def takes(nanoseconds):

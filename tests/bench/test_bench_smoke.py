@@ -1,6 +1,6 @@
-"""The benchmarks still run: every contender that is installed answers the smallest case, and rightly.
+"""The benchmarks run: all installed contenders answer the smallest case correctly.
 
-No time is judged here, and no rival is expected to be installed.
+Times are not checked, and rivals are optional.
 """
 
 import json
@@ -28,7 +28,7 @@ QUESTIONS = {
     "cast": "rays", "distance": "near", "signed_distance": "near", "closest": "near", "contains": "near",
 }  # fmt: skip
 
-# Warnings of the rivals are theirs; Warp and Open3D speak up when they are imported.
+# Warnings of the rivals do not matter; Warp and Open3D print when imported.
 pytestmark = pytest.mark.filterwarnings("ignore")
 
 
@@ -58,7 +58,7 @@ def test_case_is_the_same_on_every_call(pattern):
 
 
 def test_every_suite_runs_each_of_its_cases_once(tmp_path):
-    """In a process of its own: the suites hold theirs to one core."""
+    """In a subprocess: the suites limit theirs to one core."""
     report = tmp_path / "out.xml"
     words = ["-m", "pytest", "bench", "--small", "-p", "no:cacheprovider", f"--junit-xml={report}"]
 
@@ -85,7 +85,7 @@ def test_single_kernels_agree_with_the_textbook():
 
 
 def test_pairs_and_the_assembly_are_measured(capsys, monkeypatch):
-    """Rivals are those that are installed: their answers are compared."""
+    """Answers of installed rivals are compared."""
     for name, value in {"COLUMNS": 2, "ROUNDS": 1, "POSES": 3, "MOVED_POSES": 5, "FOLLOWED": ({},)}.items():
         monkeypatch.setattr(pairs, name, value)
     monkeypatch.setattr(pairs, "PAIRS", {"small": pairs.free_pair(6, 8, 0.002)})
@@ -187,7 +187,7 @@ def test_recordings_that_are_not_here_are_named(monkeypatch):
 
 def test_ticks_are_timed_from_call_to_answer(monkeypatch):
     class Clock:
-        """Each look at it takes a µs of wall time, and a tenth of that of the thread's."""
+        """A clock that advances 1 µs of wall time and 0.1 µs of thread time per reading."""
 
         now = 0
 

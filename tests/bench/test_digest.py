@@ -1,4 +1,4 @@
-"""Digests of answers: equal for equal answers, and a difference is found and named."""
+"""Digests of answers: equal for equal answers; a difference is found and named."""
 
 import digest
 import pytest

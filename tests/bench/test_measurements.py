@@ -1,4 +1,4 @@
-"""Growth, hunting drums and VR applications: what is measured and drawn. No time is judged here."""
+"""Growth, hunting drums and VR applications: measurements and drawings, without checks of times."""
 
 import csv
 import json
@@ -48,7 +48,7 @@ def test_work_of_a_point_grows_in_the_centre_of_a_ball():
 
     small, large = (int(work.work_of_points(scene, np.zeros((1, 3)))[0]) for scene in balls)
 
-    assert 3.0 < large / small < 5.0  # four times the faces, nearly all of which are looked at
+    assert 3.0 < large / small < 5.0  # four times the faces, nearly all of them visited
 
 
 @pytest.mark.internals
@@ -77,7 +77,7 @@ def test_size_that_does_not_fit_the_memory_is_left_out_with_a_sentence(monkeypat
 
 @pytest.mark.internals
 def test_growth_of_small_scenes_writes_a_table_and_json(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr(growth.proximity, "warm_up", lambda: None)  # compiles what is not called here
+    monkeypatch.setattr(growth.proximity, "warm_up", lambda: None)  # it compiles unused kernels
     path = tmp_path / "growth.json"
 
     exit_code = growth.main(["--small", "--json", str(path)])
@@ -93,7 +93,7 @@ def test_growth_of_small_scenes_writes_a_table_and_json(capsys, tmp_path, monkey
 
 def test_growth_is_written_as_csv_and_pictures(tmp_path):
     rows = rows_of([1.0, 10.0, 100.0], [1.0, 2.0, 4.0])
-    rows += [samples.GrowthRow("faces", "none", "bracket", "%", 1.0, 0.0, None, 1)]  # nothing to draw
+    rows += [samples.GrowthRow("faces", "none", "bracket", "%", 1.0, 0.0, None, 1)]  # without a bar
     machine = {"processor": "Fast (avx2)", "date": "2026-11-21 23:00 UTC"}
 
     paths = plots.write_plots(tmp_path, machine, rows, fit.fit_rows(rows))
@@ -107,11 +107,11 @@ def test_growth_is_written_as_csv_and_pictures(tmp_path):
 
 HAND = Hand()
 COUNT = 24
-HOLD = 0.5  # s: a drum that was hit at 1 m/s has come to rest
+HOLD = 0.5  # s: a drum hit at 1 m/s has come to rest
 
 
 def swings(drum, speed, **settings):
-    """Swings of the force at rest, N, at many phases of the encoder."""
+    """Return the peak-to-peak force at rest, N, for many phases of the encoder."""
     drums = with_random_phases(drum, COUNT)
     servo = replace(servo_for(drums[0], SERVO_RATE), **settings)
     press = HAND.press(speed, hold=HOLD)
@@ -145,7 +145,7 @@ def test_deadband_is_the_cure_at_rest_and_a_finer_encoder_makes_the_steps_before
 
 
 def test_page_has_the_comparison_of_the_cures():
-    """Run ``python bench/hunting.py`` for what belongs there; gear51 is checked."""
+    """Run ``python bench/hunting.py`` for the new text; gear51 is checked."""
     page = PAGES["science/drum.md"].splitlines()
     begin = page.index("| cure | gear14 | gear51 | gear111 |")
     rows = page[begin + 2 : begin + 2 + len(CURES)]

@@ -1,4 +1,4 @@
-"""The figures of the documentation are those of the published runs, and nobody writes them by hand."""
+"""Figures of the documentation are generated from the published runs."""
 
 import json
 from functools import partial
@@ -66,7 +66,7 @@ def tick_document(p50=5.0, processor="Fast"):
     ],
 )
 def test_pages_have_the_figures_of_the_published_runs(path, made):
-    """After a change to what writes them: ``python bench/publish.py --from-json``."""
+    """After a change of the generators: ``python bench/publish.py --from-json``."""
     text = path.read_text(encoding="utf-8")
 
     assert sections.replaced(text, made(sections.read(sections.PUBLISHED))) == text

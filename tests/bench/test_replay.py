@@ -1,4 +1,4 @@
-"""Recordings through a tracker: every instant is one tick, and broken promises are noticed."""
+"""Recordings through a tracker: one tick per instant, and detection of broken bounds."""
 
 import make
 import numpy as np
@@ -25,7 +25,7 @@ def scene():
 
 
 def recording_above_the_box(heights, *, step_ns=1_000_000):
-    """The index finger above the middle of the box at *heights* (m); the middle finger stays 100 mm above."""
+    """Return a recording: index finger at *heights* (m) above the box, middle finger at 100 mm."""
     positions = np.full((len(heights), 2, 3), [0.020, 0.015, 0.120])
     positions[:, 0, 2] = 0.020 + np.array(heights)
     positions[:, 0][np.isnan(heights)] = np.nan
@@ -33,7 +33,7 @@ def recording_above_the_box(heights, *, step_ns=1_000_000):
 
 
 def run_over(scene, recording, *, working_range=0.050, spoil=None, **options):
-    """Replay, and the trackers that were made."""
+    """Replay a recording; return the result and the trackers."""
     made = []
 
     def make_tracker():
@@ -104,7 +104,7 @@ def test_steady_motion_is_predicted_and_a_turn_is_not(scene):
 
     kept = bounds_check.judge_predictions(scene, run, RADIUS)
 
-    # Ticks 1 to 4 look two steps ahead; 3 and 4 go on where the finger turns back. The other one rests.
+    # Ticks 1 to 4 predict two steps; in 3 and 4 the finger reverses. The other one is at rest.
     assert (kept.checked_count, kept.kept_count) == (8, 6)
     assert kept.error_p50 == pytest.approx(0.0, abs=1e-12)
     assert kept.error_p95 > 0.005
@@ -115,7 +115,7 @@ def test_prediction_for_an_instant_that_was_not_recorded_does_not_count(scene):
 
     kept = bounds_check.judge_predictions(scene, run, RADIUS)
 
-    assert kept.checked_count == 2  # of the finger that rests
+    assert kept.checked_count == 2  # of the finger at rest
     run, _ = run_over(scene, recording_above_the_box([0.040]))
     assert bounds_check.judge_predictions(scene, run, RADIUS).checked_count == 0
 
@@ -129,7 +129,7 @@ def certified_times(scene, heights, **options):
 
 
 def test_certified_times_of_a_steady_finger_hold(scene):
-    """All but those of its first tick, which has no velocity, and of the one that touches."""
+    """All but the first tick, which has no velocity, and the one of the contact."""
     assert certified_times(scene, STEADY) == bounds_check.CertifiedTimes(30, 0, "")
 
 
@@ -151,9 +151,9 @@ def test_certified_time_that_is_too_long_is_noticed(scene, factor):
 @pytest.mark.parametrize(
     "heights",
     [
-        [0.020, 0.0195, 0.0185, 0.0165, 0.0125, 0.0049],  # ever faster: it touches before the certified time
+        [0.020, 0.0195, 0.0185, 0.0165, 0.0125, 0.0049],  # accelerating: touches before the certified time
         [0.020, 0.018, np.nan, np.nan, 0.004, 0.003],  # lost before the touch
-        [0.020, 0.019],  # the recording ends before
+        [0.020, 0.019],  # the recording ends first
     ],
 )
 def test_certified_time_is_not_checked_where_velocity_or_finger_was_lost(scene, heights):
@@ -161,14 +161,14 @@ def test_certified_time_is_not_checked_where_velocity_or_finger_was_lost(scene, 
 
 
 def test_touch_that_a_small_change_of_velocity_led_to_breaks_nothing(scene):
-    """A finger slides along the box towards what lies far ahead, and sinks by 2 % of its displacement."""
+    """A finger slides along the box towards a distant part, and sinks by 2 % of its displacement."""
     ticks = np.arange(60)
     recording = recording_above_the_box(0.0055 - 0.00002 * np.maximum(ticks - 30, 0))
     recording.positions.flags.writeable = True
     recording.positions[:, 0, 0] = 0.005 + 0.0005 * ticks
 
     def spoil(contacts, tick):
-        if tick <= 30:  # it does not sink yet
+        if tick <= 30:  # not sinking yet
             contacts["time_to_contact_lower"][0] = 0.040
 
     run, _ = run_over(scene, recording, spoil=spoil)

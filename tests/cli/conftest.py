@@ -1,4 +1,4 @@
-"""The command line, run in this process: one fixture for all commands."""
+"""Fixtures that run the command line in this process."""
 
 import io
 import json
@@ -20,9 +20,9 @@ TERMINAL_SETTINGS = (
 
 @pytest.fixture
 def run(request, monkeypatch, capsys):
-    """Run the command line; returns exit code, stdout, stderr, and the words of both without Rich's frames.
+    """Run the command line; return exit code, stdout, stderr, and the words of both without Rich's frames.
 
-    What a test file names as ``COMMAND`` stands before the arguments.
+    The test file's ``COMMAND`` precedes the arguments.
     """
     for name in TERMINAL_SETTINGS:
         monkeypatch.delenv(name, raising=False)
@@ -43,7 +43,7 @@ def run(request, monkeypatch, capsys):
 
 @pytest.fixture
 def recorded():
-    """Compare a text with a file of ``texts``, or write it there where PROXIMITY_UPDATE_TEXTS is set."""
+    """Compare a text with a file of ``texts``, or write the file if PROXIMITY_UPDATE_TEXTS is set."""
 
     def compare(name, text):
         path = Path(__file__).parent / "texts" / f"{name}.txt"
@@ -57,7 +57,7 @@ def recorded():
 
 @pytest.fixture
 def transcript(run, recorded):
-    """Run commands, one a line with ``< lines;of;input``, and compare all that they print with ``texts``."""
+    """Run commands, one per line with ``< lines;of;input``, and compare their output with ``texts``."""
 
     def compare(name, commands, stdin=""):
         text = ""

@@ -1,6 +1,6 @@
-"""What the commands print and how they end, on a sphere of formulas instead of a file.
+"""Output and exit codes of the commands, on an analytic sphere instead of a file.
 
-The sphere has radius 10 mm and its centre at the origin; `proximity.load` is replaced, so nothing compiles.
+The sphere has radius 10 mm and its centre at the origin; `proximity.load` is replaced to avoid compiling.
 """
 
 import io
@@ -22,7 +22,7 @@ from proximity.errors import MeshFormatError
 
 @pytest.fixture
 def loaded(monkeypatch):
-    """Replace what reads files and compiles."""
+    """Replace the functions that read files and compile."""
     replaced = {"load": lambda path, **options: FakeScene(), "kernels_are_cached": lambda: True}
     for name, value in replaced.items():
         monkeypatch.setitem(vars(proximity), name, value)
@@ -30,7 +30,7 @@ def loaded(monkeypatch):
 
 @pytest.fixture
 def run(loaded, run):
-    """The command line on the sphere, with an empty standard input unless a test gives one."""
+    """Run the command line on the sphere, with an empty standard input by default."""
     return lambda *arguments, stdin="": run(*arguments, stdin=stdin)
 
 
@@ -67,7 +67,7 @@ def test_scan_is_summed_up_and_passes_or_fails(run, tmp_path):
     assert len(table) == 8 and table[-2].startswith("5 points, 1 not answered: ")
     assert table[-1] == "The worst is #3 at 11  0  0: 1 mm from ball."
     csv = run(*scan, path, "--csv", tmp_path / "answers.csv", "--within", 1)
-    assert csv.code == 1  # nan is not known to be near
+    assert csv.code == 1  # nan is not near
     assert csv.out.splitlines()[0].endswith("; 80.0 % within ±1 mm, 1 farther.")
     path.write_text("9.5 0 0\n10.5 0 0\n", encoding="utf-8")
     assert run(*scan, path, "--within", 1).code == 0
@@ -89,7 +89,7 @@ def raised(error, cause=None):
         (raised(MeshFormatError("ball.stl: claims 900 faces,\n  but holds 899")), 2,
          "proximity: ball.stl: claims 900 faces, but holds 899\n"),
         (raised(KeyboardInterrupt()), 130, ""),
-        # A compiled module that is imported reports it as an error of its own: was a traceback of 40 lines.
+        # An imported compiled module turns it into its own error; that printed a traceback of 40 lines.
         (raised(ImportError("initialization failed"), KeyboardInterrupt()), 130, ""),
     ],
 )  # fmt: skip
@@ -177,7 +177,7 @@ def test_first_compilation_is_announced_on_stderr(run, monkeypatch):
 
 
 def terminal(monkeypatch, width=200):
-    """A terminal that can be read, in place of every console that is made."""
+    """Return a stream that all consoles write to, as a terminal."""
     screen = io.StringIO()
 
     def console(**options):
@@ -190,14 +190,14 @@ def terminal(monkeypatch, width=200):
 
 
 def seen(screen, *words):
-    """Whether a terminal shows words before long."""
+    """Test whether a terminal shows the words within a minute."""
     ends = progress.time.monotonic() + 60.0
     while not all(each in screen.getvalue() for each in words) and progress.time.monotonic() < ends:
         progress.time.sleep(0.05)
     return all(each in screen.getvalue() for each in words)
 
 
-@pytest.mark.parametrize("name", ["gears.step", "parts[/b].stl"])  # the second: Rich's mark closes nothing
+@pytest.mark.parametrize("name", ["gears.step", "parts[/b].stl"])  # the second: a closing tag in Rich
 def test_long_reading_shows_a_spinner_that_counts_on_a_terminal(name, monkeypatch):
     screen = terminal(monkeypatch)
     monkeypatch.setattr(progress, "ANNOUNCE_AFTER_S", 0.0)
@@ -227,7 +227,7 @@ def test_short_reading_shows_nothing_and_long_measuring_a_bar(monkeypatch):
 
 
 def test_check_on_a_narrow_terminal_cuts_no_number(run, monkeypatch):
-    # Was: "1…" faces of a part that has thousands.
+    # Regression: printed "1…" faces of a part with thousands.
     screen = terminal(monkeypatch, width=30)
     run("check", "ball.stl")
     assert "\N{HORIZONTAL ELLIPSIS}" not in screen.getvalue()
@@ -245,7 +245,7 @@ def test_check_on_a_narrow_terminal_cuts_no_number(run, monkeypatch):
 def test_table_on_a_narrow_terminal_leaves_out_columns_and_cuts_no_number(
     run, monkeypatch, width, title, left_out
 ):
-    """Was: -0.004579 in one line, which looks complete, and 43201 in the next."""
+    """Regression: -0.004579 in one line, which looks complete, and 43201 in the next."""
     screen = terminal(monkeypatch, width=width)
 
     result = run("query", "ball.stl", 1, 1, 1, -1, 1, -1234)
@@ -258,7 +258,7 @@ def test_table_on_a_narrow_terminal_leaves_out_columns_and_cuts_no_number(
 
 
 def test_pipe_gets_all_columns_of_a_part_with_long_coordinates(run, monkeypatch):
-    """Was: closest points and part were left out of a pipe, and the note said that a pipe shows all."""
+    """Regression: a pipe lacked closest points and part, though the note said that a pipe shows all."""
     corners = np.full(3, 1e5), np.full(3, 1e5 + 1.0)  # m
     monkeypatch.setattr(FakeScene, "bounds", corners)
 

@@ -1,4 +1,4 @@
-"""``proximity bench``: what it prints, writes and refuses, and its exit codes; times are made up."""
+"""``proximity bench``: output, files, errors and exit codes, with made-up times."""
 
 import json
 import re
@@ -17,7 +17,7 @@ BRACKET, HAND, DEMO = (str(make.FOLDER / name) for name in ("bracket.stl", "hand
 
 @pytest.fixture
 def run(run, monkeypatch, tmp_path):
-    """``proximity bench`` with a certificate that is made up; the result has what was to be certified."""
+    """Run ``proximity bench`` with a made-up certificate; the result has the arguments of `certify`."""
     asked = []
 
     def certify(subject, **settings):
@@ -71,7 +71,7 @@ def test_gate_that_is_not_met_exits_with_1_and_one_sentence(run):
     last = result.err.splitlines()[-1]
     assert last.startswith("proximity: the scene does not fit 0.2 ms: 99.9 % of the ticks of every motion")
     assert "400 µs (worst, passing: 200 % of it)" in last
-    assert len(result.err.splitlines()) == 2  # the other says what was written
+    assert len(result.err.splitlines()) == 2  # the other line names the written files
 
 
 def test_machine_that_wakes_late_fails_no_scene(run):
@@ -131,7 +131,7 @@ def test_recording_is_given_or_a_sample(run):
 
 
 def test_all_of_it_runs_on_a_box(run, monkeypatch):
-    """Everything is really searched, timed and looped, if shortly; no time is judged."""
+    """A short run of the actual search, timing and loop, without limits on the times."""
     monkeypatch.setattr(worst_positions, "START_COUNTS", (30, 30, 8))
     monkeypatch.setattr(worst_positions, "CLIMBS", 2)
     monkeypatch.setattr(certification, "certify", CERTIFY)

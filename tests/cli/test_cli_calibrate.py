@@ -1,4 +1,4 @@
-"""``proximity calibrate``: a person is guided, interrupted, corrected, and gets a calibration."""
+"""``proximity calibrate``: prompts, interruption and correction of a measurement, and the calibration."""
 
 import json
 import os
@@ -43,7 +43,7 @@ def test_simulated_glove_is_calibrated(run, tmp_path):
 @pytest.mark.parametrize(
     ("value", "half_width", "cells"),
     [
-        (3.926991e-6, 4e-12, ("3.9270", "<0.0001")),  # an encoder's step that is simulated
+        (3.926991e-6, 4e-12, ("3.9270", "<0.0001")),  # a simulated encoder's step
         (59.34e-6, 2.5e-6, ("59.3", "2.5")),
         (0.956e-6, 0.017e-6, ("0.956", "0.017")),
         (0.0, 2e-6, ("0.0", "2.0")),
@@ -86,10 +86,10 @@ def test_interrupt_keeps_readings(run, tmp_path, monkeypatch):
 
 
 def test_numbers_are_typed_and_what_is_none_or_cannot_be_is_asked_again(run, tmp_path):
-    """Without a motor there are no chirps."""
+    """Without a motor the chirps are skipped."""
     counts = GLOVE.counts(np.array(POSES)).tolist()
     lines = ["flat", *map(str, counts * 3)]
-    lines += ["35100", "35000", *["35000", "35060"] * 3]  # opening below closing cannot be
+    lines += ["35100", "35000", *["35000", "35060"] * 3]  # opening below closing is impossible
     lines += ["35000", "34954"] * 3
     for i in range(9):
         bend = (1 / 6, 1 / 2, 5 / 6)[i % 3]
@@ -143,7 +143,7 @@ def test_results_are_printed_as_json_and_a_task_is_measured_again(run, tmp_path)
     assert again.code == 0
     renewed = read_calibration(path).made
     run(path, *SHORT, "--skip", "free drum", "--yes")
-    assert read_calibration(path).made == renewed  # nothing was measured: it is not younger now
+    assert read_calibration(path).made == renewed  # without a measurement the date stays
     assert run(path, *SHORT, "--again", "chirp").words.count("there are no readings of 'chirp'") == 1
 
 
@@ -163,7 +163,7 @@ def test_motor_is_only_read_until_it_is_armed(run, tmp_path, monkeypatch):
 
 
 def test_armed_motor_is_homed_and_off_while_the_person_turns_it(run, tmp_path, monkeypatch):
-    """Counts are typed; the angles of touches are those of the motor's encoder."""
+    """Counts are typed; the angles of touches come from the motor's encoder."""
     counts = GLOVE.counts(np.array(POSES)).tolist()
     lines = [*map(str, counts * 3), *["35000", "35060"] * 3, *["35000", "34954"] * 3]
     touches = [(1 / 6, 1 / 2, 5 / 6)[i % 3] for i in range(9)]
@@ -201,7 +201,7 @@ def test_motor_that_is_jammed_ends_with_a_sentence_and_off(run, tmp_path):
 
 
 def test_person_is_waited_for_before_the_motor_swings(tmp_path):
-    """Also where nothing else is waited for, because numbers are typed."""
+    """Also if all other numbers are typed, without waiting."""
 
     class Told(Exception):
         pass

@@ -1,4 +1,4 @@
-"""``proximity check FOLDER``: what is loaded, noted and refused, and that one file does not stop it."""
+"""``proximity check FOLDER``: loaded, noted and refused files; a refused file does not end the run."""
 
 import json
 import os
@@ -14,7 +14,7 @@ COMMAND = ("check",)
 
 @pytest.fixture
 def catalogue(tmp_path, monkeypatch):
-    """A folder of two boxes, one with a note, two refused in one way, and one that is no mesh by its name."""
+    """A folder with two boxes, a file with a note, two refused for one reason, and one of another format."""
     monkeypatch.chdir(tmp_path)
     folder = tmp_path / "parts"
     (folder / "deep" / "er").mkdir(parents=True)
@@ -51,14 +51,14 @@ def test_all_loaded_is_code_0_and_json_has_every_report(run, catalogue):
 
 def test_one_file_that_takes_for_ever_does_not_stop_the_others(run, tmp_path, monkeypatch):
     reader, ended = tmp_path / "reader", tmp_path / "ended"
-    sleeps = f"(sleep 4; touch {ended}) & wait"  # in a process of its own, as readers of STEP
+    sleeps = f"(sleep 4; touch {ended}) & wait"  # in a separate process, as readers of STEP
     answers = """echo '{"notes": [], "parts": []}'"""
     reader.write_text(f"#!/bin/sh\ncase $* in *slow*) {sleeps};; *) {answers};; esac\n")
     reader.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(reader))
     for name in ("a.stl", "slow.obj", "z.stl"):
         (tmp_path / name).touch()
-    os.mkfifo(tmp_path / "pipe.stl")  # no file: left out
+    os.mkfifo(tmp_path / "pipe.stl")  # not a regular file: left out
 
     result = run(tmp_path, "--limit", 2)
 

@@ -19,7 +19,7 @@ MIDDLE = (0.0, 0.0, 0.0)
 
 
 def cubes():
-    """Cubes: one of 10 mm, one that crosses it, one inside it, one 2 mm away, an open one across it."""
+    """Cubes: one of 10 mm, one that intersects it, one inside it, one 2 mm away, an open one across it."""
     vertices, faces = shapes.cube(0.01, MIDDLE)
     scene = Scene(
         [
@@ -71,7 +71,7 @@ LISTS = {
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """A folder of scenes, parts and lists of pairs that may be near."""
+    """A folder of scenes, parts and lists of pairs that may be close."""
     monkeypatch.chdir(tmp_path)
     for name, make in SCENES.items():
         make().save(f"{name}.prox")
@@ -188,7 +188,7 @@ def test_a_bolt_in_its_hole_overlaps_by_the_approximation_of_the_circle(run):
     (pair,) = pairs_of(run, "bolt.prox")
     assert pair["deepest_lower"] <= deviation * 1.001
     assert 0.5 * deviation <= pair["deepest"] <= deviation * 1.01
-    assert pair["depth"] == pytest.approx(20.0, rel=0.02)  # the way out, along the axis
+    assert pair["depth"] == pytest.approx(20.0, rel=0.02)  # along the axis
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""``proximity compile``, and compiled scenes wherever the command line takes a file."""
+"""``proximity compile``, and compiled scenes as input of the other commands."""
 
 import csv
 import io
@@ -16,7 +16,7 @@ import proximity
 
 @pytest.fixture(autouse=True)
 def folder(monkeypatch, tmp_path):
-    """A folder of the test's own."""
+    """Run the test in an empty folder."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -154,7 +154,7 @@ def test_file_is_never_written_over_itself(link, run, tmp_path):
 
 
 def test_a_part_named_as_a_formula_is_text_in_a_spreadsheet(run):
-    """A part named =HYPERLINK(...) was a formula, and one with an escape sequence moved the cursor."""
+    """Regression: a part named =HYPERLINK(...) was a formula, and an escape sequence moved the cursor."""
     names = ['=HYPERLINK("http://x")', "+1\r\n@sum", "-2\x1b[2J", "a=b\u2028c"]
     cubes = [proximity.Solid(*shapes.cube(0.01, (row, 0, 0))) for row in range(4)]
     parts = [

@@ -1,4 +1,4 @@
-"""``proximity demo``: what its drums show, and that all of it starts, ends and tells."""
+"""``proximity demo``: output of its drums, and start, end and errors of its processes."""
 
 import io
 import math
@@ -53,7 +53,7 @@ REPORT = {
 
 
 class FakeService:
-    """Publishes frames from a thread of this process."""
+    """A service that publishes frames from a thread of this process."""
 
     def __init__(self, publish, *, count=10**9, failure=None):
         self.is_stopped = False
@@ -70,7 +70,7 @@ class FakeService:
         publishers = [open_publisher(address) for address in addresses]
         while count and not self._over.wait(0.002):
             message = frame(2, now_ns=time.monotonic_ns())
-            message.header["valid_until_ns"] += 10**10  # so that a slow machine is not shown as LATE
+            message.header["valid_until_ns"] += 10**10  # a slow machine is not shown as LATE
             message.records["mode"][0], message.records["bend"] = Mode.POSITION, math.nan
             for publisher in publishers:
                 publisher.publish(message)
@@ -94,7 +94,7 @@ class FakeService:
 
 @pytest.fixture
 def run(run, monkeypatch):
-    """``proximity demo`` with a service that is none, which the result has."""
+    """Run ``proximity demo`` with a fake service, which is part of the result."""
     queued_transport.register(monkeypatch)
     services, interval = [], sys.getswitchinterval()
 
@@ -158,7 +158,7 @@ def test_terminal_shows_the_drums_beside_until_ctrl_c(run, monkeypatch):
 
 
 def contacts_of(*distances):
-    """A reading of fingers at some distances; nan: lost."""
+    """Return a reading of fingers at the distances; nan: lost."""
     message = frame(len(distances), now_ns=10**9)
     message.header["state"], message.records["time_to_contact"] = State.OK, math.inf
     message.records["signed_distance"] = distances
@@ -167,7 +167,7 @@ def contacts_of(*distances):
 
 
 class Beside:
-    """Drums of which nothing is known yet."""
+    """Drums without a reported state."""
 
     bench = DrumBench(250.0)
 
@@ -238,7 +238,7 @@ def test_service_that_fails_ends_the_demo(run):
 
 
 def test_ctrl_c_while_the_service_starts_is_quiet(run, monkeypatch):
-    """In a terminal the service hears of it as well, and ends before it has begun."""
+    """In a terminal the service receives the signal too, and ends before it has started."""
 
     def start(path, *, publish, say):
         os.kill(os.getpid(), signal.SIGINT)
@@ -273,7 +273,7 @@ def test_samples_are_beside_the_package_or_in_it(tmp_path, monkeypatch):
 
 
 def test_wheel_brings_the_samples_along():
-    """What demo.toml names, and itself, are in the list of what a wheel holds besides the package."""
+    """demo.toml and the files that it names are in the wheel's list of additional files."""
     import tomllib
 
     settings = tomllib.loads((demo.sample("demo.toml").parent.parent / "pyproject.toml").read_text())
@@ -285,7 +285,7 @@ def test_wheel_brings_the_samples_along():
 
 
 def test_demo_runs_in_one_command_and_leaves_nothing_behind():
-    environment = os.environ | {"FORCE_COLOR": "1"}  # it shows the hand, and begins with that
+    environment = os.environ | {"FORCE_COLOR": "1"}  # it first shows the hand
     command = [sys.executable, "-m", "proximity", "demo", "--limit", "300"]
     program = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment

@@ -1,4 +1,4 @@
-"""``proximity drum``: controllers and simulated drums follow a service, and tell what became of them."""
+"""``proximity drum``: controllers and simulated drums follow a service and report their results."""
 
 import csv
 import io
@@ -38,7 +38,7 @@ MS = 1_000_000
 
 
 def fill(contacts, bend):
-    """Fingers at a bend before a wall."""
+    """Set the fields of fingers at a bend in front of a wall."""
     contacts["mode"], contacts["bend"], contacts["contact_bend"] = Mode.POSITION, bend, WALL
     distance = float(GLOVE.finger.path_length(bend, WALL))
     for name in ("signed_distance", "lower", "upper"):
@@ -53,13 +53,13 @@ def reading(now_ns, bend, count=1, state=State.OK):
 
 
 def step(bench, told):
-    """A sample at the instant of the reading: one clock for all."""
+    """Step at the instant of the reading, with one clock for all."""
     bench.step(told, told.now_ns)
 
 
 @pytest.fixture
 def service():
-    """Two fingers that wait before a wall, until the test is over."""
+    """Publish two fingers at rest in front of a wall, until the end of the test."""
 
     def message():
         made = frame(2, time.monotonic_ns())
@@ -91,7 +91,7 @@ def test_drum_meets_the_finger_and_goes_when_nothing_is_known():
 
 
 def test_drum_makes_up_for_the_stretch_of_a_cable():
-    """Pad and cable are springs in a row; brought nearer, the drum presses as without a cable."""
+    """Pad and cable are springs in series; with its nearer target the drum presses as without a cable."""
     forces = []
     for rule in (CableRule(), CableRule(1200.0)):
         bench = DrumBench(1000.0, cable=rule)
@@ -143,7 +143,7 @@ def test_late_sample_is_a_fault_that_is_counted_and_begun_anew():
 
 
 def test_clock_of_another_machine_that_is_learnt_anew_is_no_fault():
-    """Sampled each millisecond; what is known of the other clock jumps by an hour, then by 23 ms."""
+    """Sampled each millisecond; the estimate of the other clock jumps by an hour, then by 23 ms."""
     bench, now_ns = DrumBench(1000.0), 0
     for sample in range(90):
         now_ns += MS + {20: 3_600_000 * MS, 40: 23 * MS}.get(sample, 0)
@@ -193,7 +193,7 @@ def test_silence_is_exit_code_1(run):
 
 
 def test_contact_becomes_a_drum_angle_by_the_calibrated_glove(tmp_path):
-    """The potentiometer of this hand reads otherwise than the design, and its drum is mounted askew."""
+    """This hand's potentiometer reads differently from the design, and its drum's zero is off."""
     glove = read_glove(glove_files.write(tmp_path / "glove.json"))
     worn, designed = DrumBench(1000.0, [glove]), DrumBench(1000.0)
     for sample in range(5):
@@ -213,7 +213,7 @@ def test_calibration_is_given_on_the_command_line(run, service, tmp_path):
 
     assert (result.code, result.err) == (0, "")
     glove = read_glove(path)
-    if told["state"] == "approach":  # on a machine that is not too busy
+    if told["state"] == "approach":  # if the machine is not too slow
         assert told["drum_rad"] > float(glove.drum_angle(WALL - 0.01))
 
 
@@ -243,7 +243,7 @@ def test_calibration_that_does_not_fit_is_refused_with_one_sentence(run, tmp_pat
 
 
 def test_drum_without_bends_is_shown_as_if_fingers_bent_straight_and_that_is_said():
-    """A finger comes 20 mm nearer, goes 1 mm inside, and nobody tells how far it is bent."""
+    """A finger comes 20 mm nearer, goes 1 mm inside, and its bend is unknown."""
     bench = DrumBench(1000.0)
     distances = [*np.linspace(0.020, -0.001, 200), *[-0.001] * 200]
     for sample, distance in enumerate(distances):
@@ -256,7 +256,7 @@ def test_drum_without_bends_is_shown_as_if_fingers_bent_straight_and_that_is_sai
 
     (finger,) = bench.fingers
     assert finger.action.state.value == "position" and finger.touches == 1
-    assert finger.plant.force == pytest.approx(0.2, rel=0.15)  # 200 N/m of a pad
+    assert finger.plant.force == pytest.approx(0.2, rel=0.15)  # a pad of 200 N/m
     assert bench.warnings() == [
         "the service reports no bend for finger 0: shown as if it bent straight towards the nearest surface; "
         "a real drum stays "
@@ -327,7 +327,7 @@ def test_doubts_are_said_on_stderr(run):
     [(ZeroDivisionError("of a drum"), ZeroDivisionError), (ArgumentError("of a drum"), SystemExit)],
 )
 def test_drums_that_fail_end_the_command_with_their_motors_off(service, monkeypatch, failure, ending):
-    """The table went on showing the last state, and the exit code was 0."""
+    """Regression: the table continued to show the last state, and the exit code was 0."""
     benches = []
 
     def fail(log, reading, bench):
@@ -365,7 +365,7 @@ def test_log_has_a_line_a_finger_and_sample(run, service, tmp_path):
 
 
 def test_motor_is_only_read_until_it_is_armed(run):
-    """No service is needed, nothing moves, and what was never tried is said."""
+    """Works without a service and without motion; warns that no driver was tried on hardware."""
     with ODriveMotor("drum-unarmed") as motor:
         result = run(ADDRESS, "--motor", f"{motor.url}&watchdog=300", "--limit", 0.5)
         assert not motor.has_moved

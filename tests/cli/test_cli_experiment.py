@@ -18,7 +18,7 @@ from proximity.message import Mode
 
 @pytest.fixture
 def experiment(run):
-    """Run a command; its exit code, and what it printed on stdout and stderr."""
+    """Run a command; return its exit code, stdout and stderr."""
 
     def run_with(*arguments):
         result = run("experiment", *arguments)
@@ -58,7 +58,7 @@ def test_whole_experiment_from_design_to_figure(experiment, tmp_path):
 
     code, out, _ = experiment("simulate", design, "--data", data)
     assert code == 0 and out.endswith(f"{data}: 4 participants\n")
-    assert out.startswith("participants") and "late against real" in out  # power, before the first
+    assert out.startswith("participants") and "late against real" in out  # power, before participants
     assert "late against real" not in experiment("simulate", design, "--data", data)[1]
     figure, scores = tmp_path / "f.png", tmp_path / "scores.csv"
     code, out, err = experiment("report", design, data, "--out", figure, "--csv", scores)
@@ -80,7 +80,7 @@ def test_power_is_a_table(experiment, tmp_path):
 ADDRESS = "mailbox:experiment"
 PATH = FingerPath(Glove())
 WALL = PATH.position(0.5)
-PERIOD_S = 1.2  # of a finger that presses again and again
+PERIOD_S = 1.2  # s, period of a finger that presses repeatedly
 PERSON = (
     SMALL.replace("trials = 8\nlevels = [0.1, 0.2, 0.4, 0.8]", "trials = 2\nlevels = [0.4, 0.8]")
     .replace("catch = 1\npractice = 1\n", "")
@@ -91,7 +91,7 @@ PERSON = (
 
 @pytest.fixture
 def pressing():
-    """A service whose finger touches a wall every 1.2 s, until the test is over."""
+    """Publish a finger that touches a wall every 1.2 s, until the end of the test."""
     began = time.monotonic()
 
     def message():
@@ -110,7 +110,7 @@ def pressing():
 
 
 def typing(monkeypatch, answers):
-    """Type at prompts: the first answer whose words are in the prompt; Enter at others."""
+    """Simulate typing: answer prompts with the first answer whose key is in the prompt, others with Enter."""
     asked = []
 
     def typed(prompt=""):
@@ -142,7 +142,7 @@ def test_session_at_the_terminal_stops_continues_and_ends(experiment, tmp_path, 
     assert [int(row["number"]) for row in rows] == list(range(5))
     assert not [row["stopped"] for row in rows if row["stopped"]] and {row["answer"] for row in rows} == {"1"}
     pressed = [float(row[f"peak_force_{i}_N"]) for row in rows for i in (1, 2)]
-    assert max(pressed) > 0.3 and min(pressed) == 0.0  # the real wall is not of the drum
+    assert max(pressed) > 0.3 and min(pressed) == 0.0  # the real wall is independent of the drum
     assert rows[0]["apparatus"] == "simulated drum"
     assert any("put the real surface in place" in prompt for prompt in asked)
 

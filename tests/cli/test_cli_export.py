@@ -1,4 +1,4 @@
-"""``proximity export``: every number of a log in a table, and nothing half written."""
+"""``proximity export``: tables with every number of a log, and no partial files."""
 
 import csv
 import errno
@@ -24,12 +24,12 @@ HEADER_COLUMNS = [
 
 @pytest.fixture(autouse=True)
 def folder(monkeypatch, tmp_path):
-    """A folder of the test's own."""
+    """Run the test in an empty folder."""
     monkeypatch.chdir(tmp_path)
 
 
 def noise():
-    """Two frames of three fingers with numbers of every kind, and their bytes."""
+    """Return two frames of three fingers with random bits and special numbers, and their bytes."""
     rng = np.random.default_rng(5)
     message, pieces = frame(3), []
     for sequence in (0, 7):
@@ -49,7 +49,7 @@ def lines_of(text):
 
 
 def column_of(path, name):
-    """A column as it is in the log, by its name in a table."""
+    """Return a column of the log by its name in a table."""
     runs = [run["contacts"].reshape(-1) for run in FrameReader(path)]
     return np.concatenate([frame_tables.scalar_columns(run)[name] for run in runs])
 

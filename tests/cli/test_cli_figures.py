@@ -21,7 +21,7 @@ from proximity.scene.loader import load
 
 @pytest.fixture
 def run(run, monkeypatch, tmp_path):
-    """The command line in a folder of its own, 200 columns wide."""
+    """Run the command line in an empty folder, 200 columns wide."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
     return run

@@ -42,7 +42,7 @@ def test_distances_without_a_sign_are_noted(run, tmp_path):
         "proximity: note: parts without an inside: 1 of 1; "
         "distances from them have no sign, and `proximity check` gives the reason"
     )
-    assert run("tray.prox", "--size", "640x360", "-o", "tray.png").err == ""  # no distance is shown
+    assert run("tray.prox", "--size", "640x360", "-o", "tray.png").err == ""  # without distances
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Points as they come in, and lengths as they are printed."""
+"""Parsing of points and formatting of lengths."""
 
 import io
 import sys
@@ -102,7 +102,7 @@ def test_numbers_come_back_exactly(rows):
     assert points_of(text) == [value for row in rows for value in row]
 
 
-# A file, with "\n" and "\t" for ends of lines and tabs, and what is said of it behind its name.
+# A file, with "\n" and "\t" for line ends and tabs, and the error after its name.
 BAD_LINES = r"""
 1 2 3\n1 2\n | line 2: 2 values, expected 3
 1,2,3,A\n | line 1: 4 values, expected 3; a first line such as x,y,z,name allows names
@@ -136,7 +136,7 @@ NAMED = {
 
 @pytest.mark.parametrize("line", BAD_LINES.strip().splitlines())
 def test_line_that_is_no_point_is_named(line):
-    """Some were points: of a header without z or with two x, of infinity, of metres and inches as mm."""
+    """Regressions: headers without z or with two x, infinity, metres and inches read as mm."""
     text, _, message = line.partition(" | ")
     with pytest.raises(ArgumentError) as refusal:
         points_of(text.replace("\\n", "\n").replace("\\t", "\t").format(**NAMED))
@@ -144,7 +144,7 @@ def test_line_that_is_no_point_is_named(line):
 
 
 def test_standard_input_that_is_closed_is_named(monkeypatch):
-    monkeypatch.setattr(sys, "stdin", None)  # as Python has it after <&-
+    monkeypatch.setattr(sys, "stdin", None)  # as in Python after <&-
     with pytest.raises(ArgumentError, match=r"^standard input is closed, expected lines of three numbers$"):
         list(read_points("-"))
 
@@ -168,7 +168,7 @@ def test_file_in_another_encoding_is_refused(tmp_path):
 
 
 def test_three_millimetres_are_three():
-    # Was: 3.000000000000001.
+    # Regression: 3.000000000000001.
     assert in_unit(0.0030000000000000005, 0.001) == 3.0
     assert in_units(np.array([[-0.0130000000000000012, 0.0, -0.0]]), 0.001).tolist() == [[-13.0, 0.0, 0.0]]
 

@@ -1,4 +1,4 @@
-"""The program from outside: what it imports, pipes, Ctrl-C, and completion in a shell."""
+"""The program as a process: its imports, pipes, Ctrl-C, and completion in a shell."""
 
 import os
 import shutil
@@ -51,7 +51,7 @@ def environment(**more):
 
 
 def run_python(*words, variables=None, **options):
-    """Run Python with words of its command line, or code; print into pipes unless told otherwise."""
+    """Run Python with words of its command line, or code; stdout and stderr are pipes by default."""
     words = words if len(words) > 1 else ("-c", *words)
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
     return subprocess.run(
@@ -60,19 +60,19 @@ def run_python(*words, variables=None, **options):
 
 
 def on_a_sphere(*arguments, before=""):
-    """Code of the program on a sphere of formulas, with code that runs before."""
+    """Return code of the program on an analytic sphere, with code that runs before."""
     return ON_A_SPHERE.format(tests=str(SUPPORT), arguments=list(arguments), before=before)
 
 
 def started(code, stdin=None):
-    """Python that runs code, with pipes in text."""
+    """Start Python with code, its pipes in text mode."""
     return subprocess.Popen(
         [sys.executable, "-c", code], stdin=stdin, stdout=-1, stderr=-1, text=True, env=environment()
     )
 
 
 COLD_QUERY_MODULES = 66
-"""Modules of the package that a query imports at most: readers of other formats and kernels are left."""
+"""Maximum number of the package's modules that a query imports: without other formats and kernels."""
 COUNTED = """
 import sys
 from proximity import cli
@@ -165,7 +165,7 @@ __main__.main()
 @ON_POSIX
 @pytest.mark.parametrize("option", ["--csv=-", "--units=mm"])
 def test_reader_that_stops_early_causes_no_complaint(option, tmp_path):
-    points = tmp_path / "points.txt"  # a pipe would fill: answers are written while points are read
+    points = tmp_path / "points.txt"  # a pipe would fill up: answers are written while points are read
     points.write_text("1 2 3\n" * 50_000, encoding="utf-8")
     with points.open(encoding="utf-8") as lines:
         program = started(on_a_sphere("query", "ball.stl", "--points", "-", option), lines)
@@ -198,7 +198,7 @@ def test_first_answers_come_while_points_are_still_written():
 @ON_POSIX
 @pytest.mark.parametrize("arguments", [["check", "ball.stl"], ["--help"], ["query"]], ids=" ".join)
 def test_reader_that_has_gone_before_lines_for_people_ends_as_any_other(arguments):
-    # Was: 1, which is what `check --strict` answers of a part without an inside.
+    # Regression: 1, the answer of `check --strict` for a part without an inside.
     reading, writing = os.pipe()
     os.close(reading)
     program = run_python(on_a_sphere(*arguments), stdout=writing)
@@ -226,7 +226,7 @@ def test_output_that_does_not_fit_the_disk_is_refused_in_one_sentence(arguments)
 
 @pytest.mark.parametrize("option", ["--json", "--units=mm"])
 def test_output_that_is_closed_is_refused_in_one_sentence(option):
-    before = "sys.stdout = None"  # as Python has it after >&-
+    before = "sys.stdout = None"  # as in Python after >&-
     result = run_python(on_a_sphere("query", "ball.stl", "1", "2", "3", option, before=before))
 
     expected = "standard output is closed, expected a terminal, a file or a pipe to write to"
@@ -255,7 +255,7 @@ def test_name_that_the_terminal_cannot_write_is_escaped():
 
 
 def complete(words):
-    """Ask for completions of the last word as the script that bash runs does."""
+    """Return completions of the last word, requested as bash's script does."""
     variables = {"_PROXIMITY_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words)}
     variables["COMP_CWORD"] = str(len(words) - 1)
     return run_python("-m", "proximity", variables=variables).stdout.split()
@@ -269,7 +269,7 @@ def test_commands_options_and_units_are_completed():
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
 def test_completion_works_in_bash(tmp_path):
-    """Source what --show-completion prints, and complete as the Tab key does."""
+    """Source the output of --show-completion, and complete as the Tab key does."""
     program = tmp_path / "proximity"
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m proximity "$@"\n', encoding="utf-8")
     program.chmod(0o755)

@@ -1,4 +1,4 @@
-"""``proximity record``: every frame that comes is in the file, whatever ends the recording."""
+"""``proximity record``: the file has every received frame, for each end of the recording."""
 
 import json
 import os
@@ -23,7 +23,7 @@ ADDRESS = "queue:proximity"
 
 @pytest.fixture(autouse=True)
 def queued(monkeypatch):
-    """Frames come through a queue of this process."""
+    """Receive frames through a queue of this process."""
     queued_transport.register(monkeypatch)
 
 
@@ -38,7 +38,7 @@ def sequences(path):
 
 
 def beside(function):
-    """Run a function while the test goes on."""
+    """Run a function in a thread."""
     thread = threading.Thread(target=function)
     thread.start()
     return thread
@@ -54,7 +54,7 @@ def test_every_frame_is_written_until_told_to_stop(run, tmp_path, number):
         ends = time.monotonic() + 60.0
         while path.stat().st_size < 1000 * FRAME.size(5) and time.monotonic() < ends:
             time.sleep(0.01)
-        if signal.getsignal(number) not in before:  # else the recording has failed and ended
+        if signal.getsignal(number) not in before:  # otherwise the recording has failed and ended
             os.kill(os.getpid(), number)
 
     path.touch()

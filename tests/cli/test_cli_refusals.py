@@ -1,5 +1,8 @@
-"""What no command takes: each line of `REFUSED` ends with code 2, says these words (in one line
-or below the usage), and changes no file."""
+"""Invalid arguments of all commands.
+
+Each line of `REFUSED` ends with code 2, prints its words (in one line or below the usage), and changes no
+file.
+"""
 
 import shlex
 import shutil
@@ -162,7 +165,7 @@ experiment plan missing.toml | missing.toml: cannot be read (No such file or dir
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """The folder that commands run in, with a file of each kind."""
+    """The working folder of the commands, with a file of each kind."""
     for name in ("box.stl", "hand.csv"):
         shutil.copy(MESHES / name, tmp_path)
     texts = {

@@ -22,7 +22,7 @@ def map_part(tmp_path):
 
 
 def test_coordinates_of_a_map_are_printed_with_the_digits_that_their_size_needs(run, map_part):
-    # Was: from and to were both 2.60978e+08.
+    # Regression: from and to were both 2.60978e+08.
     out = run("check", map_part).out
     corners = [
         re.search(rf"^{label} +(\S+)  (\S+)  (\S+) mm$", out, re.MULTILINE) for label in ("from", "to")
@@ -57,7 +57,7 @@ def scan(tmp_path, points, name="scan.csv"):
 
 
 def top_of(lower, upper, offset=0.0, count=400):
-    """Points above the plate, over a part of it, mm."""
+    """Return points on or above a rectangle of the plate's top, mm."""
     rng = np.random.default_rng(3)
     return np.column_stack([rng.uniform(lower, upper, (count, 2)), np.full(count, 5.0 + offset)])
 
@@ -77,7 +77,7 @@ def test_scan_in_another_unit_is_recognised_by_its_size(run, tmp_path, plate, un
     )
     asked = ("query", plate, "--points", path)
     assert re.search(f"^proximity: note: {sentence}$", run(*asked).err.strip())
-    gated = run(*asked, "--within", 1000.0)  # Was: 0, as all is near the origin.
+    gated = run(*asked, "--within", 1000.0)  # Regression: 0, as all is near the origin.
     assert (gated.code, gated.out) == (2, "") and re.search(f"^proximity: {sentence}$", gated.err.strip())
     assert run(*asked, "--points-units", unit, "--within", 0.001).code == 0
     trusted = run(*asked, "--points-units", "mm", "--within", 1e6)

@@ -1,4 +1,4 @@
-"""``proximity serve``: what it says, what its options do, and how it ends."""
+"""``proximity serve``: output, options and exit."""
 
 import json
 import os
@@ -23,7 +23,7 @@ from proximity.system.stop_signals import stop_at_input
 
 COMMAND = ("serve",)
 LIBRARY = {"prctl": lambda *_: 0, "mlockall": lambda _: 0, "munlockall": lambda: 0}
-"""Of C, where memory may be locked."""
+"""Stand-ins of C functions on a machine that allows locked memory."""
 SCENE = """\
 [service]
 rate_hz = 500
@@ -47,7 +47,7 @@ def scene_path(tmp_path):
 
 @pytest.fixture
 def calls(monkeypatch):
-    """Note what would be served, and serve nothing."""
+    """Record calls of `serve` without serving."""
     import proximity.service.hosting
 
     noted = []
@@ -99,7 +99,7 @@ def test_json_is_a_document_at_the_beginning_and_one_at_the_end(run, scene_path)
 def test_recording_that_may_be_cut_is_said_to_be_at_the_beginning_and_in_the_report(
     run, scene_path, monkeypatch
 ):
-    monkeypatch.setattr(output, "WIDTH", 1000)  # lines are not wrapped
+    monkeypatch.setattr(output, "WIDTH", 1000)  # no line wraps
     path = scene_path.parent / "hand.csv"
     path.write_text(path.read_text()[:-1])
 
@@ -110,7 +110,7 @@ def test_recording_that_may_be_cut_is_said_to_be_at_the_beginning_and_in_the_rep
 
 
 def test_part_of_an_unlikely_size_is_told_with_the_likely_unit(run, scene_path):
-    """`query` and `check` told it; the service, whose distances are as wrong, did not."""
+    """Regression: only `query` and `check` reported it, not the service, whose distances are as wrong."""
     scene_path.write_text(SCENE.replace('"box.stl"', '"box.stl"\nunits = "um"'))
 
     result = run(scene_path, "--ticks", 5)
@@ -210,7 +210,7 @@ def test_edits_and_failures_are_said_on_stderr(run, scene_path, monkeypatch):
 
 
 def test_end_of_standard_input_ends_it():
-    """As when the program dies that has started this one."""
+    """As when the parent program dies."""
     there, here = os.pipe()
     stop = threading.Event()
     thread = stop_at_input(stop, there)

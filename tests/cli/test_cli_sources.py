@@ -1,4 +1,4 @@
-"""``proximity client`` and ``controller``: sources that they write, what they leave alone, and refusals."""
+"""``proximity client`` and ``controller``: written sources, files left unchanged, and errors."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Points that are answered while they are read: what stands before a bad line, names, and notes on units."""
+"""Points answered while they are read: answers before an invalid line, names, and notes on units."""
 
 import csv
 import io
@@ -19,7 +19,7 @@ from proximity.cli.parts import query
 
 @pytest.fixture
 def ball(monkeypatch):
-    """A ball of 20 mm in place of every file."""
+    """Replace every file by a ball of 20 mm."""
     fakes = {"load": lambda path, *, units, **options: FakeScene(), "kernels_are_cached": lambda: True}
     for name, value in fakes.items():
         monkeypatch.setitem(vars(proximity), name, value)
@@ -30,7 +30,7 @@ COMPLAINT = "proximity: standard input, line 4: 2 values, expected 3\n"
 
 
 def test_answers_before_a_bad_line_are_written_as_csv(ball, run, monkeypatch):
-    # Was: none.
+    # Regression: none.
     monkeypatch.setattr(query, "POINTS_PER_CHUNK", 2)
 
     result = run("query", "ball.stl", "--points", "-", "--csv", "-", stdin=BAD)
@@ -52,7 +52,7 @@ def test_segments_before_one_without_an_end_are_answered(ball, run, monkeypatch)
 
 
 def test_error_of_the_scene_before_any_answer_leaves_no_half_document(ball, run, monkeypatch):
-    # Was: a document that began and did not end.
+    # Regression: an unterminated document.
     def refuse(self, origins, directions, *, workers=1):
         raise proximity.ArgumentError("direction 0 has no length")
 
@@ -64,7 +64,7 @@ def test_error_of_the_scene_before_any_answer_leaves_no_half_document(ball, run,
 
 
 def test_stream_without_an_end_is_answered_as_it_comes(ball, run, monkeypatch):
-    """No more than two chunks are read ahead of what is written."""
+    """At most two chunks are read ahead of the output."""
     monkeypatch.setattr(query, "POINTS_PER_CHUNK", 10)
     read = itertools.count()
 
@@ -108,7 +108,7 @@ def cube_of(size, tmp_path):
 
 @pytest.mark.parametrize("units", ["mm", "in"])
 def test_distances_to_a_cube_are_as_they_are_written(run, tmp_path, units):
-    # Was: 3.000000000000001 at -13 mm.
+    # Regression: 3.000000000000001 at -13 mm.
     path = cube_of(20.0, tmp_path)
     for x, distance in ((-13, 3.0), (-11, 1.0), (13.1, 3.1), (-10.7, 0.7), (-10, 0.0), (9, -1.0)):
         result = run("query", path, x, 0, 0, "--json", "--units", units)
@@ -129,7 +129,7 @@ def test_query_and_check_name_the_likely_unit(run, tmp_path):
 
 
 def test_size_of_the_whole_is_that_of_its_turned_parts(run, tmp_path):
-    """The box around boxes would be larger."""
+    """The box around the boxes of the parts would be larger."""
     rod = shapes.cube(1.0)
     scaled = (rod[0] * [0.1, 0.002, 0.002], rod[1])
     half = np.sqrt(0.5)

@@ -1,4 +1,4 @@
-"""``proximity study``: from a file to rows and a figure, and what it says of mistakes."""
+"""``proximity study``: from a file to rows and a figure, and errors in the file."""
 
 import pytest
 

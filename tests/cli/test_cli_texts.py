@@ -1,6 +1,6 @@
-"""What ``query`` and ``check`` print, as recorded in ``texts``; PROXIMITY_UPDATE_TEXTS=1 records it anew.
+"""Output of ``query`` and ``check``, compared with ``texts``; PROXIMITY_UPDATE_TEXTS=1 writes them.
 
-The scenes are spheres of radius 10 mm by formulas, about the origin or in a row along x.
+The scenes are analytic spheres of radius 10 mm, about the origin or in a row along x.
 """
 
 from types import SimpleNamespace
@@ -14,7 +14,7 @@ from proximity.pose import Pose
 
 
 def balls(count):
-    """A scene of equal balls in a row along x, turned by a quarter about x, 30 mm apart; repairs differ."""
+    """Return equal balls, 30 mm apart along x and rotated by a quarter about x; their repairs differ."""
     scene = FakeScene()
     turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     ball, parts = vars(scene.parts[0]), []
@@ -30,7 +30,7 @@ def balls(count):
 
 
 def too_far():
-    """A scene whose distances cannot be computed."""
+    """Return a scene whose distances cannot be computed."""
     scene = FakeScene()
     hits = scene.closest(np.array([[0.0, 0.0, np.nan]]))
     hits.distance, hits.normal = np.full(1, np.nan), np.full((1, 3), np.nan)

@@ -1,4 +1,4 @@
-"""``proximity watch``: what is shown of a reading, and that it follows a service and ends when told."""
+"""``proximity watch``: display of a reading, and following a service until stopped."""
 
 import io
 import json
@@ -34,7 +34,7 @@ COMMAND = ("watch",)
 
 
 def reading(state=State.OK, count=3, age_ns=1_300_000, **fields):
-    """A reading of fingers 10 mm, 20 mm, … away; fields are of the first finger."""
+    """Return a reading of fingers 10 mm, 20 mm, … away; *fields* are of the first finger."""
     message = frame(count)
     message.header["session"], message.header["epoch"], message.header["missed"] = SESSION, 4, 17
     for name, value in fields.items():
@@ -43,7 +43,7 @@ def reading(state=State.OK, count=3, age_ns=1_300_000, **fields):
 
 
 def drawn(shown, *, width=120, color=False, row_count=20, seen=SEEN, drums=None):
-    """What a terminal of that width would show, line by line."""
+    """Return the lines that a terminal of that width would show."""
     stream = io.StringIO()
     console = Console(
         file=stream, width=width, force_terminal=color, color_system="standard" if color else None
@@ -53,12 +53,12 @@ def drawn(shown, *, width=120, color=False, row_count=20, seen=SEEN, drums=None)
 
 
 def row_of(finger, *arguments, **options):
-    """The line of a finger."""
+    """Return the line of a finger."""
     return next(text for text in drawn(*arguments, **options) if bare(text).split()[:1] == [str(finger)])
 
 
 def bare(text):
-    """Text without colours and without what moves the cursor."""
+    """Return text without colours and cursor movements."""
     return re.sub(r"\x1b\[[\d;?]*[a-zA-Z]", "", text)
 
 
@@ -73,7 +73,7 @@ BOUNDS = {
     "time_to_contact": 0.2, "time_to_contact_lower": 0.011,
 }  # fmt: skip
 FAR = {"lower": -12.5, "upper": 999.9, "flags": ContactFlag.TRACKED, "part": 4095}
-CASES = {  # title: reading, fingers that are not tracked, how it is drawn
+CASES = {  # title: reading, fingers without tracking, options of the drawing
     **{f"state {state.name}": ({"state": state}, [], {}) for state in State},
     "approach": (APPROACH, [], {}),
     "bounds": (BOUNDS, [], {}),
@@ -175,17 +175,17 @@ def test_rate_is_of_the_last_second(monkeypatch):
 
 @pytest.fixture(autouse=True)
 def queued(monkeypatch):
-    """Frames come through a queue of this process."""
+    """Receive frames through a queue of this process."""
     queued_transport.register(monkeypatch)
 
 
 @pytest.fixture
 def service():
-    """Publish until the test is over."""
+    """Publish frames until the end of the test."""
 
     def message():
         made = frame(2, now_ns=time.monotonic_ns())
-        made.header["valid_until_ns"] += 10**10  # so that a slow machine is not shown as LATE
+        made.header["valid_until_ns"] += 10**10  # a slow machine is not shown as LATE
         return made
 
     with publishing(ADDRESS, message):
@@ -221,7 +221,7 @@ def test_json_is_a_line_for_every_frame_that_came(run):
     finger = frames[0]["fingers"][1]
     assert (finger["finger"], finger["signed_distance"], finger["mode"]) == (1, 0.02, "retract")
     assert finger["flags"] == ["tracked", "predicted", "exact", "signed", "in_range"]
-    assert finger["time_to_contact"] is None  # infinite: JSON has no word for that
+    assert finger["time_to_contact"] is None  # infinite, which JSON cannot represent
     assert finger["normal"] == [0.0, 0.0, 1.0] and finger["part_name"] is None
 
 
@@ -263,7 +263,7 @@ def test_terminal_gets_a_table_until_told_to_stop(run, service, monkeypatch, num
 
     assert (result.code, result.err) == (0, "")
     assert re.search(r"^ +1 +0 +20\.00 █", bare(result.out), re.MULTILINE)
-    assert result.out.endswith("\x1b[?25h")  # the cursor is back
+    assert result.out.endswith("\x1b[?25h")  # the cursor is visible again
 
 
 def test_nothing_that_comes_is_exit_code_1(run):
@@ -274,7 +274,7 @@ def test_nothing_that_comes_is_exit_code_1(run):
 
 
 def test_key_of_another_is_told(run, tmp_path):
-    """Nothing is verified: the line says so, not that nothing comes."""
+    """The line reports that no message is verified, not that none arrives."""
     path, port = tmp_path / "frames.key", free_port()
     write_key(str(path))
     address = f"udp://127.0.0.1:{port}"
@@ -286,7 +286,7 @@ def test_key_of_another_is_told(run, tmp_path):
 
 
 def test_held_part_and_its_connections_are_named():
-    """A held part has no fingers: a line names the parts that it is near to."""
+    """A held part has no fingers: a line names the nearby parts."""
     shown = reading(count=2, part=1)
     shown.header["source"] = Source.HELD
     shown.contacts["source"], shown.contacts["part"] = Source.HELD, (1, 0)

@@ -1,4 +1,4 @@
-"""Scenes whose parts come and go through the library in C: the answers of Python to the bit."""
+"""Scenes with added and removed parts in the C library: bit-identical to Python."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ START = 1000 * MS
 
 
 def answers(asked, seed=3, count=200):
-    """What is answered near a scene, in bits."""
+    """Return the answers to queries near a scene, as bytes."""
     rng = np.random.default_rng(seed)
     lower, upper = asked.bounds
     points = rng.uniform(lower - 0.02, np.minimum(upper, lower + 0.4) + 0.02, (count, 3))

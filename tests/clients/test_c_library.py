@@ -1,4 +1,4 @@
-"""The library in C: the answers of Python to the bit, whatever happens to a scene, and no damage done."""
+"""The C library: bit-identical to Python, through all changes of a scene, and memory-safe."""
 
 import concurrent.futures
 import ctypes
@@ -47,7 +47,7 @@ SETS = mode.extension().usable_instructions() if IS_AHEAD else []
 
 
 def answers(asked, seed=5, count=300):
-    """All that can be asked, in bits; and the sentence where nothing has an inside."""
+    """Return the answers to all queries, as bytes, and the error for a scene without an inside."""
     rng = np.random.default_rng(seed)
     lower, upper = asked.bounds
     points = rng.uniform(lower - 0.02, np.minimum(upper, lower + 0.4) + 0.02, (count, 3))
@@ -69,7 +69,7 @@ def answers(asked, seed=5, count=300):
     return told
 
 
-# --- the same answers ------------------------------------------------------------------------------------
+# Queries
 
 
 @pytest.mark.parametrize("instructions", SETS)
@@ -100,7 +100,7 @@ def test_digests_of_scenes_are_those_of_python(part_count, size, offset, instruc
 
 
 def test_large_batches_of_rays_and_points_are_cut_as_nobody_notices(monkeypatch):
-    """Rays are sorted from a model of a megabyte on."""
+    """Rays are sorted if the scene has a megabyte or more."""
     scene = proximity.Scene([proximity.Solid(*shapes.torus(0.1, 0.03, 150, 80), name="torus")])
     opened = through_library(scene)
     assert scene.snapshot().reals.nbytes > 1 << 20
@@ -131,11 +131,11 @@ def _of_part(mesh):
     return solid, Pose(), np.arange(solid.mesh.face_count, dtype=np.int32)
 
 
-# --- changes ---------------------------------------------------------------------------------------------
+# Changes
 
 
 def crowd(count=20):
-    """Parts beside each other."""
+    """Return a scene of tori at random positions."""
     places = np.random.default_rng(1).uniform(-0.1, 0.1, (count, 3))
     return proximity.Scene(
         [
@@ -155,7 +155,7 @@ def test_scene_that_moves_hides_and_shows_answers_as_python_does(count, instruct
 
     for step in range(60):
         chosen = list(rng.choice(names, min(count, 1 + step % 5), replace=False))
-        reach = 40.0 if step % 20 == 19 else 0.1  # which leaves the scene's frame
+        reach = 40.0 if step % 20 == 19 else 0.1  # outside the scene's frame
         poses = [Pose(shapes.rotation(step + k), rng.uniform(-reach, reach, 3)) for k in range(len(chosen))]
         velocities = rng.normal(size=(len(chosen), 3))
         scene.move_many(chosen, poses, velocities)
@@ -186,7 +186,7 @@ def test_part_that_moved_in_python_moves_on_in_c():
 
 
 def test_parts_that_were_far_away_when_the_trees_were_made_come_together():
-    """Trees over them then need more space than there is: each part stands by itself."""
+    """Trees over them then exceed their space: each part is traversed separately."""
     solid = proximity.Solid(*shapes.sphere(0.02, 4))
     rows = np.arange(solid.mesh.face_count, dtype=np.int32)
     places = np.random.default_rng(3).uniform(-100.0, 100.0, (12, 3))
@@ -216,14 +216,14 @@ def test_rotation_in_single_precision_is_taken_as_the_nearest():
     assert np.abs(turn - rough[:3, :3]).max() < 1e-6
 
 
-# --- tracker ---------------------------------------------------------------------------------------------
+# Tracker
 
 
 @pytest.mark.parametrize("instructions", SETS)
 @pytest.mark.parametrize("case", [case for case in ticks.CASES if case.change is not ticks.change_parts],
                          ids=lambda case: case.name)  # fmt: skip
 def test_ticks_are_those_of_python(case, instructions):
-    """Bounds, predictions, times to contact, and the work that they took."""
+    """Bounds, predictions, times to contact, and the work per tick."""
     shorter = dataclasses.replace(case, tick_count=600 // max(1, case.finger_count // 50))
     tracker_of = functools.partial(LibraryTracker, instructions=instructions)
 
@@ -231,7 +231,7 @@ def test_ticks_are_those_of_python(case, instructions):
 
 
 def hide_and_show(scene, number, rng):
-    """A part goes out of sight now and then, and another moves."""
+    """Hide, show and move parts now and then."""
     names = [part.name for part in scene.parts]
     if number % 20 == 5:
         scene.hide(names[number // 20 % len(names)])
@@ -290,7 +290,7 @@ def test_settings_and_ticks_that_cannot_be_used_are_told():
     with pytest.raises(ArgumentError, match="paths have less than two corners"):
         tracker.tick(points, 10**9, 10**9, paths=np.zeros((2, 1, 3)))
     instants = np.full(2, 10**9)
-    for count in (2**16 + 1, 2**62):  # of which the bytes would overflow
+    for count in (2**16 + 1, 2**62):  # their size in bytes overflows
         paths = Paths(points.ctypes.data, count)
         addresses = [ctypes.c_void_p(each.ctypes.data) for each in (points, instants, tracker.contacts)]
         with pytest.raises(ArgumentError, match=r"paths have more than 2\^16 corners"):
@@ -300,7 +300,7 @@ def test_settings_and_ticks_that_cannot_be_used_are_told():
             )  # fmt: skip
 
 
-# --- bytes, threads --------------------------------------------------------------------------------------
+# Bytes and threads
 
 
 def test_bytes_stay_as_they_are(tmp_path):
@@ -344,7 +344,7 @@ def test_eight_threads_ask_one_scene():
             assert list(pool.map(lambda seed: answers(opened, seed, 500), range(8))) == expected
 
 
-# --- refusals --------------------------------------------------------------------------------------------
+# Errors
 
 
 def refusal(open_with, path):
@@ -402,7 +402,7 @@ def test_file_of_another_version_is_an_error_of_its_own_that_names_both(changed,
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "count"), [("cell", 500), ("crowd", 250), ("alone", 100), ("bodies", 150)])
 def test_changed_file_is_refused_or_answers(name, count, tmp_path):
-    """What the library refuses Python does, too; it reads less of a file. A crash ends the other process."""
+    """Python refuses every file that the library refuses; it reads less of it. Crashes end a subprocess."""
     command = [sys.executable, TRIALS / "mutated_library.py", name, "0", str(count), tmp_path]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([*IMPORT_PATHS, str(ROOT / "bench")])}
 
@@ -434,7 +434,7 @@ def test_what_cannot_be_done_is_told(tmp_path):
         opened.cast(np.zeros((4, 3)), [[1, 0, 0], [0, 1, 0], [0, 0, 0], [0, 0, 0]])
     with pytest.raises(NotWatertightError, match="no part has an inside"):
         sheet.contains(point)
-    assert answers(opened) == answers(crowd(3))  # nothing of this has changed anything
+    assert answers(opened) == answers(crowd(3))  # unchanged by the errors
 
 
 def matrix_with(row, column, number):

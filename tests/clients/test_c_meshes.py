@@ -1,4 +1,4 @@
-"""Scenes of meshes that a program has in memory, through the library in C: those of Python to the bit."""
+"""Scenes of meshes in memory through the C library: bit-identical to Python."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.skipif(
 
 
 def answers(asked, lower, upper):
-    """What is answered in and about a box, in bits."""
+    """Return the answers to queries in and near a box, as bytes."""
     rng = np.random.default_rng(5)
     size = (upper - lower).max()
     points = rng.uniform(lower - 0.2 * size, upper + 0.2 * size, (150, 3))

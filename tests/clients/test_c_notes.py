@@ -1,4 +1,4 @@
-"""Notes of the library in C, on input that was probably meant otherwise: those of Python, each once."""
+"""Notes of the C library on probable mistakes: those of Python, each once."""
 
 import ctypes
 
@@ -26,7 +26,7 @@ def ball():
 
 
 def noting(opened):
-    """Have the library note; the sentences, and what must stay."""
+    """Attach a log; return the list of its notes, and the callback to keep alive."""
     notes = []
     log = LOG(lambda _, sentence: notes.append(sentence.decode()))
     opened._library.proximity_set_log(opened._scene, log, None)
@@ -40,7 +40,7 @@ def test_points_in_millimetres_are_noted_once_as_python_warns(question, count):
     opened = through_library(scene)
     with pytest.warns(proximity.UnitsWarning) as warned:
         getattr(scene, question)(points)
-    getattr(opened, question)(points)  # before there is a log
+    getattr(opened, question)(points)  # before a log is set
     notes, _log = noting(opened)
 
     for rows in (NEAR, points, points):
@@ -67,7 +67,7 @@ def test_ticks_are_noted_once_as_by_python(tips, pose_ns, now_ns):
         for each in (expected, tracker):
             each.tick(tips, pose_ns + tick * 10**6, now_ns + tick * 10**6)
 
-    # What to call instead has other names in C.
+    # The suggested calls have other names in C.
     assert [note.split(";")[0] for note in notes] == [note.split(";")[0] for note in expected.notes]
     assert all(
         "two clocks: take both from one" in note or ";" not in note or "give the" in note for note in notes

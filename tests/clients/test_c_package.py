@@ -1,4 +1,4 @@
-"""The folder that ``proximity library c`` writes, used from programs; and the program of the guide."""
+"""The folder written by ``proximity library c``, used from programs; and the guide's program."""
 
 import os
 import re
@@ -29,7 +29,7 @@ POINTS = ["0", "0", "0.02", "0.06", "0.02", "0.004"]
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """What is written, and a scene beside it."""
+    """The written package and a scene."""
     folder = tmp_path_factory.mktemp("program")
     c_package.write_library(folder / "engine")
     proximity.load(MESHES / "bracket.stl", units="mm").save(folder / "bracket.prox")
@@ -37,7 +37,7 @@ def folder(tmp_path_factory):
 
 
 def linked(folder, source, *options, tool=None):
-    """A program of a source, warnings being errors."""
+    """Build a program from a source, with warnings as errors."""
     program = folder / f"{source.stem}_{len(list(folder.iterdir()))}"
     library = folder / "engine" / "lib"
     where = [f"-I{folder}/engine/include", f"-L{library}", "-lproximity", f"-Wl,-rpath,{library}", "-lm"]
@@ -46,7 +46,7 @@ def linked(folder, source, *options, tool=None):
 
 
 def expected_lines():
-    """What the example prints, as Python has it."""
+    """Return the example's output, computed in Python."""
     scene = proximity.load(MESHES / "bracket.stl", units="mm")
     lines = []
     for at in range(0, len(POINTS), 3):
@@ -95,7 +95,7 @@ def test_example_of_a_mailbox_follows_a_service_that_starts_anew(folder):
                     if part in line:
                         break
                 assert line == f"OK; finger 0: at 50.000 mm to {part}\n"
-        assert any(line == "STALE\n" for line in lines)  # it was closed, and nothing follows
+        assert any(line == "STALE\n" for line in lines)  # the publisher closed, and no frame follows
         receiver.terminate()
     done = subprocess.run([program, "a/b", "1"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (1, "") and done.stderr
@@ -227,7 +227,7 @@ def test_example_imports_a_part_while_fingers_are_tracked(folder):
 @has_library
 @pytest.mark.skipif(sys.platform != "linux", reason="numbered names of libraries are of Linux")
 def test_programs_need_the_numbered_library_or_none(folder):
-    """A library of another interface was loaded in place of the one that a program was linked with."""
+    """Regression: a library of another interface was loaded instead of the one linked with."""
     lib, source = folder / "engine" / "lib", folder / "engine" / "examples" / "distances.c"
     shared = linked(folder, source)
     static = folder / "static"
@@ -334,7 +334,7 @@ def test_library_that_was_not_compiled_is_told(monkeypatch, tmp_path):
 
 @has_library
 def test_library_of_other_sources_is_not_loaded(monkeypatch):
-    """A loop with structures of other sources wrote where nothing of it was, and the process ended."""
+    """Regression: with structures of other sources a loop wrote out of bounds, and the process crashed."""
     monkeypatch.setattr(library_in_c, "core_digest", lambda: "other")
 
     with pytest.raises(ProximityError, match="is older than the sources in proximity/core: run `py"):

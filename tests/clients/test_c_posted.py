@@ -1,4 +1,4 @@
-"""Poses of parts that are posted to the library from another thread, and taken by the next tick."""
+"""Poses of parts that another thread posts to the library, applied in the next tick."""
 
 import threading
 
@@ -23,7 +23,7 @@ CARRIED_S = 0.1
 
 
 def turned(axis_times_angle):
-    """A rotation, by its quaternion."""
+    """Return a rotation, computed from its quaternion."""
     angle = np.linalg.norm(axis_times_angle)
     x, y, z = np.sinc(angle / 2 / np.pi) / 2 * np.asarray(axis_times_angle)
     w = np.cos(angle / 2)
@@ -47,7 +47,7 @@ def test_ticks_after_a_post_are_those_after_a_move_in_python():
         now, tips = START + k * MS, rng.uniform(-0.1, 0.1, (3, 3))
         for name in names[: k % 3]:
             pose = some_pose(rng)
-            posted._scene.post(name, some_pose(rng), now)  # of which the next post takes the place
+            posted._scene.post(name, some_pose(rng), now)  # replaced by the next post
             posted._scene.post(name, pose, now)
             copy.move(name, pose)
         assert posted.tick(tips, now, now).tobytes() == moved.tick(tips, now, now).tobytes()
@@ -59,7 +59,7 @@ def test_part_is_carried_on_to_the_newest_finger_and_stands_after_a_while():
     tracker, name = LibraryTracker(scene, fingers=2), scene.parts[0].name
     start, speed, turn = some_pose(rng), rng.uniform(-1, 1, 3), rng.uniform(-3, 3, 3)
     tracker._scene.post(name, start, START, speed, turn)
-    tips = np.array([[0.2, 0, 0], [np.nan, 0, 0]])  # the second finger is not there
+    tips = np.array([[0.2, 0, 0], [np.nan, 0, 0]])  # the second finger is absent
     for ms in (-150, -20, 0, 1, 11, 50, 99, 100, 101, 200):
         if ms == -20:
             tracker._scene.post(name, start, START, speed, turn)

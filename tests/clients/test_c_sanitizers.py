@@ -1,4 +1,4 @@
-"""What the library has in C beside kernels, with the sanitizers of the system's compiler."""
+"""The library's C sources other than kernels, under the system compiler's sanitizers."""
 
 import os
 import subprocess
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(
 
 
 def prepare(folder, program):
-    """Put the library's sources together, but for the wrappers of kernels: those are the library's own."""
+    """Copy the library's sources into a folder, with its kernels from the built library."""
     from core_tables import tables_header, tables_source
 
     (folder / "core_tables.h").write_text(tables_header())
@@ -40,7 +40,7 @@ def prepare(folder, program):
 
 
 def built(folder, program, options):
-    """A program with the library's sources; skips where the compiler has no such sanitizers."""
+    """Build a program with the library's sources; skip if the compiler has no such sanitizers."""
     prepare(folder, program)
     files = ["-o", folder / "driver", *folder.glob("*.c"), "-lm", "-ldl", "-pthread"]
     command = [c_compiler(), *options, f"-I{folder}", *files]
@@ -53,7 +53,7 @@ def built(folder, program, options):
 
 @pytest.fixture(scope="module")
 def driver(tmp_path_factory):
-    """A program that opens files, changes them, and uses their scenes."""
+    """Build a program that opens files, changes them, and uses their scenes."""
     return built(tmp_path_factory.mktemp("driver"), "library_driver.c", OPTIONS)
 
 

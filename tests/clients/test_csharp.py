@@ -1,4 +1,4 @@
-"""The binding for C# on Mono: answers of Python to the bit; and the component for Unity, with stand-ins."""
+"""The C# binding on Mono: bit-identical to Python; and the component for Unity, with stand-ins."""
 
 import os
 import re
@@ -42,7 +42,7 @@ POSE = Pose(rotation=[[0, -1, 0], [1, 0, 0], [0, 0, 1]], translation=[0.1, 0.2, 
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory):
-    """What ``proximity client csharp`` and ``proximity library csharp`` write."""
+    """The files written by ``proximity client csharp`` and ``proximity library csharp``."""
     folder = tmp_path_factory.mktemp("csharp")
     write_client("csharp", folder)
     c_package.write_csharp_library(folder)
@@ -50,7 +50,7 @@ def package(tmp_path_factory):
 
 
 def program(package, source, *options, files=("ProximityMessages", "Proximity")):
-    """A command that runs a program of a source, warnings being errors."""
+    """Build a program from a source, with warnings as errors; return the command that runs it."""
     made = package / f"{source.stem}.exe"
     mcs, mono = compiler("mcs"), compiler("mono")
     sources = [package / "Runtime" / f"{name}.cs" for name in files]
@@ -59,7 +59,7 @@ def program(package, source, *options, files=("ProximityMessages", "Proximity"))
 
 
 def answer(command, *words, cwd=None):
-    """What a program prints that finds the library where the package has it."""
+    """Run a program with the package's library; return its output."""
     library = c_package.library_path().parent
     done = subprocess.run(
         [str(word) for word in (*command, *words)], cwd=cwd, capture_output=True, text=True, check=False,
@@ -70,7 +70,7 @@ def answer(command, *words, cwd=None):
 
 
 def answers(scene, points, others):
-    """All that the program asks of a scene, in bits."""
+    """Yield the answers to the program's queries of a scene."""
     limited = scene.closest(points, max_distance=0.01)._table
     limited[0] = scene.closest(points[0])._table
     yield scene.closest(points)._table
@@ -83,7 +83,7 @@ def answers(scene, points, others):
 
 
 def contacts(scene, points):
-    """What the tracker of the program answers, tick by tick."""
+    """Yield the contacts of the program's tracker, tick by tick."""
     tracker = proximity.Tracker(scene, fingers=2, radius=[0.004, 0.002])
     name = scene.parts[0].name
     for k in range(6):
@@ -146,7 +146,7 @@ def test_answers_are_those_of_python(package, tmp_path):
 
 
 def test_functions_are_those_of_the_header():
-    """By the text alone: names, and how many arguments they take."""
+    """Compares names and number of arguments in the texts."""
     header = "".join(path.read_text() for path in sorted((CORE / "library").glob("proximity*.h")))
     declared = {
         name: 0 if words == "void" else words.count(",") + 1
@@ -165,7 +165,7 @@ def test_functions_are_those_of_the_header():
         assert declared[name] == (words.count(",") + 1 if words else 0), name
 
 
-# --- Unity -----------------------------------------------------------------------------------------------
+# Unity
 
 
 def matrix_of(quaternion):
@@ -176,7 +176,7 @@ def matrix_of(quaternion):
 
 MIRRORS = {"YAndZ": np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]]), "X": np.diag([-1.0, 1, 1])}
 QUARTER = [0.0, 0.5**0.5, 0.0, 0.5**0.5]
-"""About Unity's axis that points up: what is in front goes to the right."""
+"""About Unity's upward axis: forward is rotated to the right."""
 
 
 def unity_program(package):
@@ -186,7 +186,7 @@ def unity_program(package):
 
 
 def test_components_compile_against_names_of_unity(package):
-    """Against stand-ins of what they use of Unity, which is not here."""
+    """Unity is replaced by stand-ins for the members used."""
     unity_program(package)
 
 
@@ -223,7 +223,7 @@ def unit(pose):
 @has_library
 @pytest.mark.parametrize(("mirror", "ahead"), [("YAndZ", [0.0, 0.1, 0.0]), ("X", [0.0, 0.0, 0.1])])
 def test_part_turns_as_its_object_does(package, tmp_path, mirror, ahead):
-    """A needle that points ahead in Unity, turned about the axis that is up there, points to the right."""
+    """A needle pointing forward in Unity, rotated about the upward axis there, points to the right."""
     needle = shapes.box(np.full(3, -0.001), np.array(ahead) + 0.001)
     proximity.Scene([proximity.Solid(*needle, name="needle")]).save(tmp_path / "bracket.prox")
     words = [0.2, 0, 0, 0, 0, 0, 1, *[0] * 6, 1, *[0] * 3, *QUARTER]
@@ -233,7 +233,7 @@ def test_part_turns_as_its_object_does(package, tmp_path, mirror, ahead):
     assert np.abs(np.subtract([float(word) for word in told[2].split()], [0.1, 0, 0])).max() < 2e-3
 
 
-# --- the guide -------------------------------------------------------------------------------------------
+# The guide
 
 
 @has_library
@@ -251,7 +251,7 @@ def test_program_of_the_guide_prints_what_is_shown(package, tmp_path):
 @has_library
 @pytest.mark.skipif(sys.platform != "linux", reason="mailboxes are of Linux")
 def test_frames_are_read_in_shared_memory(package, request):
-    """Of one publisher and of the next, to the bit."""
+    """Of one publisher and its successor, bit-identical."""
     command = program(
         package, CLIENTS / "Mailbox.cs", files=("ProximityMessages", "ProximityClient", "ProximityMailbox")
     )

@@ -1,4 +1,4 @@
-"""The engine for browsers, in Node: the answers of Python to the bit, moves, trackers, and refusals."""
+"""The engine for browsers, in Node: bit-identical to Python, moves, trackers, and errors."""
 
 import json
 import os
@@ -27,12 +27,12 @@ pytestmark = [
         reason="the engine for browsers is not compiled",
     ),
 ]
-RELAXED = "--experimental-wasm-relaxed-simd"  # Node has it by itself since version 21
+RELAXED = "--experimental-wasm-relaxed-simd"  # the default since Node 21
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """The package, and a scene beside it."""
+    """The package and a scene."""
     made = tmp_path_factory.mktemp("wasm")
     written = wasm_package.write_package(made)
     assert all(written.values()) and (made / "proximity.d.ts").is_file()
@@ -41,14 +41,14 @@ def folder(tmp_path_factory):
 
 
 def run(folder, *words):
-    """Run Node in a folder; what it prints."""
+    """Run Node in a folder; return its output."""
     done = subprocess.run([NODE, RELAXED, *words], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 def run_module(folder, code):
-    """Run code that has the engine; what it prints, as JSON."""
+    """Run code that imports the engine; return its output, parsed as JSON."""
     (folder / "code.mjs").write_text('import { load, ProximityError } from "./proximity.mjs";\n' + code)
     return json.loads(run(folder, "code.mjs"))
 
@@ -345,7 +345,7 @@ await load().then(() => console.log("loaded"), (failure) => console.log(failure.
     assert run(tmp_path / "site", "code.mjs") == "loaded\n"
     command = [NODE, "--no-experimental-wasm-relaxed-simd", "code.mjs"]
     old = subprocess.run(command, cwd=tmp_path / "site", capture_output=True, text=True, check=True)
-    if "loaded" not in old.stdout:  # a Node that has the instructions whatever is asked of it
+    if "loaded" not in old.stdout:  # a Node that has the instructions regardless of the option
         assert re.match(r"ProximityError file:.*plain.wasm: there is no such file; it is for", old.stdout)
 
 

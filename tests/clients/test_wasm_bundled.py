@@ -1,6 +1,7 @@
-"""The engine for browsers as programs with a bundler and types take it: `tsc --strict`, and a build of Vite.
+"""The engine for browsers in bundled and typed programs: `tsc --strict`, and a build with Vite.
 
-They are installed by npm: npm install --prefix FOLDER typescript vite, with FOLDER/node_modules/.bin in PATH.
+Install the tools with npm: npm install --prefix FOLDER typescript vite, with FOLDER/node_modules/.bin in
+PATH.
 """
 
 import json
@@ -41,7 +42,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def compiled(folder: Path, program: str, resolution: str, module: str) -> str:
-    """What the compiler of TypeScript says of a program; nothing where all types fit."""
+    """Return the TypeScript compiler's messages for a program; empty if all types fit."""
     options = ("--strict", "--noEmit", "--target", "es2022", "--module", module)
     command = [tool("tsc"), *options, "--moduleResolution", resolution, program]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False).stdout

@@ -1,4 +1,4 @@
-"""Calibrations: from measurements to a file and back, used by a glove, and refused when they do not fit."""
+"""Calibrations: computation, files, use by a glove, and rejection of those that do not fit."""
 
 import json
 import math
@@ -25,15 +25,15 @@ from proximity.errors import ArgumentError, DecaffError, FileError
 
 DESIGN = Glove()
 HAND = Glove(cable=Cable(hand_pulley=0.0205, backlash=0.15e-3))
-"""The glove as it is: its pulley and cable are not quite as designed."""
+"""The real glove, whose pulley and cable differ from the design."""
 TABLE_BENDS = np.linspace(0.0, 1.0, 7)
 MOUNTED = 0.031
-"""rad that the drum's encoder is off its geometry."""
+"""rad of the drum encoder's zero from the geometry."""
 MADE = datetime(2026, 11, 21, 19, 30, 5, tzinfo=UTC)
 
 
 def calibrated(**changes):
-    """What a careful hand would measure of HAND."""
+    """Return the values that an exact measurement of HAND gives."""
     values = {
         "made": MADE,
         "counts": HAND.counts(TABLE_BENDS),
@@ -53,12 +53,12 @@ BENDS = np.linspace(0.0, 1.0, 401)
 
 
 def touches(bends):
-    """What potentiometer and encoder say where the drum touches."""
+    """Return potentiometer counts and encoder angles at which the drum touches."""
     return HAND.counts(bends), HAND.drum_angle(bends) + MOUNTED
 
 
 def test_table_gives_the_bend_of_a_hand_that_is_not_as_designed():
-    """Seven points are 0.16 mm of the fingertip's path off in between; the design alone is 3 mm off."""
+    """Seven points are within 0.16 mm of the fingertip's path in between; the design alone is 3 mm off."""
     off = GLOVE.bend_of_counts(HAND.counts(BENDS)) - BENDS
     way = off * HAND.finger.speed(BENDS)
     design = (DESIGN.bend_of_counts(HAND.counts(BENDS)) - BENDS) * HAND.finger.speed(BENDS)
@@ -71,7 +71,7 @@ def test_table_gives_the_bend_of_a_hand_that_is_not_as_designed():
 
 
 def test_table_is_monotone_and_so_is_its_inverse():
-    """PCHIP: no overshoot, however uneven the points."""
+    """PCHIP does not overshoot, however uneven the points."""
     table = [22000, 23000, 31000, 32000, 33000, 45000, 45600]
     uneven = CalibratedGlove(DESIGN, calibrated(counts=table))
     counts = np.linspace(22000, 45600, 5001)
@@ -107,7 +107,7 @@ def test_stretch_and_backlash_are_taken_out():
 
 
 def test_drum_stands_where_the_replica_will_be():
-    """At the points of the table to a count; where the table is off, finger and drum are off together."""
+    """Within a count at the points of the table; between them finger and drum are off together."""
     told = GLOVE.drum_angle(TABLE_BENDS) - MOUNTED
     np.testing.assert_allclose(told, HAND.drum_angle(TABLE_BENDS), rtol=0, atol=1e-4)
 
@@ -161,7 +161,7 @@ def test_table_that_cannot_be_of_this_glove_is_refused(changes, message):
 @pytest.mark.parametrize("pulley", [0.8, 1.2])
 @pytest.mark.parametrize("mounted", [-0.3, 0.3])
 def test_table_of_a_glove_that_is_not_quite_as_designed_is_taken(pulley, mounted):
-    """The pulley's radius is off by a fifth; the potentiometer is mounted 17 degrees off."""
+    """The pulley's radius is off by a fifth, the potentiometer's mounting by 17 degrees."""
     hand = Glove(cable=Cable(hand_pulley=0.02 * pulley))
     counts = DESIGN.potentiometer.counts(hand.replica_angle(TABLE_BENDS) + mounted)
     glove = CalibratedGlove(DESIGN, calibrated(counts=counts))
@@ -213,7 +213,7 @@ def test_simulated_glove_is_marked_in_its_file_and_warned_of_once(tmp_path, capl
     simulated, own = tmp_path / "simulated.json", tmp_path / "own.json"
     write_calibration(simulated, calibrated(made=datetime.now(UTC), is_simulated=True))
     write_calibration(own, calibrated(made=datetime.now(UTC)))
-    own.write_text(own.read_text().replace(',\n  "simulated": false', ""))  # as files were before
+    own.write_text(own.read_text().replace(',\n  "simulated": false', ""))  # as in older files
     assert "simulated" not in own.read_text()
     for path in (simulated, own, simulated):
         assert read_glove(path).calibration.is_simulated == (path == simulated)
@@ -244,7 +244,7 @@ def test_folder_that_is_not_there_is_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),  # what is changed in a file, or all that it has
+    ("content", "message"),  # changes of a valid file, or its whole text
     [
         ({"version": 2}, "has version 2, expected 1: calibrate again with this version"),
         ({"format": "hand"},
@@ -283,7 +283,7 @@ def test_file_that_was_changed_wrongly_or_is_none_is_refused(tmp_path, content, 
 
 
 def test_touch_off_at_three_angles_finds_how_the_drum_is_mounted():
-    """To the rounding of counts: a tenth of a millimetre at the fingertip is 0.8 mrad."""
+    """Within the rounding of counts: a tenth of a millimetre at the fingertip is 0.8 mrad."""
     assert touch_offset(DESIGN, *touches([0.2, 0.5, 0.8])) == pytest.approx(MOUNTED, abs=1e-4)
 
 
@@ -305,7 +305,7 @@ def test_touches_that_disagree_are_refused():
 
 
 def test_compliance_and_backlash_are_found_again():
-    """Within half a count: 1.4 µm of cable."""
+    """Within half a count, 1.4 µm of cable."""
     held = [HAND.potentiometer.read(HAND.replica_angle(0.5, tension)) for tension in (0.0, 2.0)]
     assert cable_compliance(HAND, held) == pytest.approx(1.0 / 20e3, abs=1.1e-6)
 
@@ -342,7 +342,7 @@ def test_measurement_that_cannot_be_is_refused(measure, message):
 
 @pytest.mark.parametrize("height", [-300.0])
 def test_latency_is_found_from_a_step(height):
-    """An answer that begins 4.2 ms after the step and takes 0.1 ms to come; with a little noise."""
+    """The response begins 4.2 ms after the step, is reported 0.1 ms later, and has a little noise."""
     times = np.arange(0.0, 0.050, 1e-5)
     answer = 7.0 + height * np.clip((times - 0.0142) / 1e-4, 0.0, 1.0)
     answer += 0.01 * height * np.random.default_rng(7).uniform(-1, 1, len(times))
@@ -351,7 +351,7 @@ def test_latency_is_found_from_a_step(height):
 
 
 def test_example_of_the_documentation_makes_a_calibration(tmp_path, monkeypatch):
-    """Who has measured a glove finds there how the file is made."""
+    """The documentation's example of how to make the file runs as printed."""
     monkeypatch.chdir(tmp_path)
     _, _, example = fit.__doc__.partition("::\n")
 

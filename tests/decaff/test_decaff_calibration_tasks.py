@@ -1,4 +1,4 @@
-"""Calibrating: a simulated glove is recovered within its uncertainties, whatever goes wrong on the way."""
+"""Calibration tasks: a simulated glove is recovered within its uncertainties, also after disturbances."""
 
 import json
 import math
@@ -37,7 +37,7 @@ def begin(path, seed, drum="gear51", skipped=()):
 
 
 def measure(session, glove, most=500):
-    """Do what is asked, as a patient person: how many readings were taken."""
+    """Perform all requested readings; return their number."""
     taken = 0
     while taken < most and (asked := session.next()) is not None:
         session.take(asked, lambda part, asked=asked: glove.prepare(asked, part))
@@ -47,7 +47,7 @@ def measure(session, glove, most=500):
 
 @pytest.mark.parametrize("drum", ["gear14", "gear51"])
 def test_simulated_gloves_are_recovered_within_their_uncertainties(tmp_path, drum):
-    """Of 10 gloves with 16 numbers each about 95 of 100 intervals hold the truth, and none is far wider."""
+    """Of 10 gloves with 16 numbers each about 95 % of the intervals contain the truth; none is far wider."""
     shares = []
     for seed in range(10):
         session, glove = begin(tmp_path / f"{seed}.json", seed, drum)
@@ -58,9 +58,9 @@ def test_simulated_gloves_are_recovered_within_their_uncertainties(tmp_path, dru
         session.calibration("")
     shares = np.abs(shares)
 
-    # 152 of 160 are expected; fewer than 144 come about by chance once in 400 times.
+    # 152 of 160 are expected; by chance fewer than 144 happen once in 400 runs.
     assert np.count_nonzero(shares <= 1.0) >= 144
-    # Half of the errors lie within a fifth to a quarter of such an interval, by Student's t of 2 to 8.
+    # Half of the errors are below a fifth to a quarter of the interval, by Student's t with 2 to 8 degrees.
     assert 0.12 < np.median(shares) < 0.35
     assert shares.max() < 6.0
 
@@ -97,7 +97,7 @@ def test_hand_that_slips_is_asked_again_and_the_slip_left_out(tmp_path):
         session.take(session.next(), lambda part: glove.prepare(session.next(), part))
     session.readings.add(slipped, {"counts": 38000.0})
 
-    assert session.next().task.key == "pose 5"  # one reading cannot disagree
+    assert session.next().task.key == "pose 5"  # a single reading cannot disagree
     measure(session, glove, 10)
     measure(session, glove)
 
@@ -123,7 +123,7 @@ def test_repeats_that_never_agree_end_with_advice(tmp_path):
 
 
 def test_pulled_cable_and_chirp_that_contradict_each_other_are_reported(tmp_path):
-    """A spring scale that reads twice too much: all pulls agree with one another, and are wrong."""
+    """A spring scale that reads twice the force: all pulls agree with each other and are wrong."""
     session, glove = begin(tmp_path / "r.json", 2)
     measure(session, glove)
     for reading in session.readings.of(PULL):
@@ -163,7 +163,7 @@ def record_of(chirp, plant, latency=1e-3, step=1e-9, rate=3000.0):
 
 
 def test_friction_and_latency_are_separated_by_coasting():
-    """By the chirp alone both make the answer late."""
+    """In the chirp alone both delay the response."""
     found = identify_free(record_of(free_chirp(DRUM), [1.2 * INERTIA, FRICTION, 1e-3, 0.0, 0.0]), DRUM)
 
     assert found["inertia"] == pytest.approx(1.2 * INERTIA, rel=2e-3)

@@ -1,4 +1,4 @@
-"""The controller in C: built with sanitizers and for a Cortex-M7, driven by datagrams, its cost counted."""
+"""The controller in C, built with sanitizers and for a Cortex-M7, fed with datagrams, its cost counted."""
 
 import math
 import re
@@ -39,9 +39,9 @@ CORTEX_M7 = [
     "-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "-O2", "-fno-math-errno",
     "-fstack-usage",
 ]  # fmt: skip
-BUDGET = 216e6 / RATE * 0.2  # cycles a sample: a fifth of a core
+BUDGET = 216e6 / RATE * 0.2  # cycles per sample: a fifth of a core
 CYCLES_AN_INSTRUCTION = 2.0
-"""Assumed of a Cortex-M7, which may do two at once: loads from flash, and double precision, take longer."""
+"""Assumed for a Cortex-M7, which may issue two at a time: flash loads and double precision take longer."""
 
 
 @pytest.fixture(scope="module")
@@ -50,13 +50,13 @@ def program(tmp_path_factory):
 
 
 class Glove3kHz:
-    """A subscriber in Python and a controller at 3 kHz, and what they meet, noted for those on a chip."""
+    """A subscriber in Python and a controller at 3 kHz; logs their inputs for the controller in C."""
 
     def __init__(self, shares_clock=True, cable=None):
         self.clock, self.wire = Clock(), Wire(shares_clock)
         self.subscriber = Subscriber(self.wire, "wire:", clock=self.clock)
         self.controller = FingerController(PATH, RATE, cable=cable)
-        self.events, self.defects, self.kinds = Events(shares_clock), [], []  # kinds: what each answer is to
+        self.events, self.defects, self.kinds = Events(shares_clock), [], []  # the input of each answer
         self.drum, self.bend = PATH.retracted, 0.2
         self.has_sensor, self.motor_force = True, 0.0
 
@@ -90,7 +90,7 @@ class Glove3kHz:
         self.compare(self.events.answers([program], folder))
 
     def compare(self, data):
-        """Compare all answers; those to datagrams, and those at samples."""
+        """Compare the answers to datagrams and those to samples."""
         ends = np.cumsum([4 if kind == "D" else ANSWER.itemsize for kind in self.kinds])
         assert ends[-1] == len(data)
         answers = {"D": [], "L": []}
@@ -102,7 +102,7 @@ class Glove3kHz:
 
 
 def frame_of(glove, number, late_ns=0, **fields_):
-    """A frame whose first finger meets a wall at half a bend."""
+    """Return a frame whose first finger meets a wall at half a bend."""
     message = frame(2, glove.clock.now - late_ns)
     record = message.records[0]
     record["flags"], record["mode"] = (
@@ -128,7 +128,7 @@ def frame_of(glove, number, late_ns=0, **fields_):
     ],
 )
 def test_datagrams_lead_to_the_same_states_and_targets(shares_clock, cable, has_sensor, tmp_path):
-    """Presses on a wall, with frames that are late, lost, damaged, repeated, senseless, or of another run."""
+    """Presses on a wall, with frames that are late, lost, corrupt, repeated, invalid, or of another run."""
     rng, glove = np.random.default_rng(7), Glove3kHz(shares_clock, cable)
     glove.has_sensor = has_sensor
     ahead = 0 if shares_clock else 3600_000 * MS
@@ -138,7 +138,7 @@ def test_datagrams_lead_to_the_same_states_and_targets(shares_clock, cable, has_
     for sample in range(15_000):
         time = sample / RATE
         glove.bend = 0.36 + 0.16 * np.sin(2.0 * np.pi * 0.8 * time)
-        if sample % 3 == 0 and not 2400 < sample % 5000 < 2400 + 300 * (sample // 5000):  # and silence
+        if sample % 3 == 0 and not 2400 < sample % 5000 < 2400 + 300 * (sample // 5000):  # and pauses
             what = rng.integers(40)
             extra = [{}, soft, slave][sample // 1500 % 3]
             message = frame_of(glove, sequence, int(rng.choice([0, 1, 3])) * MS - ahead, **extra)
@@ -173,7 +173,7 @@ def test_datagrams_lead_to_the_same_states_and_targets(shares_clock, cable, has_
 
 @pytest.mark.parametrize("has_sensor", [True, False])
 def test_stretch_of_the_cable_is_made_up_for_alike(has_sensor, tmp_path):
-    """Two presses of a second and a half each, frames at 1 kHz."""
+    """Two presses of 1.5 s each, with frames at 1 kHz."""
     cable = CableRule(1200.0, 10.0 if has_sensor else 2.0)
     glove, sent = Glove3kHz(cable=cable), []
     glove.has_sensor = has_sensor
@@ -188,7 +188,7 @@ def test_stretch_of_the_cable_is_made_up_for_alike(has_sensor, tmp_path):
 
 
 def test_what_the_key_does_not_verify_is_not_used(program, tmp_path):
-    """The datagram with its tag is used, and no other."""
+    """Only the datagram with a valid tag is used."""
     from hashlib import blake2s
 
     key = bytes(range(32))
@@ -202,7 +202,7 @@ def test_what_the_key_does_not_verify_is_not_used(program, tmp_path):
 
 
 def test_sequence_of_nobody_leaves_the_drum_its_frames(program, tmp_path):
-    """One frame numbered 2**64 - 2, and all that followed counted as overtaken until a new session."""
+    """Regression: after one frame numbered 2**64 - 2 all others counted as overtaken, until a new session."""
     glove = Glove3kHz()
     for sample in range(60):
         glove.bend = 0.3
@@ -218,7 +218,7 @@ def test_sequence_of_nobody_leaves_the_drum_its_frames(program, tmp_path):
 @pytest.mark.parametrize("instant", [-(2**63), -(2**63) + 1, -1, 2**61 + 1, 2**63 - 1])
 @pytest.mark.parametrize("shares_clock", [True, False])
 def test_instant_that_no_clock_shows_is_refused(program, instant, shares_clock, tmp_path):
-    """It passed the checks, and overflowed in the clock of the sender: the sanitizers stopped there."""
+    """Regression: it passed the checks and overflowed in the estimate of the sender's clock."""
     glove = Glove3kHz(shares_clock)
     for sample in range(300):
         message = frame_of(glove, sample)
@@ -232,7 +232,7 @@ def test_instant_that_no_clock_shows_is_refused(program, instant, shares_clock, 
 
 
 def served(program, folder, mode, targets, positions, speed_cap=np.inf, force_cap=np.inf, measured=np.nan):
-    """The forces of the servo for targets, m or N, at positions, m."""
+    """Return the forces of the servo for targets, m or N, at positions, m."""
     events = Events(position=positions[0])
     for target, position in zip(targets, positions, strict=True):
         numbers = [target, speed_cap, force_cap, np.nan, np.inf, position, measured, 0.0]
@@ -242,16 +242,16 @@ def served(program, folder, mode, targets, positions, speed_cap=np.inf, force_ca
 
 @pytest.mark.parametrize(("mode", "target"), [(DriveMode.POSITION, 0.05), (DriveMode.FORCE, 0.5)])
 def test_encoder_without_a_number_for_a_sample_commands_no_force(program, mode, target, tmp_path):
-    """The force was 100 N away from the finger, for that sample and the next."""
+    """Regression: for that sample and the next the force was 100 N away from the finger."""
     positions = np.full(10, 0.0501)
     positions[5] = np.nan
     found = served(program, tmp_path, mode, np.full(10, target), positions, force_cap=100.0, measured=0.5)
-    assert np.abs(found[2:5]).min() > 0.1  # it worked before
+    assert np.abs(found[2:5]).min() > 0.1  # the servo was active before
     assert found[5] == found[6] == 0.0
 
 
 def test_drum_that_is_held_at_its_stop_winds_no_force_up(program, tmp_path):
-    """Half a tenth of a millimetre short of its target for 4 s: it had all 53 N, and as long to lose them."""
+    """Regression: 0.05 mm short of its target for 4 s, it reached all 53 N, and lost them as slowly."""
     positions = np.full(12_010, 0.15)
     targets = np.where(np.arange(12_010) < 12_000, positions + 5e-5, positions)
     limit = ControllerSettings(RATE).record()[0].servo_integral_limit
@@ -261,7 +261,7 @@ def test_drum_that_is_held_at_its_stop_winds_no_force_up(program, tmp_path):
 
 
 def test_drum_that_has_lost_the_finger_brakes_while_it_serves_a_force(program, tmp_path):
-    """With 5 N over the millimetre up to the release it met the finger with 5 mJ."""
+    """With 5 N over the millimetre up to the release it hit the finger with 5 mJ."""
     force, slower = (
         served(program, tmp_path, DriveMode.FORCE, np.full(60, 5.0), 0.15 - 0.3 / RATE * np.arange(60), cap)
         for cap in (0.05, 2.0)
@@ -271,7 +271,7 @@ def test_drum_that_has_lost_the_finger_brakes_while_it_serves_a_force(program, t
 
 @pytest.mark.parametrize("angle", [-0.5, 1.9, 2.4])
 def test_path_goes_on_beyond_its_ends(angle):
-    """At the stop, 1.9 rad, the drum read the end of the path, 1.805 rad, and could not be controlled."""
+    """Regression: at the stop, 1.9 rad, the position was the path's end, 1.805 rad, and uncontrollable."""
     least, most = PATH.drum_angles
     end = least if angle < least else most
     beyond = PATH.lever(end) * (angle - end)
@@ -285,7 +285,7 @@ def test_path_goes_on_beyond_its_ends(angle):
 
 @pytest.mark.parametrize("damping", [0.0, 0.3, 0.5, 5.0])
 def test_bound_of_passivity_in_closed_form_is_colgates(damping):
-    """A drum without damping of its own, a pad of 2 N s/m, of which a surface takes half at most."""
+    """A drum without damping, a pad of 2 N s/m of which a surface uses half at most."""
     displayed = SurfaceLaw(ControllerSettings(RATE)).displayed(1e6, damping)
     assert displayed[1] == min(damping, 1.0)
     assert displayed[0] == pytest.approx(
@@ -330,7 +330,7 @@ def test_calibrated_fingers_have_paths_of_their_own(tmp_path):
 
 
 def test_cortex_m7_takes_it_with_little_code_and_stack(tmp_path):
-    """Prints what is said in docs/guide/controller.md; -s shows it."""
+    """Print the numbers of docs/guide/controller.md; -s shows them."""
     gcc = shutil.which("arm-none-eabi-gcc")
     if gcc is None:
         pytest.skip("there is no cross compiler arm-none-eabi-gcc")
@@ -343,19 +343,19 @@ def test_cortex_m7_takes_it_with_little_code_and_stack(tmp_path):
     stack = {}
     for line in (tmp_path / "decaff_controller.su").read_text().splitlines():
         where, size, kind = line.split("\t")
-        assert kind == "static", line  # no size is known when it runs only
+        assert kind == "static", line  # not of dynamic size
         stack[where.rpartition(":")[2]] = int(size)
     names = run("arm-none-eabi-nm", "-u", tmp_path / "decaff_controller.o").split()
-    needed = {name for name in names if name != "U" and not name.startswith("__aeabi_")}  # the compiler's own
+    needed = {name for name in names if name != "U" and not name.startswith("__aeabi_")}  # compiler helpers
     print(f"\ncode and data, static data, zeroed: {sizes}; stack of the largest functions: ", end="")
     print(sorted(stack.items(), key=lambda entry: -entry[1])[:4])
     assert sizes["decaff_controller.c"][0] < 20_480 and sizes["decaff_controller.c"][1:] == [0, 0]
-    assert sum(sorted(stack.values())[-6:]) < 2048  # no path is deeper
-    assert needed <= {"memcpy", "memset", "decaff_paths", "sqrt"}  # no heap, no other libm
+    assert sum(sorted(stack.values())[-6:]) < 2048  # no call path is deeper
+    assert needed <= {"memcpy", "memset", "decaff_paths", "sqrt"}  # no heap, nor other functions of libm
 
 
 def press(samples):
-    """A finger that presses on a wall of teleoperation until a force is served, with frames at 1 kHz."""
+    """Return the log of a finger that presses on a teleoperated wall until a force is served, at 1 kHz."""
     glove = Glove3kHz()
     slave = {"source": Source.TELEOPERATION, "force": 0.6, "force_is_valid": 1}
     for sample in range(samples):
@@ -367,7 +367,7 @@ def press(samples):
 
 
 def test_sample_costs_less_than_a_fifth_of_a_cortex_m7(tmp_path):
-    """On a simulated one, where it leads to the same states and targets. Instructions are counted."""
+    """Count instructions on a simulated one, with the same states and targets."""
     gcc, qemu = shutil.which("arm-none-eabi-gcc"), shutil.which("qemu-system-arm")
     if gcc is None or qemu is None:
         pytest.skip("there is no arm-none-eabi-gcc, or no qemu-system-arm to run a Cortex-M7 with")
@@ -388,17 +388,17 @@ def test_sample_costs_less_than_a_fifth_of_a_cortex_m7(tmp_path):
         qemu, "-M", "mps2-an500", "-nographic", "-icount", "shift=10", "-monitor", "none", "-serial", "none",
         "-semihosting-config", f"enable=on,target=native,{files}", "-kernel", tmp_path / "driver.elf",
     )  # fmt: skip
-    glove.compare((tmp_path / "answers").read_bytes()[: -1500 * 8])  # without those of the servo
+    glove.compare((tmp_path / "answers").read_bytes()[: -1500 * 8])  # without the servo's answers
     counts = [[float(word) for word in line.split()] for line in told.splitlines()]
     print("\ninstructions, mean and most:", dict(zip(names, (count[1:] for count in counts), strict=True)))
     a_sample = sum(count[0] * count[1] for count in counts) / counts[0][0]
-    assert counts[0][0] == 1500 and counts[0][2] > counts[0][1] > 100.0  # they were counted
+    assert counts[0][0] == 1500 and counts[0][2] > counts[0][1] > 100.0  # the counters worked
     assert a_sample * CYCLES_AN_INSTRUCTION < BUDGET
-    assert sum(count[2] for count in counts) < BUDGET  # even the sample with a frame, at one cycle each
+    assert sum(count[2] for count in counts) < BUDGET  # also with a frame, one cycle each
 
 
 def test_sample_costs_less_than_a_fifth_of_a_core(tmp_path):
-    """The same, counted on this machine: instructions of one finger with a frame every third sample."""
+    """Count instructions on this machine: one finger with a frame every third sample."""
     if shutil.which("valgrind") is None or sys.platform != "linux":
         pytest.skip("there is no valgrind to count instructions with")
     program = build(tmp_path, options=["-O2", "-fno-math-errno"])

@@ -1,4 +1,4 @@
-"""The firmware that docs/guide/controller.md shows is complete, and calls what is written."""
+"""The firmware in docs/guide/controller.md is complete and calls the functions as written."""
 
 import re
 import subprocess
@@ -20,7 +20,7 @@ def test_firmware_of_the_page_compiles(tmp_path):
 
 
 def test_command_of_the_page_compiles_and_links_a_program(tmp_path):
-    """The declared functions of the page's firmware are the user's: here they do nothing."""
+    """Functions that the page only declares are stubs here."""
     page = PAGES["guide/controller.md"]
     (shown,) = re.findall(r"```c\n(.*?)```", page, re.DOTALL)
     (command,) = re.findall(r"^cc (.*)$", page, re.MULTILINE)

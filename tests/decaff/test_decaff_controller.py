@@ -1,4 +1,4 @@
-"""The drum's controller: each failure and transition of docs/guide/drums.md, and what never happens."""
+"""The drum's controller: each failure and transition of docs/guide/drums.md, and its safety properties."""
 
 import math
 import operator
@@ -44,7 +44,7 @@ LIMITS = Limits()
 TRACKED = ContactFlag.TRACKED | ContactFlag.EXACT | ContactFlag.SIGNED
 WALL = 0.5  # bend of the contact
 ANY_SPEED = Limits(steady=SteadyRule(slow_speed=math.inf))
-# What records say beside where the finger touches.
+# Fields of records other than the position of contact.
 SOFT = {"surface": Surface.DEFORMABLE, "stiffness": 200.0, "damping": 0.0}
 SLAVE = {"source": Source.TELEOPERATION, "force": 0.6, "force_is_valid": 1}
 LOST = {"flags": 0, "mode": Mode.HOLD}
@@ -53,7 +53,7 @@ RETRACTED, APPROACH, POSITION, CONTACT_FORCE, HOLD, FREEZE, FAULT = DrumState
 
 
 def contact(pose_ns, /, bend=0.3, position=WALL, **fields):
-    """A record of a finger at a bend whose way meets the wall at *position*."""
+    """Return a record of a finger at a bend whose path meets the wall at *position*."""
     record = frame(1).records[0]
     record["flags"], record["pose_ns"], record["mode"] = TRACKED, pose_ns, Mode.POSITION
     record["bend"], record["contact_bend"], record["contact_bend_error"] = bend, position, 0.0
@@ -65,18 +65,18 @@ def contact(pose_ns, /, bend=0.3, position=WALL, **fields):
 
 
 class Bench:
-    """A controller stepped at 1 kHz; finger and drum are where they are put, frames come each sample."""
+    """A controller stepped at 1 kHz with given finger and drum positions and a frame each sample."""
 
     def __init__(self, **settings):
         self.controller = FingerController(PATH, RATE, **settings)
         self.now, self.bend, self.force = 0, 0.3, 0.0
-        self.ahead = 0  # ns, the servo's own clock
-        self.session, self.frame, self.told = 7, None, None  # what was told last, and which frame that was
-        self.drum = PATH.retracted  # its position
+        self.ahead = 0  # ns by which the servo's clock is ahead
+        self.session, self.frame, self.told = 7, None, None  # the newest record and its frame
+        self.drum = PATH.retracted  # m, position
         self.action = None
 
     def place(self, fields):
-        """Put finger, drum, force and clocks where some of the *fields* say; the others are of a record."""
+        """Set finger, drum, force and clocks from *fields*; return the fields of the record."""
         names = {"finger": "bend", "felt": "force"} | dict.fromkeys(
             ("drum", "session", "now", "ahead", "frame")
         )
@@ -95,14 +95,14 @@ class Bench:
         return self.action
 
     def run(self, count, **fields):
-        """Fresh frames; the drum goes where it is told at once."""
+        """Step with fresh frames; the drum reaches its target immediately."""
         for _ in range(count):
             self.step(contact(self.now, **({"bend": self.bend} | fields)))
             self.drum = self.action.position
         return self.action
 
     def age(self, milliseconds, told=None, state=State.LATE):
-        """No new frame for so long."""
+        """Step without new frames for a number of milliseconds."""
         for _ in range(milliseconds):
             self.step(told, state)
         return self.action
@@ -117,7 +117,7 @@ def approaching(finger=0.3, **settings):
 
 
 def location_of(*records):
-    """Where a finger touches by records that follow each other, each of a pose of its own; None: nowhere."""
+    """Return the position of contact from successive records, each of a new pose, or None."""
     bench = Bench()
     for record in records:
         told = record.copy()
@@ -128,7 +128,7 @@ def location_of(*records):
 
 
 def touching(**fields):
-    """A finger at the wall, the drum before it, 0.8 N between them."""
+    """Return a bench with a finger at the wall, the drum at its contact, 0.8 N between them."""
     bench = approaching(**{name: fields.pop(name) for name in ("drum", "limits") if name in fields})
     bench.bend = WALL
     bench.force = 0.8
@@ -147,7 +147,7 @@ def test_places_agree_with_the_glove():
 
 
 def test_place_of_contact_is_extrapolated_where_none_is_told():
-    """b + d/(-n.p'), with p' from how the finger moves; a plane at 45 degrees to the way."""
+    """b + d/(-n.p'), with p' from the finger's motion; a plane at 45 degrees to the path."""
     rate, bend, distance = 2.0, 0.3, 0.005
     slope = GLOVE.finger.point_rate(bend)
     along = slope / np.hypot(*slope)
@@ -167,14 +167,14 @@ def test_finger_that_is_not_closing_has_no_place_of_contact(fields):
 
 
 def test_place_of_contact_does_not_depend_on_latency():
-    """The pose of the message counts, not where the finger has come since."""
+    """The pose of the message counts, not the displacement of the finger since then."""
     positions = []
     for latency in (0, 3, 15):
         bench = Bench()
         for _ in range(30):
             bench.bend += 0.002
             told = contact(bench.now - latency * MS, bend=bench.bend - 0.002 * latency, contact_bend_rate=0.5)
-            told["contact_bend"] = 0.5 + 0.5e-9 * (bench.now - latency * MS)  # of a wall that goes away
+            told["contact_bend"] = 0.5 + 0.5e-9 * (bench.now - latency * MS)  # of a receding wall
             bench.step(told)
         positions.append(bench.action.position)
     assert positions == pytest.approx([PATH.position(0.5 + 0.5e-9 * 30 * MS)] * 3, abs=1e-9)
@@ -182,7 +182,7 @@ def test_place_of_contact_does_not_depend_on_latency():
 
 @pytest.mark.parametrize("position", [0.2, WALL - 0.001, 0.5])
 def test_finger_that_is_free_is_not_pressed_whatever_is_said_of_its_way(position):
-    """A position behind a finger that is 20 mm from everything drew the drum onto it, as if it came late."""
+    """Regression: a position behind a finger 20 mm from every part pulled the drum onto it, as if late."""
     bench = Bench()
     bench.bend, nearest = WALL, PATH.position(WALL) + 0.020
     for _ in range(100):
@@ -195,13 +195,13 @@ CABLE = CableRule(1200.0)
 
 
 def stretch(bench):
-    """By which the drum is sent nearer than the contact, m."""
+    """Distance by which the drum's target is nearer than the contact, m."""
     return PATH.position(WALL) - bench.action.position
 
 
 @pytest.mark.parametrize("force", ["force", "motor_force"])
 def test_stretch_of_the_cable_is_made_up_for_while_the_drum_is_touched(force):
-    """By the force that is measured; where none is, by the motor's; slowly, and gone with the contact."""
+    """By the measured force, else the motor's; slowly, and only during contact."""
     bench = approaching(cable=CABLE)
     bench.bend, pressing = WALL, {"force": math.nan} | {force: 0.6}
     bench.step(contact(bench.now, WALL), **pressing)
@@ -284,7 +284,7 @@ BAD = [
 ]  # fmt: skip
 FAULTS = {
     "the potentiometer gives no bend": {"bend": math.nan},
-    "the potentiometer reads a bend of 2.85, expected -0.1 to 1.1": {"bend": 2.85},  # its wire is off
+    "the potentiometer reads a bend of 2.85, expected -0.1 to 1.1": {"bend": 2.85},  # broken wire
     "the potentiometer reads a bend of -0.72, expected -0.1 to 1.1": {"bend": -0.72},
     "the encoder gives no drum angle": {"drum_angle": math.inf},
     "the encoder reads a drum angle of 60 rad, but the finger's path goes from 0.0921 to 1.81 rad": {
@@ -295,12 +295,12 @@ FAULTS = {
 
 
 def run(count=1, **fields):
-    """Fresh frames; the drum goes where it is told."""
+    """Step with fresh frames; the drum reaches its target."""
     return lambda bench: bench.run(count, **bench.place(fields))
 
 
 def step(count=1, state=State.OK, seen=None, ahead_ns=0, **fields):
-    """Fresh frames; the drum stays."""
+    """Step with fresh frames; the drum does not move."""
 
     def act(bench):
         rest = bench.place(fields)
@@ -312,12 +312,12 @@ def step(count=1, state=State.OK, seen=None, ahead_ns=0, **fields):
 
 
 def silence(state=State.OK, **where):
-    """A sample without a frame."""
+    """Step once without a frame."""
     return lambda bench: bench.step(None, state, **bench.place(where))
 
 
 def age(milliseconds, **where):
-    """No new frame for so long."""
+    """Step without new frames for a number of milliseconds."""
     return lambda bench: bench.age(milliseconds, **bench.place(where))
 
 
@@ -330,16 +330,16 @@ def reset(bench):
 
 
 def beyond(gap):
-    """The bend at which the finger is so far beyond the wall, m."""
+    """Return the bend at which the finger is *gap* m beyond the wall."""
     return PATH.bend(PATH.position(WALL) + gap)
 
 
 def leaning(gap):
-    """A finger that has pushed the drum so far beyond the wall, m."""
+    """Return the fields of a finger that has pushed the drum *gap* m beyond the wall."""
     return {"finger": beyond(gap), "drum": PATH.position(WALL) + gap}
 
 
-kept, farther = operator.eq, operator.gt  # of what shows after an event and before it
+kept, farther = operator.eq, operator.gt  # compare a field after the event with before
 
 
 def at_most(bound):
@@ -350,8 +350,8 @@ def at_least(bound):
     return lambda found, before: found >= bound
 
 
-# Each failure and transition: where it begins; then events, the state after each, and what else shows.
-# "at": the bend before which the drum stands.
+# Each failure and transition: the initial bench; then events, the state after each, and further fields.
+# "at": the bend of the drum's target.
 TRANSITIONS = {
     "the drum waits retracted until a contact is told twice": [Bench, (silence(), RETRACTED),
         (step(position=math.nan), RETRACTED), (step(), RETRACTED),
@@ -360,16 +360,16 @@ TRANSITIONS = {
     "no contact is expected any more": [approaching, (run(position=math.nan), RETRACTED, {"position": BACK})],
     **{
         f"touch at {gap} m and {force} N": [approaching, (run(finger=beyond(-gap), felt=force), state)]
-        for gap, force, state in (  # a force without a touch is the sensor's
+        for gap, force, state in (  # force without a touch is a sensor error
             (29e-6, 0.0, POSITION), (31e-6, 0.0, APPROACH), (0.5e-3, 0.06, POSITION),
             (0.5e-3, 0.04, APPROACH), (1.5e-3, 0.06, APPROACH))
     },
-    "a touched drum holds up to a millimetre": [touching,  # what is told meanwhile does not move it
+    "a touched drum holds up to a millimetre": [touching,  # new positions do not move it
         *((run(finger=beyond(-gap), felt=0.0, position=WALL + 0.003, lower=0.0), POSITION, {"position": kept})
           for gap in (0.1e-3, 0.5e-3, 0.99e-3)),
         (run(finger=beyond(-1.01e-3), position=WALL + 0.003), APPROACH, {"at": WALL + 0.003})],
     **{
-        # It was touched again at once: before a soft part a force of nothing was served, and the drum stayed.
+        # Regression: it counted as touched; a soft part served a force of 0, and the drum did not move.
         f"the object a finger leans on has gone, {fields['surface'].name}": [partial(touching, **fields),
             *[(step(position=WALL + 0.05, **fields), APPROACH,  # a centimetre away
                {"mode": DriveMode.POSITION, "at": WALL + 0.05})] * 20]
@@ -380,21 +380,21 @@ TRANSITIONS = {
     "teleoperation serves the force once it is steady": [partial(touching, limits=ANY_SPEED, **RIGID_SLAVE),
         (None, POSITION),
         (run(200, **RIGID_SLAVE), CONTACT_FORCE, {"mode": DriveMode.FORCE, "force": pytest.approx(0.6)}),
-        # Bumpless: from what is felt; by the servo's own slew, as a handover needs.
+        # Bumpless: starts at the measured force and follows the servo's slew limit, as a handover needs.
         (None, CONTACT_FORCE, {"start_force": pytest.approx(0.8, abs=0.02), "force_slew": 0.0}),
         (run(19, felt=0.04, **RIGID_SLAVE), CONTACT_FORCE), (run(2, **RIGID_SLAVE), POSITION)],
-    # Whether the finger is still there could not be told: the drum would press until it met something.
+    # Without a measured force, contact is unknown: the drum would press until it met an obstacle.
     "the force of teleoperation is not measured any more": [partial(touching, limits=ANY_SPEED, **SLAVE),
         (run(200, **SLAVE), CONTACT_FORCE), (run(19, felt=math.nan, **SLAVE), CONTACT_FORCE),
         *[(run(2, **SLAVE), POSITION)] * 100,
         (run(200, felt=0.8, **SLAVE), CONTACT_FORCE)],
     "the slave is off its object": [partial(touching, limits=ANY_SPEED, **SLAVE),
         (run(200, **SLAVE), CONTACT_FORCE),
-        # It went to and fro, a sample each: the force is steady.
+        # Regression: the state alternated each sample; the force is steady.
         *[(run(**SLAVE, signed_distance=0.6e-3), POSITION)] * 101,
         (run(**SLAVE), CONTACT_FORCE)],
     **{
-        # Touched on its path, it served a force of nothing: by what its motor had done it went on, 12 mm far.
+        # Regression: touched on its path, it served a force of 0 and by its motor's estimate moved on 12 mm.
         f"a drum {near} m too near a soft surface": [partial(touching, **SOFT),
             (step(**leaning(-near), **SOFT), state, {"mode": mode, "at": WALL})]
         for near, state, mode in (
@@ -424,7 +424,7 @@ TRANSITIONS = {
         f"a service that is {state.name}, whatever the age": [approaching, (step(state=state), RETRACTED)]
         for state in (State.STALE, State.STARTING, State.STOPPING)
     },
-    # An old frame of a tracked finger does not bring it back.
+    # An old frame of a tracked finger does not restore it.
     "tracking is lost in free space": [approaching, (step(**LOST), RETRACTED), (silence(), RETRACTED)],
     "tracking is lost in contact": [touching, (step(**LOST), FREEZE), (silence(), FREEZE)],
     **{
@@ -433,29 +433,29 @@ TRANSITIONS = {
         for field, value in BAD
     },
     "a pose from the future or the past is dropped": [approaching,
-        (step(ahead_ns=7 * MS), APPROACH, {"dropped": 1}),  # 6 ms ahead when it is read
+        (step(ahead_ns=7 * MS), APPROACH, {"dropped": 1}),  # 6 ms ahead when read
         (step(ahead_ns=5 * MS), APPROACH, {"dropped": 1}),  # 4 ms
         (step(), APPROACH), (step(ahead_ns=-9 * MS), APPROACH, {"dropped": 3})],
     "a jump towards the finger needs a second frame": [approaching,
         (run(position=WALL - 0.05), APPROACH, {"position": kept}),
-        (run(), APPROACH, {"position": kept}),  # the second did not agree
+        (run(), APPROACH, {"position": kept}),  # the second disagreed
         (run(position=WALL - 0.05), APPROACH, {"position": kept}),
         (run(position=WALL - 0.05), APPROACH, {"at": WALL - 0.05}),
-        (run(position=WALL), APPROACH, {"at": WALL})],  # away is not waited for
-    # 63 mm nearer: in 60 ms a part may go as far, but no farther than 20 ms lead is taken at its word.
+        (run(position=WALL), APPROACH, {"at": WALL})],  # moving away needs no confirmation
+    # 63 mm nearer: possible in 60 ms, but only a lead of up to 20 ms is accepted unconfirmed.
     "a jump towards the finger after a silence": [partial(approaching, finger=0.05), (age(60), APPROACH),
         (step(position=0.2), APPROACH, {"position": at_least(PATH.position(WALL) - 1e-9), "awaited": 2}),
         (step(position=0.2), APPROACH, {"at": 0.2})],
-    # Poses at 60 Hz, frames at 1 kHz: up to 20 ms later the drum stood where nothing was any more.
+    # Poses at 60 Hz, frames at 1 kHz: the drum stood up to 20 ms where the part had been.
     "a part that moves between two poses is followed at once": [approaching, (step(pose_ns=4 * MS), APPROACH),
         *((step(pose_ns=4 * MS, position=beyond(away)), APPROACH, {"at": beyond(away), "awaited": 1})
-          for away in (1e-3, 30e-3, 29e-3, 26.1e-3))],  # of the wall; nearer at 2.9 m/s
+          for away in (1e-3, 30e-3, 29e-3, 26.1e-3))],  # from the wall; nearer at 2.9 m/s
     "a jump towards the finger is not confirmed by frames of the same pose": [approaching,
         *((step(pose_ns=4 * MS, position=WALL - nearer), APPROACH, {"position": kept})
           for nearer in np.linspace(0.05, 0.049, 10)),
-        (None, APPROACH, {"awaited": 2}),  # with that of the start
+        (None, APPROACH, {"awaited": 2}),  # including that of the start
         (step(position=WALL - 0.049), APPROACH, {"at": WALL - 0.049})],
-    # Its poses begin at 0 again; what comes nearer is confirmed by a second one.
+    # Its poses begin at 0 again; a nearer position is confirmed by a second frame.
     "a service on a machine that started anew is followed": [approaching, (run(1000), APPROACH),
         (silence(State.STALE, session=8, now=0, ahead=1004 * MS), RETRACTED),
         (run(3), APPROACH, {"trust": Trust.FRESH, "dropped": 0})],
@@ -471,7 +471,7 @@ TRANSITIONS = {
         (run(5, **INSIDE, position=0.2), APPROACH, {"position": kept}),
         (run(finger=0.3, position=0.4), APPROACH, {"at": 0.4})],
     **{
-        # The finger may have been anywhere since: it is as at the start.
+        # The finger may have moved anywhere since: as at the start.
         f"a finger that is found inside after a silence: {name}": [approaching, (doubt, RETRACTED),
             (run(5, finger=0.49, drum=BACK, **INSIDE, position=0.49), None,
              {"position": at_least(PATH.position(0.49) + LIMITS.standoff - 1e-9)}),
@@ -483,30 +483,30 @@ TRANSITIONS = {
          {"position": at_least(min(PATH.position(WALL) - 1e-9, PATH.position(0.3) + LIMITS.standoff)),
           "speed_cap": at_least(1e-9)}),
         (run(3, finger=0.28, position=0.4), APPROACH, {"at": 0.4})],
-    # The finger closes on a surface that it will pass: where its path is known, nothing is guessed.
+    # The finger closes on a surface that it will pass: on a known path no contact is extrapolated.
     "a path that is not known is guessed": [Bench,
         (run(5, position=math.nan, **CLOSING), APPROACH, {"at": 0.3 + 0.02 / 0.2})],
     "a path that is free to the fist brings no drum near": [Bench,
         (run(5, position=math.nan, flags=TRACKED | ContactFlag.ON_PATH, **CLOSING), RETRACTED,
          {"position": BACK})],
-    # Steps did not suffice: free up to 0.35 is all that is known, and that is no contact. While the finger
-    # closes on a surface, the contact is where that leads, and not before what is free.
+    # The steps did not suffice: the path is free up to 0.35, which is not a contact. While the finger closes
+    # on a surface, the contact is the extrapolated one, but not before the end of the free part.
     "a path that was not followed to a contact brings no drum near": [Bench,
         (run(5, position=0.35, **RAN_OUT, bend_rate=0.0), RETRACTED),
         (run(5, position=0.35, **RAN_OUT, **CLOSING), APPROACH, {"at": 0.3 + 0.02 / 0.2}),
         (run(5, position=0.45, **RAN_OUT, **CLOSING), APPROACH, {"at": 0.45}),
         (run(5, position=0.35, **RAN_OUT | {"contact_bend_rate": 0.0}, **CLOSING), APPROACH, {"at": 0.35})],
-    # A service that repeats itself is a service that is silent: the same record, frame after frame.
+    # A service that repeats a record frame after frame counts as silent.
     "a sequence that stalls is as old as its pose": [approaching, (step(51, pose_ns=4 * MS), APPROACH),
         (step(59, pose_ns=4 * MS), RETRACTED)],
     "a sequence that stalls in contact is as old as its pose": [touching, (step(6, pose_ns=7 * MS), POSITION),
         (step(45, pose_ns=7 * MS), HOLD), (step(59, pose_ns=7 * MS), FREEZE)],
-    # What goes away fast must be braked, and nothing is pressed there: no force cap before the touch.
+    # A fast drum must be able to brake, and cannot press yet: no force cap before the touch.
     "a late drum comes slowly and weakly": [approaching, (step(finger=beyond(0.004), drum=BACK), APPROACH,
          {"at": WALL, "speed_cap": 0.05, "force_cap": math.inf}),
         (step(**leaning(0.004)), POSITION, {"speed_cap": at_most(0.05), "force_cap": 1.0}),
         (step(**leaning(0.0)), POSITION, {"force_cap": LIMITS.peak_force})],
-    # Inside, a tracker tells the touch where the finger is; the surface stays where it was told before.
+    # For a finger inside, a tracker reports the contact at the finger; the surface keeps its last position.
     "a finger that is inside does not carry the surface along": [approaching,
         (run(finger=beyond(0.004), drum=BACK, position=beyond(0.004), **INSIDE), None,
          {"at": WALL, "speed_cap": 0.05})],
@@ -562,7 +562,7 @@ def test_displayed_law_is_passive_whatever_the_surface(stiffness, damping):
 
 
 def test_damping_that_the_drum_lacks_is_reported():
-    """The servo's own damping does not count: it is sampled and late."""
+    """The servo's damping does not count: it is sampled and delayed."""
     assert SurfaceLaw(ControllerSettings(3000.0)).lacking(800.0, 0.5) == required_damping(
         800.0, 0.5, 1 / 3000.0, 1
     )
@@ -583,7 +583,7 @@ def test_from_20_to_100_ms_the_drum_widens_away_from_the_finger():
 
 @pytest.mark.parametrize("bend", [0.05, 0.5])
 def test_drum_is_retracted_within_150_ms(bend):
-    """The fastest that a geared drum goes, from nearly the flat hand to beyond the fist."""
+    """The fastest motion of a geared drum, from nearly the flat hand to beyond the fist."""
     distance = PATH.retracted - PATH.position(bend)
     _, positions = move(PATH.drum, servo_for(PATH.drum, 3000.0), distance, 0.150)
     assert positions[-1] >= distance - 1e-3
@@ -610,7 +610,7 @@ def test_lost_tracking_in_contact_ramps_the_force_and_then_retracts():
 
 @pytest.mark.parametrize("jump", [-3_000_023 * MS, -11 * MS, 23 * MS])
 def test_clock_of_the_frames_that_jumps_is_no_fault_of_the_servo(jump):
-    """It is guessed from another machine's frames, and jumps when a faster one comes: the motor stays on."""
+    """The estimate from another machine's frames jumps when a faster one arrives: the motor stays on."""
     for bench in (approaching(), touching()):
         speed = float(bench.controller.known.speed)
         bench.now, bench.ahead = bench.now + jump, bench.ahead - jump
@@ -624,7 +624,7 @@ def test_drum_and_finger_come_together_no_faster_than_that():
     bench.bend, speed = 0.47, 0.05
     bench.drum = PATH.position(WALL) + 0.010
     caps = {}
-    for _ in range(100):  # the finger closes at 50 mm/s, the drum stays behind
+    for _ in range(100):  # the finger closes at 50 mm/s, the drum does not move
         bench.bend = PATH.bend(PATH.position(bench.bend) + speed * 1e-3)
         bench.step(contact(bench.now, bench.bend))
         caps[bench.drum - PATH.position(bench.bend)] = bench.action.speed_cap
@@ -634,8 +634,8 @@ def test_drum_and_finger_come_together_no_faster_than_that():
     far = list(caps)[60]  # the speed is low-passed
     assert bench.action.speed_cap <= LIMITS.near_speed(PATH.drum.mass) - speed + 2e-3
     assert bench.action.force_cap == LIMITS.peak_force
-    # With half of what it has, the drum brakes before the finger, which goes on meanwhile, is near; it begins
-    # when the next cap has come and the servo has followed it.
+    # At half of its acceleration the drum brakes before it is near the finger, which continues to move;
+    # braking begins when the next cap has arrived and the servo has followed it.
     closing, near = caps[far] + speed, LIMITS.near_speed(PATH.drum.mass)
     unbraked = closing * (1.0 / RATE + SERVO_LAG)
     assert unbraked + (closing**2 - near**2) / PATH.drum.acceleration == pytest.approx(far - 2e-3, rel=0.1)
@@ -654,9 +654,9 @@ def test_force_has_a_peak_and_what_lasts():
 
 
 def test_hot_motor_has_the_force_that_it_holds_for_ever():
-    """i2t: 18 N on the finger, of a motor that holds 12 N there, heat it up in its time; with less it cools.
+    """i2t: 18 N on the finger, with a motor rated for 12 N there, heat it up in its time; less cools it.
 
-    Behind a gear of 70 % these 12 N are 17.1 N of the motor, which is what is limited.
+    Behind a gear of 70 % efficiency these 12 N are 17.1 N of the motor, which is the limited force.
     """
     motor = PATH.drum.motor
     torque = motor.continuous_torque * 12.0 / PATH.drum.continuous_force
@@ -669,25 +669,25 @@ def test_hot_motor_has_the_force_that_it_holds_for_ever():
     assert actions[hot - 1].force_cap > actions[hot].force_cap == pytest.approx(12.0 / drum.gear.efficiency)
     assert actions[hot].heat == pytest.approx(1.0, abs=1e-2)
     bench.controller.reset()
-    assert bench.run(1).is_hot  # a reset cools nothing
+    assert bench.run(1).is_hot  # a reset does not cool the motor
     bench.force = 5.0
     cooled = [bench.run(1) for _ in range(3000)]
     assert cooled[0].is_hot and not cooled[-1].is_hot
-    # Not at once where it is no hotter than it may be: the force would go to and fro.
+    # With hysteresis: otherwise the force would alternate.
     assert next(action.heat for action in cooled if not action.is_hot) == pytest.approx(0.81, abs=1e-2)
 
 
 def lever_of(bench):
-    """Of the drum where it stands before the next sample."""
+    """Return the lever of the drum at its position in the next sample."""
     return PATH.lever(PATH.drum_angle(bench.drum))
 
 
 def test_action_tells_the_motor_by_the_parameters_of_the_drum():
-    """At the shaft of gear51: a newton at the fingertip is the lever / 51, a metre a second 51 / lever."""
+    """At the shaft of gear51 1 N at the fingertip is lever / 51, and 1 m/s is 51 / lever."""
     bench = approaching()
     lever = lever_of(bench)
     held = bench.run(1)
-    assert (held.torque, held.torque_cap) == (0.0, pytest.approx(6.5 / 51.0))  # all a gear carries
+    assert (held.torque, held.torque_cap) == (0.0, pytest.approx(6.5 / 51.0))  # the limit of the gear
     assert held.motor_speed_cap == pytest.approx(min(51.0 * held.speed_cap / lever, PATH.drum.motor.speed))
     bench = touching()
     bench.bend = PATH.bend(PATH.position(WALL) + 0.004)
@@ -729,8 +729,8 @@ GARBAGE = st.dictionaries(
 )  # fmt: skip
 TURNS = st.fixed_dictionaries(
     {
-        "count": st.sampled_from([1, 2, 5, 25, 120]),  # samples without another frame
-        "age": st.sampled_from([-10, 0, 1, 15, 30, 90, 200]),  # ms, of the pose as it comes
+        "count": st.sampled_from([1, 2, 5, 25, 120]),  # samples without a new frame
+        "age": st.sampled_from([-10, 0, 1, 15, 30, 90, 200]),  # ms, of the pose on arrival
         "position": st.sampled_from([0.1, 0.3, 0.45, 0.5, 0.55, 0.9, math.nan]),
         "finger": st.sampled_from([0.05, 0.3, 0.449, 0.5, 0.7]),
         "force": st.sampled_from([0.0, 0.04, 0.8, 15.0, math.nan]),
@@ -758,7 +758,7 @@ def told_by(turn, now):
 
 
 def justified(told, state, now):
-    """The nearest position that a record allows by itself, by the rules of docs/guide/drums.md; inf: none."""
+    """Return the nearest position that a record allows, by the rules of docs/guide/drums.md, or inf."""
     age = now - int(told["pose_ns"])
     is_good = state in (State.OK, State.DEGRADED) and told["flags"] & ContactFlag.TRACKED
     location = location_of(told, told) if is_good and -5 * MS <= age <= 20 * MS else None
@@ -770,8 +770,7 @@ def justified(told, state, now):
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(turns=st.lists(TURNS, min_size=2, max_size=12), follows=st.booleans())
 def test_no_drum_advances_without_a_sound_and_fresh_frame(turns, follows):
-    """Whatever comes, in whatever order: a target that comes nearer has a frame that says so; and forces that
-    are served on doubt never grow."""
+    """For any inputs, a nearer target is justified by a frame, and forces without fresh frames never grow."""
     bench = Bench()
     before, force, given_records = PATH.retracted, math.inf, []
     for turn in turns:

@@ -1,4 +1,4 @@
-"""The drum as a plant and its servo, compared with reference values and plain mechanics."""
+"""The drum as a plant and its servo, compared with reference values and mechanics."""
 
 import math
 from dataclasses import replace
@@ -22,9 +22,9 @@ FRICTIONLESS = replace(paper_drums.MOTOR, friction=0.0)
 
 
 def driven(drum, command, samples, *, contact=0.0, start=0.0, measured=None):
-    """Rows of position, force that is applied, and what the servo remembers, one a sample.
+    """Return rows of position, applied force and the servo's state, one per sample.
 
-    A steady force is on the drum; the servo is given what is *measured* of it: all of it, where that is None.
+    A steady force acts on the drum; the servo reads *measured*, by default that force.
     """
     served, rows = ServedDrum(drum, servo_for(drum, SERVO_RATE), start), []
     positions = np.zeros(1)
@@ -46,7 +46,7 @@ def driven(drum, command, samples, *, contact=0.0, start=0.0, measured=None):
 
 
 def test_drums_are_one_motor_behind_three_gears():
-    """Reference values, to their printed digits."""
+    """Reference values, within their printed digits."""
     assert [drum.mass for drum in DRUMS.values()] == pytest.approx([0.015, 0.24, 1.5])
     assert [drum.force_limit for drum in DRUMS.values()] == pytest.approx([28.0, 100.0, 100.0])
     assert [drum.speed_limit for drum in DRUMS.values()] == pytest.approx([10.0, 2.5, 1.0])
@@ -55,7 +55,7 @@ def test_drums_are_one_motor_behind_three_gears():
 
 
 def coasted(mode, speed=0.5, drum=GEAR49):
-    """Where a drum without power has come from that speed, and how fast it still is after 1 s."""
+    """Return the distance of a drum without power from that speed, and its speed after 1 s."""
     served = ServedDrum(drum, servo_for(drum, SERVO_RATE), 0.0)
     served.serve(DrumCommand(mode), math.nan)
     served.drive[[drum_kernels.DRIVE_SPEED, drum_kernels.DRIVE_ROTOR_SPEED]] = speed
@@ -64,7 +64,7 @@ def coasted(mode, speed=0.5, drum=GEAR49):
 
 
 def test_drum_coasts_until_friction_has_taken_its_energy():
-    """From 0.5 m/s v²m/2F; a step's length is what the sum of the steps is uncertain by."""
+    """v²m/2F from 0.5 m/s; the sum of the steps is uncertain by one step's length."""
     where, speed = coasted(DriveMode.FREE)
 
     assert speed == 0.0
@@ -73,7 +73,7 @@ def test_drum_coasts_until_friction_has_taken_its_energy():
 
 @pytest.mark.parametrize("drum", [GEAR49, replace(GEAR49, motor=replace(paper_drums.MOTOR, friction=0.0))])
 def test_shorted_motor_brakes_the_drum_by_its_own_voltage(drum):
-    """m dv/dt = -stall v / v_most: it comes v m v_most / stall far, without friction."""
+    """m dv/dt = -stall v / v_max: it stops after v m v_max / stall, without friction."""
     where, speed = coasted(DriveMode.BRAKED, drum=drum)
     stall = drum.motor.torque * drum.turn
     reach = 0.5 * drum.mass * drum.speed_limit / stall
@@ -100,7 +100,7 @@ def test_motor_has_no_force_left_at_its_speed_limit():
 
 
 def test_finger_pushes_the_arm_through_the_play_and_then_the_rotor():
-    """A spring keeps the arm where the finger would push it; without one it goes the play before it holds."""
+    """With the spring the arm is at the contact with the rotor; without one it crosses the play first."""
     drum = replace(DRUMS_OF_GLOVE["gear51"], has_teeth=True)
     for spring, free in ((1.0, 0.0), (0.0, drum.play)):
         served = ServedDrum(drum, servo_for(drum, SERVO_RATE), 0.0)
@@ -122,7 +122,7 @@ def test_drum_stands_at_its_mechanical_stop():
         served.serve(DrumCommand(target=0.03, force_cap=10.0), math.nan)
         served.push(0.0, 0.0, np.zeros(served.steps))
 
-    # 10 N into rubber; the gear rubs by a share of that, and holds what the bump pressed in.
+    # 10 N into rubber; the gear's friction is a share of that and keeps the compression of the impact.
     pressed_in = 10.0 * drum.lever**2 / STOP_STIFFNESS / (1.0 - drum.loss)
     assert served.arm == pytest.approx(0.01 + pressed_in, rel=0.01)
 
@@ -131,7 +131,7 @@ def test_pulse_width_makes_the_force_a_whole_number_of_steps():
     drum = replace(GEAR49, motor=replace(paper_drums.MOTOR, duty_bits=8))
     widths = driven(drum, DrumCommand(target=5e-3), 100).applied / drum.force_step
 
-    # 28 N behind a gear of four, over 2⁸.
+    # 28 N behind a gear ratio of four, over 2⁸.
     assert drum.force_step == pytest.approx(112.0 / 256.0)
     np.testing.assert_allclose(widths, np.round(widths), atol=1e-9)
     assert np.ptp(widths) > 100.0
@@ -152,12 +152,12 @@ def test_motor_that_is_off_leaves_the_drum_to_whoever_pushes_it():
     time = 30 / SERVO_RATE
     fallen = 0.5 * (1.0 - GEAR49.friction) / GEAR49.mass * time**2
     assert not rows.applied.any()
-    # Semi-implicit steps are half a step ahead.
+    # Semi-implicit steps lead by half a step.
     assert rows.position[-1] - 0.01 == pytest.approx(fallen, rel=2e-3)
 
 
 def test_force_that_is_not_measured_is_served_without_an_integral():
-    """Of nan the integral became nan, and with it the motor's force, for good."""
+    """Regression: the integral became nan, and with it the motor's force, permanently."""
     asked = DrumCommand(DriveMode.FORCE, 0.5, force_slew=math.inf)
     blind = driven(GEAR49, asked, 30, contact=0.5, measured=math.nan)
     seeing = driven(GEAR49, asked, 30, contact=0.5, measured=0.4)
@@ -186,9 +186,9 @@ def test_reference_keeps_to_speed_and_acceleration_and_stops_on_its_target():
     assert rows.speed.max() == pytest.approx(1.75)  # m/s, as required
     assert np.abs(np.diff(rows.speed)).max() <= gains.acceleration * gains.period * (1.0 + 1e-12)
     assert rows.reference[-1] == pytest.approx(0.03, abs=1e-12)
-    # Speeds that are no whole number of changes leave an eighth of one's way, 3 µm, to go back.
+    # A speed that is not a multiple of the change per sample overshoots by an eighth of one step, 3 µm.
     assert rows.reference.max() <= 0.03 + 0.125 * gains.acceleration * gains.period**2
-    # Speeding up, going and braking take R/v + v/a; that speeds change by samples, one of these more or less.
+    # Acceleration, cruise and braking take R/v + v/a, within one sample.
     fastest = 0.03 / 1.75 + 1.75 / gains.acceleration
     assert (np.argmax(rows.reference >= 0.03 - 1e-9) + 1) / SERVO_RATE == pytest.approx(
         fastest, abs=1 / SERVO_RATE
@@ -213,8 +213,8 @@ def test_speed_cap_is_kept():
 def test_settling_times(name, rate, far, near, share):
     """Reference values: ms to 0.1 mm after 30 and 10 mm.
 
-    It tells neither friction nor integral nor how the reference is shaped; with those assumed here, all agree
-    within 6 %.
+    The reference states neither friction nor integral nor the shape of its input; with those assumed here,
+    all agree within 6 %.
     """
     gains = servo_for(DRUMS[name], rate)
 

@@ -1,6 +1,6 @@
-"""The controller in C under sanitizers, given datagrams and samples that nobody expects.
+"""The controller in C under sanitizers, given random datagrams and samples.
 
-``PROXIMITY_FUZZ_SECONDS=60`` says for how long, as ``.ci/run`` does; -s shows how much came.
+``PROXIMITY_FUZZ_SECONDS=60`` sets the duration, as in ``.ci/run``; -s shows the number of inputs.
 """
 
 import os
@@ -15,7 +15,7 @@ SECONDS = os.environ.get("PROXIMITY_FUZZ_SECONDS", "2")
 
 
 def test_whatever_comes_no_finger_is_unsafe(tmp_path):
-    """Finite forces within their limits, no advance on doubt, no power where a sensor gives no number."""
+    """Forces finite and within limits, no advance without fresh frames, no power without sensor readings."""
     write_controller([Glove()], tmp_path)
     sources = [*(tmp_path / name for name in SOURCES), DRIVER.with_name("controller_fuzzer.c")]
     run(c_compiler(), "-std=c99", *SANITIZERS, f"-I{tmp_path}", *sources, "-lm", "-o", tmp_path / "fuzzer")

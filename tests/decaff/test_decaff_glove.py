@@ -1,4 +1,4 @@
-"""The glove's geometry: tables of reference values, derived, and formulas checked in other ways."""
+"""The glove's geometry: derived tables of reference values, and formulas checked in independent ways."""
 
 import math
 
@@ -50,7 +50,7 @@ def test_table_of_the_paper_is_derived(row):
 
 
 def chain_of_turns(bend, along=1.0, dorsal=0.0):
-    """The same point by complex numbers: each phalanx turns what comes behind it."""
+    """Return the same point by complex numbers: each phalanx rotates the following ones."""
     position = along * FINGER.phalanges[2] + 1j * dorsal
     for length, flexion in zip((*FINGER.phalanges[1::-1], 0.0), FINGER.flexions[::-1], strict=True):
         position = length + np.exp(-1j * bend * flexion) * position
@@ -95,7 +95,7 @@ def test_path_for_the_tracker_is_even_in_bend_and_in_the_world():
 
 
 def test_line_of_65_corners_is_as_near_to_the_path_as_is_said():
-    """Corners 3.6 mm apart at most, 0.03 mm off the path at most (message.inputs)."""
+    """Corners are at most 3.6 mm apart, and the line at most 0.03 mm off the path (message.inputs)."""
     path = GLOVE.finger.path_world(Pose())[:, :2]
     middles = (np.arange(64) + 0.5) / 64
     off = np.linalg.norm(0.5 * (path[1:] + path[:-1]) - FINGER.point(middles), axis=1)
@@ -135,7 +135,7 @@ def test_linkage_that_does_not_reach_is_refused():
 
 
 def test_bend_is_found_again_from_the_replica():
-    """Beyond flat hand and fist both go on in a straight line."""
+    """Beyond flat hand and fist both continue in a straight line."""
     bends = np.linspace(-0.2, 1.2, 1401)
 
     np.testing.assert_allclose(GLOVE.bend(GLOVE.replica_angle(bends)), bends, rtol=0, atol=1e-12)
@@ -169,7 +169,7 @@ REPLICA = np.radians(np.linspace(0.0, 72.0, 37))
 
 
 def test_roller_touches_the_link():
-    """Its centre is off the link's middle by its radius and half the link, on the side it turns to."""
+    """Its centre is off the link's axis by its radius and half the link, on the side of the rotation."""
     drum = ArmDrum()
     centre = 0.040 * np.exp(1j * drum.drum_angle(REPLICA))
     seen = centre * np.exp(-1j * REPLICA)
@@ -179,7 +179,7 @@ def test_roller_touches_the_link():
 
 
 def disc(radius, x, y):
-    """Signed distance of the pad, and the normal."""
+    """Return a function: signed distance of the pad, and the normal."""
     centre = np.array([x, y, 0.0])
 
     def query(point):
@@ -194,7 +194,7 @@ def plane(x, y, offset):
     return lambda point: (normal @ point - offset - FINGER.pad_radius, normal)
 
 
-# bend at contact, incidence cosine, errors at 1, 5, 10, 20 mm, raw error at 10 mm, questions at 20 mm, kappa
+# bend at contact, incidence cosine, errors at 1, 5, 10, 20 mm, raw error at 10 mm, steps at 20 mm, kappa
 TABLE_9_3 = {
     "disc R 10": (disc(0.010, 0.048, -0.052), "0.285802722 0.5734 -0.022 -0.377 -1.005 -2.10 -3.27 4 44.8"),
     "disc R 20": (disc(0.020, 0.045, -0.055), "0.241103082 0.8059 -0.003 -0.064 -0.182 -0.344 -1.78 3 6.8"),
@@ -208,7 +208,7 @@ TABLE_9_3 = {
 
 
 def contact_of(query):
-    """The first bend at which the pad touches, by brute force."""
+    """Return the first bend at which the pad touches, by brute force."""
     bends = np.linspace(0.0, 1.0, 2001)
     distances = [query(point)[0] for point in FINGER.point_hand(bends)]
     row = int(np.argmax(np.array(distances) <= 0.0))
@@ -216,7 +216,7 @@ def contact_of(query):
 
 
 def bend_before(contact, length):
-    """Where the fingertip is so far before the contact, along its path."""
+    """Return the bend at which the fingertip is *length* before the contact, along its path."""
     return brentq(lambda b: float(FINGER.path_length(b, contact)) - length, 0.0, contact, xtol=1e-15)
 
 
@@ -233,7 +233,7 @@ def test_contact_of_the_paper_is_found(name):
 
 @pytest.mark.parametrize("name", TABLE_9_3)
 def test_errors_of_one_distance_are_those_of_the_paper(name):
-    """Lengths along the path, from the true contact to the one that is told; negative: too early."""
+    """Lengths along the path, from the true contact to the reported one; negative: too early."""
     query, row = TABLE_9_3[name]
     contact = contact_of(query)
 
@@ -241,7 +241,7 @@ def test_errors_of_one_distance_are_those_of_the_paper(name):
         bend = bend_before(contact, length * MM)
         distance, normal = query(FINGER.point_hand(bend))
         guess = float(FINGER.contact_bend(bend, distance, normal))
-        # The -0.907 is -0.90649, by quadrature as well.
+        # The -0.907 is -0.90649, also by quadrature.
         assert float(FINGER.path_length(contact, guess)) / MM == printed(error, digits=0.52)
         if length == 10:
             assert distance / MM - length == printed(row.split()[6])
@@ -257,7 +257,7 @@ def test_finger_that_bends_away_is_told_no_contact():
 
 @pytest.mark.parametrize("name", THINGS)
 def test_engine_finds_the_contacts_on_the_path_that_the_glove_gives_it(name):
-    """The same with the real tracker, 20 mm before contact: discs are prisms, all is turned and shifted."""
+    """The same with the tracker, 20 mm before contact: discs are prisms, all is rotated and shifted."""
     part, expected = THINGS[name]
     world_from_hand = Pose(turn_about_axes((20.0, -35.0, 110.0)), (0.4, -0.2, 1.1))
     scene = Scene([part])
@@ -290,7 +290,7 @@ def test_forces_are_those_of_the_paper():
 
 
 def test_cable_makes_the_wall_as_soft_as_the_paper_says():
-    """1212 N/m with 20 N/mm, 6060 N/m with 100 N/mm: the cable moves 0.246 of what the fingertip does."""
+    """1212 N/m with 20 N/mm, 6060 N/m with 100 N/mm: 0.246 mm of cable per mm of fingertip."""
     ratio = GLOVE.cable.replica_pulley / GLOVE.tip_per_radian(0.5)
 
     assert float(ratio) == printed("0.246")

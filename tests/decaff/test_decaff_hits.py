@@ -1,6 +1,6 @@
-"""The controller in C around a plant with play, friction, stop, brake and voltage: how hard a finger is hit.
+"""Impacts of the controller in C on fingers, with play, friction, stop, brake and voltage in the plant.
 
-``python bench/drum_hits.py`` goes through 10 000 presses.
+``python bench/drum_hits.py`` simulates 10 000 presses.
 """
 
 import math
@@ -23,7 +23,7 @@ def plant(request, tmp_path_factory):
 
 
 def test_no_finger_is_hit_hard(plant):
-    """From any bend and speed, with faults in mid-flight and fingers of 300 to 3000 N/m."""
+    """From any bend and speed, with faults during the motion and fingers of 300 to 3000 N/m."""
     found = [hits(plant, seed, PRESSES) for seed in SEEDS]
     with_power, without = map(np.concatenate, zip(*found, strict=True))
 
@@ -32,9 +32,9 @@ def test_no_finger_is_hit_hard(plant):
 
 
 def test_known_hazards_are_none(plant):
-    """Parked 10.8 mm beyond its path; 0.5 J after a late sample; 27 mJ to a finger that does not yield.
+    """Regressions: parked 10.8 mm beyond its path; 0.5 J after a late sample; 27 mJ to an unyielding finger.
 
-    Free 100 ms after a fault a drum sprang back from its stop with up to 0.4 J.
+    Released 100 ms after a fault, a drum sprang back from its stop with up to 0.4 J.
     """
     found = hazards(plant)
 
@@ -47,26 +47,26 @@ def test_known_hazards_are_none(plant):
 @pytest.mark.parametrize(
     ("turns", "counts", "angle", "index", "link", "stop", "state"),
     [
-        (1, 1, 1.0, math.nan, 0.7, 1.9, DONE),  # by touch of the stop
+        (1, 1, 1.0, math.nan, 0.7, 1.9, DONE),  # by touching the stop
         (1, 1, 1.0, 1.5, 0.7, 1.9, DONE),  # by the index
-        (1, 1, 1.9, math.nan, 1.7, 1.9, DONE),  # it stood at the stop
-        (-1, 1, 1.0, math.nan, 0.7, 1.9, WRONG_SIGN),  # the motor's wires
+        (1, 1, 1.9, math.nan, 1.7, 1.9, DONE),  # started at the stop
+        (-1, 1, 1.0, math.nan, 0.7, 1.9, WRONG_SIGN),  # motor wires reversed
         (-1, 1, 1.0, 1.5, FLAT, 1.9, WRONG_SIGN),
-        (1, -1, 1.0, math.nan, 0.7, 1.9, WRONG_SIGN),  # the encoder's: seen by hand
+        (1, -1, 1.0, math.nan, 0.7, 1.9, WRONG_SIGN),  # encoder reversed: seen when turned by hand
         (1, -1, 1.0, 1.5, FLAT, 1.9, WRONG_SIGN),
         (-1, -1, 1.0, math.nan, 0.7, 1.9, WRONG_SIGN),  # both: by hand
-        (-1, -1, 1.0, 1.5, 0.7, 1.9, WRONG_SIGN),  # and where the drum pushes the link
-        (-1, -1, 1.0, 1.5, FLAT, 1.9, STUCK),  # nothing is there to push: farther than the path is long
+        (-1, -1, 1.0, 1.5, 0.7, 1.9, WRONG_SIGN),  # both: when the drum pushes the link
+        (-1, -1, 1.0, 1.5, FLAT, 1.9, STUCK),  # no link to push: the motion exceeds the length of the path
         (0, 1, 1.0, math.nan, 0.7, 1.9, STUCK),
-        (1, 1, 1.0, math.nan, 0.7, 1e9, STUCK),  # there is no stop
+        (1, 1, 1.0, math.nan, 0.7, 1e9, STUCK),  # without a stop
         (1, 1, math.nan, math.nan, 0.7, 1.9, NO_ANGLE),
-        (1, 1, 1.0, math.nan, FLAT, 1.9, BY_HAND),  # a hand turns the drum, and no link is there
+        (1, 1, 1.0, math.nan, FLAT, 1.9, BY_HAND),  # without a link, a hand turns the drum
     ],
 )
 def test_drum_starts_where_its_stop_or_index_is_or_is_braked(
     plant, turns, counts, angle, index, link, stop, state
 ):
-    """With both reversed it said that it was homed, 125 mm nearer to the finger."""
+    """Regression: with both reversed it reported success, 125 mm nearer to the finger."""
     ((found, off, nearer, mode, most),) = said(plant, "start", turns, counts, angle, index, link, stop)
 
     assert int(found) == state

@@ -1,4 +1,4 @@
-"""Calibrating with a motor: what it drives is identified, and it is on during swings only."""
+"""Calibration with a motor: its drum is identified, and the motor is on only during swings."""
 
 import itertools
 import math
@@ -27,7 +27,7 @@ GLOVE = Glove()
 PATH = FingerPath(GLOVE)
 DRUM = PATH.drum
 CHANNELS = itertools.count()
-PATIENT = "&watchdog=300"  # ms: a busy machine may hold a simulated motor up
+PATIENT = "&watchdog=300"  # ms: a loaded machine may delay a simulated motor
 TURN = 2.0 * math.pi
 INERTIA, FRICTION = 1.25 * inertia(DRUM), 0.8 * DRUM.friction * DRUM.lever  # kg m² and N m of the drum
 HALF_WAY = 0.5 * (PATH.drum_angles[1] - PATH.drum_angles[0]) * DRUM.gear.ratio / TURN  # turns of the motor
@@ -36,7 +36,7 @@ STIFFNESS = 0.8 * drum_stiffness(GLOVE, GLOVE.cable.stiffness)  # N m/rad
 
 
 def like_the_drum(shaft):
-    """Give a simulated motor the drum's inertia and friction, seen through its gear."""
+    """Set inertia and friction of a simulated motor to those of the drum through its gear."""
     per_turn = TURN / DRUM.gear.ratio**2
     shaft.inertia, shaft.viscous, shaft.friction = (
         INERTIA * per_turn,
@@ -48,9 +48,9 @@ def like_the_drum(shaft):
 
 
 class LockStep:
-    """Time that passes only while somebody sleeps; the motor turns and answers meanwhile.
+    """Time that advances only in sleeps, together with the motor.
 
-    So what is identified does not depend on how busy the machine is.
+    Results of the identification do not depend on the load of the machine.
     """
 
     def __init__(self, motor, monkeypatch):
@@ -67,7 +67,7 @@ class LockStep:
 
 @pytest.fixture
 def motor(monkeypatch):
-    """A motor in lock-step: on this bus there is no thread, and no terminal, in between."""
+    """A motor in lock-step, on a bus without threads or terminals."""
     shaft = like_the_drum(ODriveMotor(f"port{next(CHANNELS)}"))
     LockStep(shaft, monkeypatch)
     yield shaft
@@ -82,7 +82,7 @@ def drum(motor):
 
 @pytest.fixture
 def port(motor, drum):
-    """The port of a motor that was homed, and that a person then turned to the middle of its path."""
+    """The port of a homed motor whose drum is in the middle of its path."""
     drum.home()
     drum.rest()
     motor.turns -= HALF_WAY
@@ -132,7 +132,7 @@ def test_interrupted_swing_leaves_the_motor_off(motor, port):
 
 @pytest.mark.parametrize("make", [lambda: Cia402Motor(f"port{next(CHANNELS)}"), SimpleFocMotor])
 def test_motor_is_read_while_a_person_works_and_a_fault_is_reported(make):
-    """With threads, in real time; the first is a drive that also wants to hear from us."""
+    """With threads, in real time; the first is a drive that needs our heartbeat."""
     with (
         like_the_drum(make()) as motor,
         opened_motors([motor.url + PATIENT], [PATH], lambda sentence: None) as (drum,),
@@ -166,7 +166,7 @@ def test_ratio_that_is_not_the_drums_is_refused(drum):
 
 
 def test_answers_that_come_late_are_left_out_and_a_long_silence_is_refused():
-    row = [(0.002 * i, float(i % 2), 0.1 * i, 0.0, i // 2) for i in range(50)]  # every other answer is new
+    row = [(0.002 * i, float(i % 2), 0.1 * i, 0.0, i // 2) for i in range(50)]  # every other reading is new
     record = instruments._record(row)
     assert len(record.times) == 25
     np.testing.assert_allclose(record.commanded, 0.5)

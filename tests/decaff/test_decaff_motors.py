@@ -1,4 +1,4 @@
-"""Drums with motors: each driver against a simulated motor that speaks its protocol, well and badly."""
+"""Drums with motors: each driver against a simulated motor of its protocol, with and without errors."""
 
 import io
 import itertools
@@ -28,11 +28,11 @@ PATH = FingerPath(Glove())
 KINDS = {"odrive-can": ODriveMotor, "canopen": Cia402Motor, "simplefoc": SimpleFocMotor}
 CHANNELS = itertools.count()
 PERIOD = 0.004
-PATIENT = "&watchdog=150"  # ms: a busy machine may hold a simulated motor up
+PATIENT = "&watchdog=150"  # ms: a loaded machine may delay a simulated motor
 
 
 def simulated(kind, **shaft):
-    """A motor with a bus of its own; it stands 0.1 turns before its stop."""
+    """Return a motor with a bus, 0.1 turns before its stop."""
     return KINDS[kind](**shaft) if kind == "simplefoc" else KINDS[kind](f"motors{next(CHANNELS)}", **shaft)
 
 
@@ -44,7 +44,7 @@ def motor(request):
 
 @pytest.fixture
 def drum(motor):
-    """The drum of a motor that is off; whatever a test does, it ends off."""
+    """The drum of a motor that is off, before and after the test."""
     with opened_motors([f"{motor.url}{PATIENT}&ratio=4"], [PATH], lambda sentence: None) as (drum,):
         yield drum
     deadline = time.monotonic() + 1.0
@@ -68,7 +68,7 @@ def serve(drum, wanted, seconds=0.5):
 
 
 def test_drum_is_homed_goes_where_it_is_sent_and_presses(motor, drum):
-    """Position and torque, to the encoder's and the current's numbers, in metres and newtons."""
+    """Position and torque, in metres and newtons, within the resolution of encoder and current."""
     drum.home()
     assert drum.angle == pytest.approx(PATH.drum_angles[1], abs=0.03)
 
@@ -77,7 +77,7 @@ def test_drum_is_homed_goes_where_it_is_sent_and_presses(motor, drum):
     assert drum.angle == pytest.approx(wanted, abs=0.02)
     assert drum.position == pytest.approx(PATH.drum_position(wanted), abs=1e-3)
 
-    motor.is_stalled = True  # a finger that does not yield
+    motor.is_stalled = True  # an unyielding finger
     serve(drum, action(DriveMode.FORCE, DrumState.CONTACT_FORCE, force=2.0), 0.15)
     assert drum.force == pytest.approx(2.0, rel=0.02)
     assert motor.torque < 0.0
@@ -85,7 +85,7 @@ def test_drum_is_homed_goes_where_it_is_sent_and_presses(motor, drum):
 
 
 def test_lost_frames_are_borne(motor, drum):
-    """One answer of five is lost; none so long that it would be silence."""
+    """One answer of five is lost; no gap is long enough to count as silence."""
     motor.loss = 0.2
     drum.home()
     serve(drum, action(angle=PATH.drum_angles[1] - 0.2), 0.3)
@@ -138,7 +138,7 @@ def test_missing_stop_is_noticed():
 
 
 def test_drum_beyond_its_limits_is_let_go():
-    """The stop gives way after homing."""
+    """The stop yields after homing."""
     with simulated("odrive-can") as shaft, opened_motors([shaft.url + PATIENT], [PATH], print) as (drum,):
         drum.home()
         shaft.stop = shaft.turns = drum._scale.turns(PATH.drum_angles[1] + 0.3)
@@ -158,7 +158,7 @@ def test_error_of_an_axis_is_reported_before_anything_moves():
 
 
 def test_only_an_emergency_is_remembered():
-    """After a usual end the next start needs nobody; after an emergency stop a person clears the error."""
+    """A normal end needs no action before the next start; an emergency stop leaves an error to be cleared."""
     with simulated("odrive-can") as shaft:
         for _ in range(2):
             with opened_motors([shaft.url + PATIENT], [PATH], print) as (drum,):
@@ -171,7 +171,7 @@ def test_only_an_emergency_is_remembered():
 
 
 def test_drive_stops_when_our_heartbeat_ends():
-    """A program that hangs: the drive itself lets go."""
+    """After a hang of the program the drive releases the motor."""
     with simulated("canopen") as shaft, opened_motors([shaft.url + PATIENT], [PATH], print) as (drum,):
         drum.home()
         time.sleep(0.3)
@@ -190,7 +190,7 @@ def test_motor_over_udp_multicast():
 
 
 def test_simplefoc_is_not_off_between_position_and_torque():
-    """Each change of mode disabled the motor for a moment; nor has a target ever the limit of another."""
+    """Regressions: each change of mode disabled the motor briefly, and a target had the limit of another."""
     port = io.BytesIO()
     motor = run_path(str(DRIVERS / "simplefoc.py"))["SimpleFoc"](port, "M", 0.05)
     motor.switch_on(MotorCommand(DriveMode.POSITION, 1.0, 0.0, 0.10))
@@ -208,7 +208,7 @@ def test_simplefoc_is_not_off_between_position_and_torque():
 
 
 def test_scale_keeps_work_the_same_at_both_ends():
-    """Torque times turns is force times metres, whichever way the motor turns."""
+    """Torque times turns is force times metres, for either direction of the motor."""
     for direction in (1.0, -1.0):
         scale = MotorScale(PATH, MotorSettings("motor", ratio=4.0, direction=direction))
         scale.set_home(12.5, PATH.drum_angles[1])
@@ -234,7 +234,7 @@ def reading(sample, bend, state=State.OK):
 
 
 def test_controller_moves_a_motor_and_draws_back_when_frames_are_stale(motor, drum):
-    """The whole way from frames to the shaft, and back when no frame can be trusted."""
+    """From frames to the shaft, and retraction when frames become stale."""
     home_all([drum], lambda seconds: time.sleep(seconds) or False, lambda sentence: None)
     bench = DrumBench(250.0, motors=[drum])
 

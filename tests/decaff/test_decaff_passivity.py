@@ -47,14 +47,14 @@ def test_required_damping_is_the_supremum_over_frequencies(stiffness, damping, d
 
 @pytest.mark.parametrize(("delay_samples", "turn"), [(0, math.pi), (0, 0.01), (1, 1.5), (5, 0.01), (5, 1.0)])
 def test_bound_is_the_energy_of_a_motion(delay_samples, turn):
-    """A hand that moves straight between sampled sines: what the wall gives, what a damper takes."""
+    """A hand that moves in straight lines between sampled sines: work of the wall against a damper's."""
     stiffness, damping, period, count = 1000.0, 5.0, 0.001, 20_000
     turn = 2.0 * math.pi * round(turn * count / (2.0 * math.pi)) / count  # whole rounds
     positions = np.cos(turn * np.arange(count) + 0.3)
     force = stiffness * positions + damping / period * (positions - np.roll(positions, 1))
     steps = np.roll(positions, -1) - positions
     given_energy = -(np.roll(force, delay_samples) * steps).sum()
-    taken_energy = (steps**2).sum() / period  # of a damper of one
+    taken_energy = (steps**2).sum() / period  # of a unit damper
 
     z = np.exp(1j * turn)
     wall = (stiffness + damping / period * (1.0 - 1.0 / z)) * z**-delay_samples
@@ -66,7 +66,7 @@ def test_bound_is_the_energy_of_a_motion(delay_samples, turn):
 
 @pytest.mark.parametrize("delay_samples", [0, 1, 5])
 def test_passive_wall_shakes_with_no_hand(delay_samples):
-    """Hands of any mass and spring; and just below the bound there is one that shakes."""
+    """Hands of any mass and spring; just below the bound there is an unstable one."""
     stiffness, damping, period = 1000.0, 2.0, 0.001
     bound = required_damping(stiffness, damping, period, delay_samples)
     rng = np.random.default_rng(7)
@@ -76,7 +76,7 @@ def test_passive_wall_shakes_with_no_hand(delay_samples):
         assert found < 1.0 + 1e-9
 
     own = 0.99 * required_damping(stiffness, 0.0, period, delay_samples)
-    # A heavy one is slow: 1 Hz.
+    # A heavy hand is slow: 1 Hz.
     assert stepped_radius(20.0, period, delay_samples, own, 1.0, stiffness, 0.0) > 1.0
 
 
@@ -101,7 +101,7 @@ def test_walls_that_are_none_are_refused():
 
 
 def bounce_energy_ratios(phase_step, delay_samples):
-    """Energy after a bounce off a held spring over that before, for entries spread over a period."""
+    """Ratio of energies after and before a bounce off a held spring, for entries spread over a period."""
     position, velocity = (np.arange(10) + 0.5) / 10, np.ones(10)  # in periods, masses and speeds before
     waiting = [np.zeros(10)] * delay_samples
     while (position > 0.0).any() or np.any(waiting):
@@ -113,7 +113,7 @@ def bounce_energy_ratios(phase_step, delay_samples):
 
 @pytest.mark.parametrize("delay_samples", [0, 1, 3])
 def test_late_wall_is_a_negative_damper(delay_samples):
-    """A bounce gains what the apparent damper gives in half a period of the oscillation."""
+    """A bounce gains the work of the apparent damper over half a period of the oscillation."""
     stiffness, mass, period = 1000.0, 0.1, 1e-5
     omega = math.sqrt(stiffness / mass)
 

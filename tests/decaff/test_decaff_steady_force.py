@@ -1,4 +1,4 @@
-"""From position to force, compared with reference values, and against a detector in plain numpy."""
+"""Detection of a steady force, compared with reference values and with a detector in plain numpy."""
 
 import math
 
@@ -10,11 +10,11 @@ from proximity.decaff.controller.settings import Limits, SteadyRule, steady_numb
 from proximity.errors import ArgumentError
 
 RATE = 3000.0
-ANY_SPEED = SteadyRule(slow_speed=math.inf)  # as in the reference's table, whose rule does not ask for it
+ANY_SPEED = SteadyRule(slow_speed=math.inf)  # as in the reference's table, whose rule has no speed limit
 
 
 class SteadyForce:
-    """Watches a force, sample by sample at a *rate* in hertz, until it is steady, as the controller does."""
+    """Detector of a steady force, sampled at *rate* Hz, as in the controller."""
 
     def __init__(self, rate: float, rule: SteadyRule | None = None) -> None:
         _, settings, content = memory(SETTINGS)
@@ -24,7 +24,7 @@ class SteadyForce:
         self._content = watched[0], content[0]
 
     def take(self, force: float, speed: float) -> bool:
-        """Return whether the force, N, is steady by now; *speed*, m/s, is the finger's."""
+        """Return whether the force, N, is steady; *speed*, m/s, is the finger's."""
         return bool(in_c("is_steady")(*self._content, force, speed))
 
 
@@ -35,7 +35,7 @@ def steady_at(force, speed=0.0, rule=ANY_SPEED):
 
 
 def oracle(force, rule=ANY_SPEED):
-    """The rule in plain numpy: two one-pole low-passes, then windows."""
+    """Apply the rule in plain numpy: two one-pole low-passes, then windows."""
     share = 1.0 - math.exp(-2.0 * math.pi * rule.cutoff / RATE)
     filtered = np.zeros((2, len(force) + 1))
     for k, one in enumerate(force):

@@ -1,4 +1,4 @@
-"""The examples, run as a user would run them, and compared with what docs/examples.md shows of them."""
+"""The examples, run as by a user, compared with the output in docs/examples.md."""
 
 import contextlib
 import ctypes
@@ -33,12 +33,12 @@ PROGRAMS = (".py", ".toml", ".c", ".h", ".ipynb")
 FILES = sorted(
     path for path in EXAMPLES.rglob("*") if path.suffix in PROGRAMS and path.parent.name != "motors"
 )
-"""Whole programs; drivers of motors are tested against simulated ones."""
+"""Programs to run; drivers of motors are tested against simulated ones."""
 ENVIRONMENT = {
     **os.environ,
     "MPLBACKEND": "Agg",
     "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]),
-    "XR_RUNTIME_JSON": "/nowhere/runtime.json",  # there is no OpenXR runtime, whatever this machine has
+    "XR_RUNTIME_JSON": "/nowhere/runtime.json",  # no OpenXR runtime, even if one is installed
 }
 PATIENCE = 300.0  # s
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
@@ -47,7 +47,7 @@ POINT = re.compile(r"\([^)]*\)")
 
 
 def printed(program, *words, folder, notes=r""):
-    """What an example prints in an empty folder; *notes*: the pattern of what a busy machine may add."""
+    """Run an example in an empty folder; return its output without *notes*, lines of a loaded machine."""
     command = [sys.executable, str(program), *map(str, words)]
     done = subprocess.run(
         command,
@@ -63,14 +63,14 @@ def printed(program, *words, folder, notes=r""):
 
 
 def shown(name):
-    """What the page shows of an example: the block of text in the section that has its code."""
+    """Return the page's output of an example: the text block in the section with its code."""
     (section,) = (part for part in PAGES["examples.md"].split("\n## ") if f"(../examples/{name})" in part)
     (block,) = re.findall(r"```text\n(.*?)```", section, re.DOTALL)
     return block
 
 
 def assert_shown(name, output):
-    """Assert that an example prints what the page shows: words are equal, numbers nearly, times are any."""
+    """Assert that the output matches the page: words equal, numbers nearly, times any."""
     found, expected = (TIME.sub("TIME", text) for text in (output, shown(name)))
     assert NUMBER.sub("#", found) == NUMBER.sub("#", expected)
     numbers = [[float(number) for number in NUMBER.findall(text)] for text in (found, expected)]
@@ -78,7 +78,7 @@ def assert_shown(name, output):
 
 
 def copied(folder, *names, replacing=()):
-    """Copy files of an example, with other addresses, so that it can run beside another one."""
+    """Copy files of an example with other addresses, so that two can run at the same time."""
     for name in names:
         text = (EXAMPLES / name).read_text(encoding="utf-8")
         for old, new in (("../../meshes", MESHES.as_posix()), ("../meshes", MESHES.as_posix()), *replacing):
@@ -91,7 +91,7 @@ def test_example_is_short_and_listed(path):
     lines = path.read_text(encoding="utf-8").splitlines()
     if path.suffix == ".ipynb":
         cells = nbformat.reads("\n".join(lines), 4).cells
-        assert all(not cell.get("outputs") for cell in cells)  # they would hold an address with its token
+        assert all(not cell.get("outputs") for cell in cells)  # outputs would hold an address with its token
         lines = [line for cell in cells for line in cell.source.splitlines()]
     folder = path.relative_to(EXAMPLES).parts[0]
 
@@ -111,7 +111,7 @@ def test_docstring_says_how_to_start_and_what_is_printed(path):
 def test_clearances_are_a_table(tmp_path):
     output = printed(EXAMPLES / "clearances.py", folder=tmp_path)
 
-    # Parts that touch do so in a whole face: which points of it are reported is not promised.
+    # Parts touch in a whole face, so the reported points are arbitrary.
     gaps = [line[:22] for line in output.splitlines()]
     assert gaps == [line[:22] for line in shown("clearances.py").splitlines()]
     for line in output.splitlines()[1:-2]:
@@ -150,7 +150,7 @@ def test_point_cloud_takes_files_of_its_user(tmp_path):
 
     assert output.startswith("6 points against 1 part\n")
     deviations = np.loadtxt(tmp_path / "deviations.csv", delimiter=",", skiprows=1)[:, 3]
-    assert deviations[5] == pytest.approx(-2.0)  # (30, 10, 2), as README.md has it
+    assert deviations[5] == pytest.approx(-2.0)  # (30, 10, 2), as in README.md
 
 
 @pytest.mark.parametrize(
@@ -202,7 +202,7 @@ def test_service_of_a_vr_program_answers_hands_and_lid(tmp_path):
         replacing=[("shm://box", f"shm://box-{uuid.uuid4().hex}")],
     )
 
-    # At the end, and where pictures come too slowly, the lid is no longer reported.
+    # At the end, and if pictures come too slowly, the lid is no longer reported.
     notes = r"(\S+/moves: '[^']+' stands still: no move for 100 ms\n)?"
     *lines, counts = printed(tmp_path / "vr_service.py", folder=tmp_path, notes=notes).splitlines()
 
@@ -210,7 +210,7 @@ def test_service_of_a_vr_program_answers_hands_and_lid(tmp_path):
         re.fullmatch(r"OK, *([\d.]+) ms old: finger (\d) is *(-?[\d.]+) mm from lid", line) for line in lines
     ]
     distances = [float(found[3]) for found in seen]
-    # Hands come down at 10 mm/s and the lid rises at 5 mm/s; a busy machine draws fewer pictures a second.
+    # Hands descend at 10 mm/s and the lid rises at 5 mm/s; a loaded machine draws fewer pictures a second.
     assert len(distances) >= 2 and (np.diff(distances) < -2.0).all(), lines
     assert re.fullmatch(r"\d+ received, \d+ lost.*", counts)
 
@@ -261,13 +261,13 @@ def test_hand_of_the_controller_in_c_says_in_a_copy_which_file_is_missing(tmp_pa
 
 
 def _at_touch(output):
-    """Return the bend, and the angle of the drum, when the finger touches it first."""
+    """Return the bend and the drum's angle at the first touch."""
     line = next(line for line in output.splitlines() if line.startswith("CONTACT_POSITION"))
     return [float(number) for number in NUMBER.findall(line)[1:]]
 
 
 class OpenXrRuntime:
-    """Calls of a runtime in pyopenxr's own structures: what came, and the session's states to answer with."""
+    """A stand-in for an OpenXR runtime in pyopenxr's structures: logs calls, returns given session states."""
 
     def __init__(self, xr, monkeypatch):
         self.xr, self.came, self.states, self._patch = xr, [], [], monkeypatch
@@ -286,7 +286,7 @@ class OpenXrRuntime:
         self.answer(**answers)
 
     def answer(self, **answers):
-        """Have functions of pyopenxr answer so."""
+        """Replace functions of pyopenxr by ones that return these values."""
         for name, answer in answers.items():
             self._patch.setattr(self.xr, name, answer)
 
@@ -320,7 +320,7 @@ def test_hands_by_openxr_are_sent_where_the_part_hangs(runtime, capsys):
         locations.contents.is_active = ctypes.cast(tracker, ctypes.c_void_p).value == xr.HandEXT.LEFT.value
         joints[10].location_flags = 0b1111
         place = joints[10].pose.position
-        place.x, place.y, place.z = 0.030, 1.005, -0.310  # (30, 10, 5) mm of the bracket, as README.md has it
+        place.x, place.y, place.z = 0.030, 1.005, -0.310  # (30, 10, 5) mm of the bracket, as in README.md
         return 0
 
     function = xr.functions.PFN_xrLocateHandJointsEXT(locate)
@@ -344,7 +344,7 @@ def test_hands_by_openxr_are_sent_where_the_part_hangs(runtime, capsys):
 
 
 def reading_of(state=proximity.State.OK, **fields):
-    """A reading of two fingers' contacts; the first touches at bend 0.6, the second nowhere."""
+    """Return a reading of two fingers; the first touches at bend 0.6, the second has no contact."""
     contacts = np.zeros(2, proximity.CONTACT)
     contacts["flags"] = proximity.ContactFlag.TRACKED | proximity.ContactFlag.CONTACT_FOUND
     contacts["signed_distance"], contacts["contact_bend"] = 0.01, (0.6, np.nan)
@@ -354,7 +354,7 @@ def reading_of(state=proximity.State.OK, **fields):
 
 
 def test_curl_limits_reach_the_runtime_and_are_taken_back(runtime, monkeypatch, capsys):
-    """0 curls freely and 1 is extended: a touch at bend 0.6 is 0.4; late, stale and the end are 0."""
+    """0 is free curling, 1 extended: a touch at bend 0.6 gives 0.4; late, stale and the end give 0."""
     xr, came, states = runtime.xr, runtime.came, runtime.xr.SessionState
 
     def apply(tracker, locations):
@@ -372,9 +372,9 @@ def test_curl_limits_reach_the_runtime_and_are_taken_back(runtime, monkeypatch, 
     runtime.states += [states.READY, *5 * [states.UNKNOWN], states.STOPPING, states.EXITING]
     readings = [
         reading_of(),
-        reading_of(signed_distance=-1e-3, contact_bend=0.65),  # the finger gives way: its limit does not
+        reading_of(signed_distance=-1e-3, contact_bend=0.65),  # the finger yields, but its limit does not
         reading_of(proximity.State.LATE),
-        reading_of(flags=proximity.ContactFlag.TRACKED),  # a touch that is not confirmed
+        reading_of(flags=proximity.ContactFlag.TRACKED),  # an unconfirmed touch
         reading_of(contact_bend=-0.1),
         reading_of(proximity.State.STALE),
         reading_of(),
@@ -420,6 +420,6 @@ def test_study_of_latency_is_a_table_and_a_picture(tmp_path):
     assert_shown("latency_study.py", printed(EXAMPLES / "latency_study.py", folder=tmp_path))
 
     columns = np.loadtxt(tmp_path / "latency.csv", delimiter=",", skiprows=1).T
-    assert (np.diff(columns[1:3]) > 0.0).all()  # a spring and the naive drum are worse the later they know
-    assert np.ptp(columns[3]) < 0.5  # the time-stamped drum does not mind
+    assert (np.diff(columns[1:3]) > 0.0).all()  # a spring and the naive drum get worse with latency
+    assert np.ptp(columns[3]) < 0.5  # the time-stamped drum does not
     assert (tmp_path / "latency.png").read_bytes().startswith(b"\x89PNG")

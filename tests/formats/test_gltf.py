@@ -1,4 +1,4 @@
-"""glTF: its scene graph, numbers and extensions, as programs write them."""
+"""glTF: scene graph, numbers and extensions, as written by other programs."""
 
 import base64
 import copy
@@ -68,7 +68,7 @@ def test_fan_and_strip_are_read_all_of_them_facing_one_way(tmp_path, corners, mo
 
 
 def with_entry(*path, to=None, document=None, **changes):
-    """The document with one entry replaced, or removed for None, and others beside."""
+    """Return the document with one entry replaced, or removed for None, and other changes."""
     header, *blob = copy.deepcopy(document) if document else [changed(**changes)]
     entry = header
     for key in path[:-1]:
@@ -81,7 +81,7 @@ def with_entry(*path, to=None, document=None, **changes):
 
 
 def with_points():
-    """Whole numbers that are written with a point."""
+    """Return a document whose integers are written with a decimal point."""
     text = json.dumps(DOCUMENT)
     for entry in ("count", "byteLength", "byteOffset", "componentType", "bufferView", "POSITION", "mesh"):
         for value in (*range(200), 5125, 5126):
@@ -108,7 +108,7 @@ def sparse(rows, values, row_type=5121):
 
 
 def sparse_document(base_is_there=True):
-    """The cube, with two corners replaced by where they are; before that they are somewhere else."""
+    """Return the cube with two corners given by sparse values that replace wrong ones."""
     header = changed()
     moved = np.float32(VERTICES)
     moved[[3, 6]] = 9.0
@@ -127,7 +127,7 @@ def quantised(component_type, dtype, is_normalized, unit):
         extensionsUsed=["KHR_mesh_quantization"],
         extensionsRequired=["KHR_mesh_quantization"],
     )
-    stored = np.zeros((8, 4), dtype)  # rows of 4 or 8 bytes, as the extension asks for
+    stored = np.zeros((8, 4), dtype)  # rows of 4 or 8 bytes, as the extension requires
     stored[:, :3] = 100 * VERTICES
     (view,), blob = with_arrays(header, stored)
     header["bufferViews"][view]["byteStride"] = stored.strides[0]
@@ -152,7 +152,7 @@ def shift(*vector):
 
 
 def skinned(matrices=None):
-    """A skinned cube with a child below it, and two joints below an armature that is scaled."""
+    """Return a skinned cube with a child, and two joints below a scaled armature."""
     nodes = [
         {"mesh": 0, "skin": 0, "translation": [0.3, 0, 0], "children": [1]},
         {"mesh": 0, "translation": [0, 0.2, 0]},
@@ -188,7 +188,7 @@ def morphed(mesh_weights=None, node_weights=None, targets=None):
 
 
 def sparsely_morphed():
-    """By a sparse target, one of zeros, and one of normals only."""
+    """Return a cube morphed by a sparse target, one of zeros, and one of normals only."""
     header, blob = morphed([1, 1, 1], targets=[{"POSITION": 2}, {"POSITION": 3}, {"NORMAL": 3}])
     views, blob = with_arrays(header, np.uint16([7]), np.float32([0, 0, 4]), blob=blob)
     header["accessors"][2] = {
@@ -202,7 +202,7 @@ def sparsely_morphed():
 
 
 def with_left_out():
-    """A scene with animations, skins, morph targets, lines, and a second scene."""
+    """Return a scene with animations, skins, morph targets, lines, and a second scene."""
     header, blob = mesh_files.gltf_document(
         [[(VERTICES, FACES), (VERTICES, FACES)]],
         [{"mesh": 0, "skin": 0, "children": [1]}, {"mesh": 0, "translation": [0, 0, 1]}],
@@ -230,7 +230,7 @@ RAISED = with_entry("accessors", 0, "min", to=[0, 0, 0.5])
 READ = {  # a document; vertices of the cubes in the world; notes
     "no scenes": (with_entry("scenes"), [VERTICES]),
     "rounded bounds": (with_entry("accessors", 0, "max", to=[1.00000002, 1.0, 0.9999999]), [VERTICES]),
-    # Was: extensions of shaders, and quantised normals, were refused as if positions were meant.
+    # Regression: extensions of shaders and quantised normals were refused as if they concerned positions.
     **{name: (with_entry("extensionsUsed", to=[name], extensionsRequired=[name]), [VERTICES])
        for name in ("KHR_technique_webgl", "KHR_techniques_webgl", "KHR_mesh_quantization")},
     "meshopt offered": (with_entry("extensionsUsed", to=[MESHOPT[0]]), [VERTICES]),
@@ -254,7 +254,7 @@ READ = {  # a document; vertices of the cubes in the world; notes
            (5120, "i1", False, 1.0), (5121, "u1", False, 1.0), (5122, "<i2", True, 1 / 32767),
            (5123, "<u2", True, 1 / 65535), (5120, "i1", True, 1 / 127))},
     "smallest normalised number": (smallest_normalised(), [-VERTICES]),
-    # Was: wrong bounds were refused. The data are the truth, and every other program reads it.
+    # Regression: wrong bounds were refused. Other programs ignore them and read the data.
     "wrong bounds": (
         with_entry("accessors", 0, "max", to=[9, 1, 1], document=RAISED), [VERTICES],
         f"{POSITIONS} says that its min is (0, 0, 0.5), but it is (0, 0, 0) (and 1 more){WAYS}"),
@@ -286,7 +286,7 @@ READ = {  # a document; vertices of the cubes in the world; notes
         "its morph targets were not applied, the meshes are in their basic shape", AT_REST),
 }  # fmt: skip
 UNPACKED = "which is not supported; export it without, or unpack it by: gltfpack -noq -kn"
-REFUSED = [  # a document, and how its refusal begins
+REFUSED = [  # a document, and the start of its error message
     *((with_entry("accessors", 0, *path, to=to, document=sparse_document()), SPARSE + words)
       for path, to, words in (
           (("sparse", "count"), 3, "has 3 entries, which do not"),
@@ -306,7 +306,7 @@ REFUSED = [  # a document, and how its refusal begins
     (morphed(["much"]), "the weights of node 0 is not 1 finite numbers"),
     (with_entry("accessors", 2, "count", to=7, document=morphed([1, 0])),
      "a morph target of primitive 0 of mesh 0 moves 7 vertices, but there are 8"),
-    # By name, and not for its empty buffer
+    # By name, and not because of its empty buffer.
     *((with_entry("buffers", extensionsUsed=[name],
                   to=[*DOCUMENT["buffers"], {"byteLength": 9, "extensions": {name: {"fallback": True}}}]),
        f"its geometry is stored by {name}, {UNPACKED}") for name in MESHOPT),
@@ -315,7 +315,7 @@ REFUSED = [  # a document, and how its refusal begins
 
 @pytest.mark.parametrize(("surface_count", "face_count"), [(1, 5), (2, len(FACES))])
 def test_cad_faces_that_fit_no_triangles_are_unknown_and_noted(tmp_path, surface_count, face_count):
-    # Was: "names the CAD faces of 5 triangles, but there are 12", and nothing was read.
+    # Regression: "names the CAD faces of 5 triangles, but there are 12", and the file was refused.
     surfaces = [(VERTICES, FACES)] * surface_count
     header, blob = mesh_files.gltf_document([surfaces], [{"mesh": 0, "name": "lid"}])
     (view,), blob = with_arrays(header, np.arange(face_count, dtype="<u4"), blob=blob)
@@ -334,7 +334,7 @@ ROUNDED = {
     "skin that its joints bend stays straight",
     "node that is flattened to a sheet",
 }
-"""Documents whose numbers are multiplied; those of the others are the same bits."""
+"""Documents whose numbers are multiplied; in the others the bits stay the same."""
 
 
 @pytest.mark.parametrize("name", READ)
@@ -368,7 +368,7 @@ def test_primitives_of_a_mesh_are_one_body_with_indices_or_corners_three_by_thre
 
 # The scene
 
-SHIFTED = VERTICES + 0.1  # no binary fraction: single precision in the way would show
+SHIFTED = VERTICES + 0.1  # not a binary fraction: rounding to single precision would show
 
 
 def gltf_nodes_of_a_gripper():
@@ -424,7 +424,7 @@ def test_instances_of_one_mesh_share_their_arrays(tmp_path):
     ids=["scale", "uneven scale", "mirror", "point mirror", "shear"],
 )
 def test_what_is_not_rigid_goes_into_the_vertices(tmp_path, node):
-    """In the world everything stands where the file says; the pose is rigid, and faces look outward."""
+    """World positions match the file; the pose is rigid, and faces point outward."""
     document = mesh_files.gltf_document([[(SHIFTED, FACES)]], [{"mesh": 0, **node}])
     (geometry,) = read_file(tmp_path, "part.glb", mesh_files.glb(*document)).geometries
     matrix = np.eye(4)
@@ -578,7 +578,7 @@ def test_crash_of_the_draco_decoder_is_a_sentence(tmp_path, monkeypatch):
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory")
 def test_draco_stream_that_claims_a_billion_faces_is_refused(tmp_path):
     draco_stream()  # skips without the decoder
-    # A sequential mesh: counts of faces and vertices as numbers of seven bits a byte
+    # A sequential mesh: face and vertex counts in seven bits per byte.
     claimed = b"DRACO\2\2\1\0\0\0" + b"\x80\x94\xeb\xdc\x03" * 2 + b"\1" + b"\0" * 4000
     assert "cannot be unpacked (" in refusal(tmp_path, *packed_document(claimed))
 

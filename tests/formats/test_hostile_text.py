@@ -1,6 +1,6 @@
-"""Text that nobody would write by hand costs a reader a multiple of an ordinary file of its size, no more.
+"""Reading hostile text costs at most a multiple of an ordinary file of its size.
 
-Was: 28 kB behind the end of a STEP file took longer than anybody waits, deaf to Ctrl-C.
+Regression: 28 kB after the end of a STEP file took hours, without reacting to Ctrl-C.
 """
 
 import time
@@ -19,7 +19,7 @@ from proximity.formats.step import conversion, product_structure
 from proximity.formats.step.step_records import StepText
 
 SIZES = [1 << power for power in (8, 9, 12, 14, 16, 18, 20)]
-"""Bytes; small ones first, so that a reader that is too slow again is found before it takes hours."""
+"""Bytes; small sizes first, so that quadratic time is found quickly."""
 MULTIPLE, LEAST_S = 100, 0.02
 
 BOX = step_text.box_step((1, 2, 3))
@@ -34,14 +34,14 @@ BINARY_PLY = PLY.replace("ascii", "binary_little_endian")
 
 
 def repeated(unit, size, before="", behind=""):
-    """A text of about so many bytes; {} in the unit is its number."""
+    """Return a text of about *size* bytes; {} in the unit is its number."""
     count = size // len(unit) + 1
     units = (unit.format(k) for k in range(count)) if "{}" in unit else [unit] * count
     return before + "".join(units) + behind
 
 
 CASES = [
-    # Behind the end
+    # After the end
     *(("step", unit, BOX, "x") for unit in ("SIGNATURE ENDSEC;\n", " ", "SIGNATURE ")),
     # Records
     *(
@@ -54,7 +54,7 @@ CASES = [
             "SPHERICAL_SURFACE(", "/*", "'", "1.", "#1=DOCUMENT_FILE(", "#1=DOCUMENT_FILE('", ";/*", " ",
         )
     ),
-    # Formats that any text may be
+    # Formats without a signature
     *((kind, unit, "", "") for kind in ("obj", "stl") for unit in (" ", " \n", "#\n", "\v")),
     *(("obj", unit, "", "") for unit in ("o\n", "mtllib \n", "v ", "v 0 0 0\n")),
     *(("obj", unit, TRIANGLE, "") for unit in ("\\\n", "1 \\\n", "f 1 2 3\\\n", "f 1/ /", "q\n")),
@@ -72,7 +72,7 @@ CASES = [
 
 @pytest.fixture(autouse=True)
 def no_library(monkeypatch):
-    """Libraries have processes and limits of their own; here they refuse."""
+    """Make the libraries refuse; they have separate processes and limits."""
 
     def refuse(*_, **__):
         raise MeshFormatError("no library reads it")
@@ -82,7 +82,7 @@ def no_library(monkeypatch):
 
 
 def seconds(path, text):
-    """Processor time of reading."""
+    """Return the processor time of reading."""
     path.write_bytes(text.encode("latin-1"))
     start = time.process_time()
     with suppress(MeshFormatError):
@@ -119,7 +119,7 @@ def test_names_of_blanks_are_looked_at_once():
 
 
 def test_numbered_names_are_found_without_trying_all():
-    """Names that others have been given already."""
+    """The numbered names are already in use."""
     names = ["a"] * 10_000 + [f"a_{k}" for k in range(2, 10_000)]
     start = time.process_time()
     unique, _ = file_reader.unique_names(names)

@@ -1,4 +1,4 @@
-"""STL, OBJ, OFF and PLY: every number arrives at its place, however programs write them."""
+"""STL, OBJ, OFF and PLY: all numbers are read, for all styles of writing them."""
 
 import re
 import struct
@@ -33,12 +33,12 @@ ALL_FORMATS = {**POLYGON_FORMATS, "ascii.stl": mesh_files.stl_ascii, "binary.stl
 
 
 def corners(contents):
-    """Corners of all faces, in the order of the file."""
+    """Return the corners of all faces, in the order of the file."""
     return np.concatenate([geometry.vertices[geometry.faces] for geometry in contents.geometries])
 
 
 def each(pattern, replacement, data):
-    """*data* with every line that matches changed."""
+    """Return *data* with every matching line changed."""
     changed, count = re.subn(b"(?m)" + pattern, replacement, data)
     assert count
     return changed
@@ -46,7 +46,7 @@ def each(pattern, replacement, data):
 
 @st.composite
 def meshes(draw):
-    """Vertices anywhere, and polygons of 3 to 5 different ones."""
+    """Draw vertices anywhere, and polygons of 3 to 5 distinct ones."""
     numbers = st.floats(-1e9, 1e9, allow_subnormal=False)
     vertices = draw(st.lists(st.tuples(numbers, numbers, numbers), min_size=5, max_size=9))
     rows = st.lists(st.integers(0, len(vertices) - 1), min_size=3, max_size=5, unique=True)
@@ -89,11 +89,11 @@ def test_trimesh_reads_the_same_from_whole_files(tmp_path, name):
 
     path = write(tmp_path, f"part.{name}", POLYGON_FORMATS[name](VERTICES + 0.1, FACES))
     theirs = trimesh.load_mesh(path, process=False, maintain_order=True)
-    # It keeps floats of PLY single.
+    # trimesh keeps floats of PLY in single precision.
     assert np.allclose(corners(formats.read_geometries(path, units="m")), theirs.triangles, rtol=1e-6)
 
 
-# STL, OBJ, OFF and PLY as programs write them
+# STL, OBJ, OFF and PLY as written by other programs
 
 STL = mesh_files.stl_ascii(VERTICES, FACES)
 BINARY_STL = mesh_files.stl_binary(VERTICES, FACES)
@@ -179,7 +179,7 @@ def test_solids_of_one_ascii_stl_keep_their_names_and_count_faces_through(tmp_pa
     assert right.source_faces.tolist() == list(range(12, 24))
     data = b"".join(mesh_files.stl_ascii(VERTICES, FACES, name) for name in ("a", "a_2", "a", "a"))
     names = [geometry.name for geometry in read(tmp_path, "part.stl", data).geometries]
-    assert names == ["a", "a_2", "a_3", "a_4"]  # none meets one of the file
+    assert names == ["a", "a_2", "a_3", "a_4"]  # all different from names of the file
 
 
 def test_obj_relative_references_count_back_from_the_face(tmp_path):
@@ -225,7 +225,7 @@ def test_squares_of_ply_with_more_numbers_are_cut_here(tmp_path):
     assert contents.geometries[0].source_faces.tolist() == np.repeat(range(6), 2).tolist()
 
 
-# The belt, and a strip for each end, of which one begins with a doubled corner.
+# The sides, and a strip for each end, one of which begins with a doubled corner.
 STRIPS = [1, 0, 3, 2, 7, 6, 5, 4, 1, 0, -1, 0, 4, 2, 6, -1, 3, 3, 1, 7, 5]
 TEXT_STRIPS = b"\n".join([*ROWS.split(b"\n")[:8], b"21 " + b" ".join(b"%d" % k for k in STRIPS), b""])
 BINARY_STRIPS = VERTICES.astype(">f8").tobytes() + np.array([21, *STRIPS], dtype=">i4").tobytes()

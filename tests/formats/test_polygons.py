@@ -1,4 +1,4 @@
-"""Polygons cut into triangles: as many as there must be, of the same area, all turning the same way."""
+"""Triangulation of polygons: number, total area and orientation of the triangles."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from proximity.formats import polygons
 
 
 def cut(points):
-    """Triangles of one polygon that has all the vertices, in order."""
+    """Return the triangles of one polygon of all vertices in order."""
     points = np.asarray(points, dtype=np.float64)
     if points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
@@ -19,7 +19,7 @@ def cut(points):
 
 
 def areas(points, faces):
-    """Signed area of each triangle, seen against Newell's normal of the whole polygon."""
+    """Return each triangle's signed area along Newell's normal of the polygon, and the polygon's area."""
     normal = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0)
     a, b, c = points[faces].transpose(1, 0, 2)
     return np.cross(b - a, c - a) @ (normal / np.linalg.norm(normal)) / 2.0, np.linalg.norm(normal) / 2.0
@@ -62,7 +62,7 @@ def test_corners_along_straight_sides_leave_no_triangle_without_area(heights, pi
     steps = [(x + dx, height) for x, height in enumerate(heights) for dx in (0, 1)]
     outline = np.array([(0, 0), (len(heights), 0), *steps[::-1]], dtype=np.float64)
     sides = np.roll(outline, -1, axis=0) - outline
-    is_side = sides.any(axis=1)  # neighbours of one height share a corner
+    is_side = sides.any(axis=1)  # vertices of equal height share a corner
     places = np.arange(pieces)[:, None] / pieces
     points = (outline[is_side, None] + places * sides[is_side, None]).reshape(-1, 2)
     points = points @ [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]

@@ -1,4 +1,4 @@
-"""Files that are damaged, mislabelled or hostile: one sentence with the place, never a part of the shape."""
+"""Damaged, mislabelled or hostile files: one sentence with the position, never a partial shape."""
 
 import copy
 import errno
@@ -55,7 +55,7 @@ def write(tmp_path, name, data):
 
 
 def refusal(path, **options):
-    """What the exception says after the path."""
+    """Return the error message after the path."""
     with pytest.raises(MeshError) as caught:
         formats.read_geometries(path, **options)
     message = str(caught.value)
@@ -64,12 +64,12 @@ def refusal(path, **options):
 
 
 def says(message, words):
-    """Whether a message begins with these words, "…" standing for others."""
+    """Test whether a message begins with these words, "…" matching any others."""
     return re.match(".*".join(map(re.escape, words.split("…"))), message) is not None
 
 
 def swapped(data, *pairs):
-    """*data* with each old piece, which must be there, replaced once."""
+    """Return *data* with each old piece, which must occur, replaced once."""
     for old, new in zip(pairs[::2], pairs[1::2], strict=True):
         assert old in data
         data = data.replace(old, new, 1)
@@ -81,12 +81,12 @@ def ply(*pairs):
 
 
 def one_list(old, new, rest):
-    """A binary PLY of a vertex and a face whose list has another type of length."""
+    """Return a binary PLY of a vertex and a face with another type of list length."""
     return mesh_files.ply_header("binary_little_endian", 1, 1).replace(old, new) + bytes(24) + rest
 
 
 def glb(*path, to):
-    """The document with one entry replaced (or removed, for None), as GLB."""
+    """Return the document as GLB with one entry replaced, or removed for None."""
     header = copy.deepcopy(GLTF)
     entry = header
     for key in path[:-1]:
@@ -105,7 +105,7 @@ COMPONENTS = "<object id='{}'><components><component objectid='{}'/></components
 
 
 def spread_3mf(*ids, unit=' unit="millimeter"', root="", extra=""):
-    """A root model whose object 9 has components, each an object in a model file of its own."""
+    """Return a root model whose object 9 has components, each in a separate model file."""
     others = {
         f"part{k}": swapped(
             mesh_files.threemf_model({own_id: (VERTICES, FACES)}, [], unit),
@@ -151,7 +151,7 @@ TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 PLENTY = b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n210000 " + b"0 1 2 " * 70_000 + b"\n"
 PARTS = b"".join(b"o %d\nf 1 2 3\n" % k for k in range(100_000))
 CASES = [
-    # under a wrong name
+    # wrong names
     ("part.stl", b"", "it is empty"),
     ("part.ply", STL, "it is named like PLY, but looks like STL"),
     ("part.stl", BINARY_PLY, "it is named like STL, but looks like PLY"),
@@ -295,7 +295,7 @@ CASES = [
     ("part.3mf", model("</resources>", "<object id='1'/></resources>"), "object '1' of '3D…occurs twice"),
     ("part.3mf", spread_3mf(1, unit=' unit="inch"'), "'3D/3dmodel.model' is in mm, but '3D/part0.model' in"),
     ("part.3mf", spread_3mf(1, root=COMPONENTS.format(8, 1)), "a component refers to object '1', which is"),
-    # more than anybody means, with its number
+    # counts beyond the limits
     ("part.obj", TRIANGLE + b"f " + b"1 2 3 " * 70_000, "line 4 (face 0) has 210000 corners…at most 20000"),
     ("part.off", PLENTY, "line 6…210000 corners"),
     ("part.obj", TRIANGLE + (b"f " + b"1 2 3 " * 6000 + b"\n") * 12, "its polygons of more…216000 together"),
@@ -490,7 +490,7 @@ def large_ply(vertex_count, face_count, scalar=b"binary_little_endian"):
 )
 def test_large_file_whose_header_lies_is_refused_unread(tmp_path, name, head, words):
     path = write(tmp_path, name, head)
-    os.truncate(path, 10_600_000_000)  # takes no room on the disk
+    os.truncate(path, 10_600_000_000)  # a sparse file
     assert says(refusal(path), words)
 
 
@@ -505,7 +505,7 @@ def test_four_billion_faces_are_not_allocated(tmp_path):
 
 @pytest.fixture
 def one_process(monkeypatch):
-    """Have trimesh read all files of a test in one process: hundreds would each import it again."""
+    """Run trimesh in one process for all files of a test; each import takes long."""
     opened = {}
     with ExitStack() as ends:
 
@@ -522,7 +522,7 @@ def one_process(monkeypatch):
 @pytest.mark.usefixtures("one_process")
 @pytest.mark.parametrize("name", WHOLE)
 def test_no_beginning_of_a_file_is_taken_for_the_whole(tmp_path, name):
-    """Cut anywhere: refused, or nothing is missing, or (OBJ has no counts) it is said."""
+    """For any truncation: refused, complete, or noted (OBJ has no counts)."""
     data = WHOLE[name]
     whole = formats.read_geometries(write(tmp_path, name, data)).geometries[0]
     for length in range(1, len(data), 1 if len(data) < 1500 else 7):
@@ -538,7 +538,7 @@ def test_no_beginning_of_a_file_is_taken_for_the_whole(tmp_path, name):
 
 @st.composite
 def damaged(draw):
-    """A file of any format with a few bytes changed, taken away or put in."""
+    """Draw a file of any format with a few bytes changed, removed or inserted."""
     name = draw(st.sampled_from(sorted(WHOLE)))
     data = bytearray(WHOLE[name])
     for _ in range(draw(st.integers(1, 4))):

@@ -1,11 +1,11 @@
-"""Files after public reports, beside the project: each is read whole, or refused with what to do."""
+"""Files from public reports, in a folder next to the project: read completely, or refused with advice."""
 
 import numpy as np
 import pytest
 
 import proximity
 
-# Notes on a file that is a box of 20 x 10 x 5 mm.
+# Number of notes for files of a box of 20 x 10 x 5 mm.
 BOXES = {
     "obj_dollar_line.obj": 1, "obj_tag_t_vw.obj": 1, "off_face_over_lines.off": 0, "off_joined_header.off": 0,
     "ply_comments_in_body.ply": 0, "ply_split_rows.ply": 0, "ply_tristrips.ply": 0,
@@ -16,7 +16,7 @@ BOXES = {
     "gltf_data_uri_newlines.gltf": 0, "gltf_data_uri_no_padding.gltf": 0, "step_signature.step": 1,
     "step_trailing_blank.step": 1, "step_trailing_nul.step": 1, "step_unreferenced_shell.step": 2,
 }  # fmt: skip
-OTHERS = {  # faces and volume, mm³, of each part; the bounds, mm; notes; the parts that are hidden
+OTHERS = {  # faces and volume, mm³, of each part; bounds, mm; number of notes; hidden parts
     "3mf_nonprint_item.3mf": ([12, 12], [1000, 1000], [[0, 0, 0], [70, 10, 5]], 2, []),
     "3mf_prusa_negative.3mf": (None, [750], [[0, 0, 0], [20, 10, 5]], 1, []),
     "gltf_morph_weights.gltf": ([12], [1000], [[10, 0, 0], [30, 10, 5]], 1, []),
@@ -27,7 +27,7 @@ FILES = {name: ([12], [1000], [[0, 0, 0], [20, 10, 5]], count, []) for name, cou
 
 
 def in_own_process(name):
-    """Whether a library reads the file, in a process of its own."""
+    """Test whether a library in a subprocess reads the file."""
     return name.endswith(".step") or name == "stl_no_normal.stl"
 
 

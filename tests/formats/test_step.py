@@ -1,4 +1,4 @@
-"""STEP files as other programs write them, part files beside them, and conversions that would not end."""
+"""STEP files of other programs, with external part files, and conversions that would not terminate."""
 
 import os
 import re
@@ -31,7 +31,7 @@ IN_USES = re.findall(r"(#\d+)=(?:CONTEXT_DEPENDENT_SHAPE|SHAPE_DEFINITION)_REPRE
 
 @pytest.fixture(scope="module", autouse=True)
 def one_process():
-    """Have all files converted in one process, which would import OpenCASCADE for each."""
+    """Convert all files in one process; a new one would import OpenCASCADE for each."""
     with conversion.converter():
         yield
 
@@ -115,7 +115,7 @@ TWICE = """\
     f"#8{k}5=CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#8{k}4,#8{k}2);\n"
     for k, (name, place) in enumerate((("left", "#683"), ("right", "#691")), start=1)
 )
-"""The assembly of the file, used twice in another."""
+"""The assembly of the file, used twice in another one."""
 
 
 def test_parts_of_one_name_carry_the_names_of_their_assemblies(tmp_path):
@@ -143,7 +143,7 @@ def test_parts_of_one_name_carry_the_names_of_their_assemblies(tmp_path):
     ],
 )
 def test_name_that_is_not_utf8_keeps_its_letters_and_is_noted(tmp_path, encoding, name, words):
-    # Was: Geh㴳e, without a word.
+    # Regression: Geh㴳e, without a note.
     contents = read(tmp_path, step_text.box_step((1, 2, 3), name=name).encode(encoding))
     assert contents.geometries[0].name == name
     note = f"its text is not UTF-8, and was read as {words}: names may have other letters"
@@ -172,7 +172,7 @@ def test_part_file_in_another_encoding_is_noted_by_its_name(tmp_path):
 
 
 def reached(*roots, records=RECORDS):
-    """The records that some refer to, with these, in order."""
+    """Return the records reachable from the roots, in order."""
     found, waiting = set(), list(roots)
     while waiting:
         number = waiting.pop()
@@ -183,7 +183,7 @@ def reached(*roots, records=RECORDS):
 
 
 def with_lid_in_file(name, kind="reference"):
-    """The sample assembly, whose lid is elsewhere, and the file of the lid."""
+    """Return the sample assembly with its lid in another file, and that file."""
     product, shape = re.search(r"(#\d+)=PRODUCT_DEFINITION\('design','',#454", ASSEMBLY)[1], "#452"
     lid = re.search(rf"(#\d+)=SHAPE_DEFINITION_REPRESENTATION\(#\d+,{shape}\)", ASSEMBLY)[1]
     empty = RECORDS | {shape: f"{shape}=SHAPE_REPRESENTATION('lid',(#13),#9);\n"}
@@ -208,7 +208,7 @@ def with_lid_in_file(name, kind="reference"):
 @pytest.mark.parametrize("kind", ["reference", "associated"])
 @pytest.mark.parametrize("name", ["lid.stp", "parts/lid.STEP"])
 def test_part_in_a_file_of_its_own_is_not_lost(tmp_path, kind, name):
-    # Was: an assembly without its lid, without a word.
+    # Regression: an assembly without its lid, without a note.
     text, lid = with_lid_in_file(name, kind)
     (tmp_path / "parts").mkdir()
     (tmp_path / name).write_text(lid)
@@ -238,7 +238,7 @@ def test_part_files_of_part_files_and_other_units_are_read(tmp_path):
 
 
 def test_part_file_with_a_shape_for_its_validation_properties_is_read(tmp_path):
-    # Was: "has 2 products that are part of no other", for part files of Creo and NX.
+    # Regression: "has 2 products that are part of no other", for part files of Creo and NX.
     text, lid = with_lid_in_file("lid.stp")
     product, shape = re.search(r"=SHAPE_DEFINITION_REPRESENTATION\((#\d+),(#\d+)\)", lid).groups()
     aspect = (
@@ -251,7 +251,7 @@ def test_part_file_with_a_shape_for_its_validation_properties_is_read(tmp_path):
 
 
 def test_part_file_that_is_named_once_for_each_use_is_read(tmp_path):
-    # Was: an AssertionError, for assemblies of Creo that hold a part twice.
+    # Regression: an AssertionError, for assemblies of Creo with a part used twice.
     text, lid = with_lid_in_file("lid.stp")
     (tmp_path / "lid.stp").write_text(lid)
     again = re.sub(r"#90(?!01)", "#91", text[text.index("#9002=") : text.index(TAIL)])
@@ -285,7 +285,7 @@ def test_drawing_of_a_part_that_is_there_is_not_looked_for(tmp_path):
 
 # Assemblies
 
-# A wheel of two tyres, used twice; a list of material names a glue that has no shape.
+# A wheel of two tyres, used twice; a list of materials names a glue without a shape.
 NESTED = """
 #1=PRODUCT_DEFINITION('car','',#90,#91); #2=PRODUCT_DEFINITION('wheel','',#90,#91);
 #3=PRODUCT_DEFINITION('tyre','',#90,#91); #4=PRODUCT_DEFINITION('glue','',#90,#91);
@@ -308,7 +308,7 @@ NESTED = """
 
 
 def without(kind, number):
-    """The sample assembly without one of the records of a kind."""
+    """Return the sample assembly without one of the records of a kind."""
     record = list(re.finditer(rf"#\d+={kind}\(.*\n", ASSEMBLY))[number]
     return ASSEMBLY[: record.start()] + ASSEMBLY[record.end() :]
 
@@ -364,7 +364,7 @@ def test_step_declares_its_unit_and_triangles_know_their_cad_face(tmp_path, unit
     assert (contents.format, contents.units, contents.units_declared) == ("STEP", unit, True)
     (geometry,) = contents.geometries
     assert geometry.name == "lid"
-    assert volume(geometry) == pytest.approx(6 * metres**3, rel=1e-6)  # it comes in single precision
+    assert volume(geometry) == pytest.approx(6 * metres**3, rel=1e-6)  # in single precision
     assert np.bincount(geometry.source_faces).tolist() == [2] * 6
     assert contents.notes == (
         "curved faces are approximated within 0.01 mm by flat triangles: distances are exact to the "
@@ -381,7 +381,7 @@ STYLES = (
 
 
 def colour(first, item, red):
-    """Records that give a face a colour, each by the one before."""
+    """Return records that colour a face, each referring to the one before."""
     return "".join(
         f"#{number}={record.format(red=red, last=f'#{number - 1}', item=item)};\n"
         for number, record in enumerate(STYLES, first)
@@ -389,7 +389,7 @@ def colour(first, item, red):
 
 
 def test_colours_of_faces_do_not_change_the_numbers_of_cad_faces(tmp_path):
-    # Was: a file whose faces had colours gave most triangles the numbers of triangles.
+    # Regression: if faces had colours, most triangles had indices of triangles as CAD faces.
     faces = re.findall(r"(#\d+) = ADVANCED_FACE", BOX)
     context = re.search(r"(#\d+) = \( GEOMETRIC", BOX)[1]
     styles = colour(9000, faces[3], "1.") + colour(9100, faces[5], "0.5")
@@ -448,7 +448,7 @@ def test_finer_step_tolerance_gives_more_triangles(shared_data):
 
 @pytest.mark.parametrize(("radius", "tolerance"), [(1_000, 1e-5), (1_000_000, 1e-5)])
 def test_huge_ball_is_meshed_coarsely_with_both_numbers(tmp_path, monkeypatch, radius, tolerance):
-    # Was: minutes, and gigabytes.
+    # Regression: minutes, and gigabytes.
     monkeypatch.setattr(conversion, "MAX_FACE_TRIANGLES", 15_000)
     contents = read(tmp_path, step_text.ball_step(radius))
     (ball,) = contents.geometries
@@ -494,7 +494,7 @@ def test_worker_and_its_folder_go_with_a_parent_that_is_killed(tmp_path):
 
 
 def workers_in(folder):
-    """Processes that have a file below the folder open, or work there: those that convert."""
+    """Return the ids of conversion processes whose output is below the folder."""
     found = []
     for process in Path("/proc").glob("[0-9]*"):
         try:

@@ -1,4 +1,4 @@
-"""One process converts STEP files, as often as needed, and what it made is kept."""
+"""A single process converts STEP files, on demand, and its results are cached."""
 
 import subprocess
 
@@ -18,14 +18,14 @@ BALL = step_text.ball_step(50.0)
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A cache of its own."""
+    """An empty cache."""
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "cache"))
     return tmp_path / "cache" / "step"
 
 
 @pytest.fixture
 def started(monkeypatch):
-    """The processes that were started."""
+    """The started processes."""
     processes = []
 
     class Counted(subprocess.Popen):
@@ -46,7 +46,7 @@ def same(one, other):
 
 
 def test_one_process_converts_as_often_as_needed(tmp_path, folder, started, monkeypatch):
-    # Was: three processes, each of which imported OpenCASCADE.
+    # Regression: three processes, each of which imported OpenCASCADE.
     monkeypatch.setattr(conversion, "MAX_FACE_TRIANGLES", 15_000)
     runs = []
     run = libraries.Library.run

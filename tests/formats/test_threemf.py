@@ -1,4 +1,4 @@
-"""3MF: every placement is there, holes are holes, supports are no parts, and no small file takes long."""
+"""3MF: all placements are read, holes are subtracted, supports left out, and small files read quickly."""
 
 import zipfile
 
@@ -24,19 +24,19 @@ HERE = "1 0 0 0 1 0 0 0 1 0 0 0"
 
 
 def box(lower, upper):
-    """A closed box, its faces outward."""
+    """Return a closed box with outward faces."""
     vertices, faces = shapes.cube()
     vertices = (vertices - vertices.min(axis=0)) / np.ptp(vertices, axis=0)
     return np.asarray(lower) + vertices * (np.asarray(upper, dtype=float) - lower), faces
 
 
 PART = box((0, 0, 0), (20, 10, 5))
-SLOT = box((4, -1, 2), (8, 11, 6))  # 4 x 10 x 3 mm of the part
+SLOT = box((4, -1, 2), (8, 11, 6))  # 4 x 10 x 3 mm of it are in the part
 PEG = box((12, 4, -1), (14, 6, 9))
 
 
 def joined(*meshes):
-    """Several meshes as one."""
+    """Return several meshes as one."""
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
     faces = [np.asarray(faces) + start for (_, faces), start in zip(meshes, starts, strict=False)]
     return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
@@ -47,7 +47,7 @@ def model(objects, items=((1, HERE),), resources=""):
 
 
 def write(folder, text, root="3D/3dmodel.model", **others):
-    """A 3MF of a root model and other files by name."""
+    """Write a 3MF of a root model and other files by name."""
     path = folder / "part.3mf"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, data in {root: text, **others}.items():
@@ -56,7 +56,7 @@ def write(folder, text, root="3D/3dmodel.model", **others):
 
 
 def slic3r(*kinds, key="volume_type", last=11):
-    """Settings in which each 12 triangles of object 1 are a volume."""
+    """Return settings that make each 12 triangles of object 1 a volume."""
     rows = "".join(
         f'<volume firstid="{12 * k}" lastid="{12 * k + last}">'
         f'<metadata key="name" value="v"/><metadata type="volume" key="{key}" value="{kind}"/></volume>'
@@ -78,7 +78,7 @@ def assembly(*components):
 
 
 def volumes_of(scene):
-    """Volume of each part, mm³."""
+    """Return the volume of each part, mm³."""
     return [part.solid.diagnosis.volume * 1e9 for part in scene.parts]
 
 
@@ -90,7 +90,7 @@ COMPONENT_IN_FILE = '<component p:path="/3D/part{}.model" objectid="{}"/>'
 
 
 def components(own_id, *targets):
-    """An object of components, one behind the other along y."""
+    """Return an object of components in a row along y."""
     return assembly(*((target, SHIFT.format(0, 10 * k)) for k, target in enumerate(targets))).replace(
         'id="9"', f'id="{own_id}"', 1
     )
@@ -163,7 +163,7 @@ def test_limit_that_is_no_number_of_bytes_is_refused(tmp_path, limit):
         formats.read_geometries(tmp_path / "part.3mf", unpacked_limit=limit)
 
 
-@pytest.mark.parametrize("ids", [(1, 2), (1, 1)])  # they count per model file
+@pytest.mark.parametrize("ids", [(1, 2), (1, 1)])  # unique per model file only
 def test_3mf_of_several_model_files_is_read_with_what_they_do_not_place(tmp_path, ids):
     extra = {own: "<object id='7'><mesh/></object>" + components(8, own) for own in ids}
     others = {f"3D/part{k}.model": model({own: SMALL}, [], extra[own]) for k, own in enumerate(ids)}
@@ -184,13 +184,13 @@ def test_3mf_behind_a_large_picture_is_recognised(tmp_path):
 
 
 def of_bambu(negative, matrix, **subtypes):
-    """The part with other objects beside it, by the settings of Bambu Studio."""
+    """Return the part with other objects, by the settings of Bambu Studio."""
     resources = assembly((1, HERE), (2, matrix))
     return model({1: PART, 2: negative}, [(9, HERE)], resources), {BAMBU: bambu(_1="normal_part", **subtypes)}
 
 
 def with_pegs(kind="model", item='<item objectid="2"'):
-    """The part and a peg as objects, the latter of a type, and its item."""
+    """Return the part and a peg as objects, with the type and item of the peg."""
     text = model({1: PART, 2: PEG}, [(1, HERE), (2, HERE)]).replace('<item objectid="2"', item)
     return text.replace('name="part2" type="model"', f'name="part2" type="{kind}"')
 
@@ -201,7 +201,7 @@ def with_a_prefix(text):
 
 
 def named(*targets):
-    """Relationships that name models."""
+    """Return relationships that name models."""
     return {"_rels/.rels": RELATIONSHIPS.format("".join(map(RELATIONSHIP.format, targets)))}
 
 
@@ -210,7 +210,7 @@ def required(name, prefix, text):
 
 
 def in_another_file(name):
-    """A part in a file that its component calls by another name."""
+    """Return a part in another file, whose name in its component differs in spelling."""
     component = f'<component p:path="{name}" objectid="1"/>'
     text = model({}, [(9, HERE)], f'<object id="9"><components>{component}</components></object>')
     return required("production/2015/06", "p", text), {"3D/objects/a.MODEL": model({1: PART}, [])}
@@ -235,7 +235,7 @@ REAL = {**named("/3D/real.model"), "3D/3dmodel.model": model({1: PEG})}
 SLICES = required("slice/2015/07", "s", PLAIN)
 SLICES_NOTE = "it needs the slice extension: its meshes were read, its slices were not"
 IN_MESH, AS_PART = {SLIC3R: slic3r("ModelPart", "NegativeVolume")}, {"_2": "negative_part"}
-PARTS = {  # what a file has; its volumes, mm³; how its note begins; points of the part, m, and distances
+PARTS = {  # content; its volumes, mm³; start of its note; points of the part, m, and distances
     "negative volume of PrusaSlicer": (
         (SLOTTED, IN_MESH), [880], SUBTRACTED, [[0.006, 0.005, 0.004]], [0.002]),
     "negative part of Bambu Studio, mirrored": (

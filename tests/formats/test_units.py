@@ -1,4 +1,4 @@
-"""Sizes that no part is likely to have, and the unit that a file is likely in."""
+"""Unlikely sizes of parts, and the probable unit of a file."""
 
 import mesh_files
 import numpy as np

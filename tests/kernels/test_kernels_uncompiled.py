@@ -1,4 +1,4 @@
-"""Every kernel also runs as plain Python, and gives the same numbers to the bit."""
+"""Every kernel also runs as plain Python, with bitwise equal results."""
 
 import os
 import subprocess
@@ -33,7 +33,7 @@ FIELDS = ("signed_distance", "point", "gradient", "part", "face_id", "barycentri
 
 
 def things():
-    """Solids with each kind of sign, and a scene of two parts, one of them turned."""
+    """Solids with each method of sign, and a scene of two parts, one of them rotated."""
     cube, ball = Solid(*shapes.cube(), name="cube"), Solid(*shapes.sphere(0.7, 0), name="ball")
     deformed = Scene([ball, Solid(*shapes.torus(n=6, m=4), name="torus")])
     deformed.deform("torus", 1.5 * shapes.torus(n=6, m=4)[0] + 0.25)
@@ -54,7 +54,7 @@ def things():
 
 
 def moved_scene(cube, ball):
-    """Parts that stand still, move, hide, and have done so more than once."""
+    """Parts that are static, moved or hidden, after repeated changes."""
     scene = Scene([cube, ball, Solid(*shapes.tetrahedron(), name="still")])
     scene.add(Solid(*shapes.tetrahedron(), name="hidden"))
     scene.hide("hidden")
@@ -75,7 +75,7 @@ def points_for(name):
 
 
 def ticks():
-    """Records of three fingers, one lost for a tick, among parts that move; with and without paths."""
+    """Records of three fingers, one lost for a tick, among moving parts; with and without paths."""
     parts = [Solid(*shapes.cube(0.1, (0, 0, 0)), name="cube"), Solid(*shapes.sphere(0.05, 1), name="ball")]
     scene = Scene([*parts, Solid(*shapes.moved(shapes.grid(1, 1), (-0.5, -0.5, -0.2)), name="sheet")])
     scene.move(
@@ -94,7 +94,7 @@ def ticks():
 
 
 def answers(monkeypatch):
-    """All answers as one dictionary of arrays."""
+    """All results as one dictionary of arrays."""
     monkeypatch.setattr(sign_samples, "POINT_SAMPLE_COUNT", 2)  # interpreted, each costs a tenth of a second
     monkeypatch.setattr(inside_grid, "CELLS_PER_FACE", 1)
     found = {}
@@ -116,13 +116,13 @@ def answers(monkeypatch):
         found |= {f"tick, {field}": records[field] for field in records.dtype.names}
         model = model_of(*WALKED, poses=[WALKED_POSE, Pose()])
         found["slabs"] = part_arrays(model, 0).moments
-        if not IS_AHEAD:  # a walk is no entry point
+        if not IS_AHEAD:  # not an entry point
             found |= walks(model)
     return found
 
 
 def walks(model):
-    """What walks with a budget know."""
+    """Results of traversals with budgets."""
     found = {}
     for budget in (3, 40, UNLIMITED):
         points = [(0.4, -0.2, 0.6), (0.5, 0.5, 0.25), (2.0, 1.0, 0.0), (40.0, 3.0, -1.0)]
@@ -132,7 +132,7 @@ def walks(model):
 
 @pytest.fixture(scope="module")
 def interpreted(tmp_path_factory):
-    """The answers of a process in which numba compiles nothing."""
+    """The results of a process with numba disabled."""
     path = tmp_path_factory.mktemp("answers") / "answers.npz"
     program = f"""
 import sys

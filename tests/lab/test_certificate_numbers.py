@@ -1,4 +1,4 @@
-"""Numbers of a certificate: periods, percentiles, the price of a delay, the hash."""
+"""Numbers of a certificate: periods, percentiles, the effect of a delay, the hash."""
 
 import make
 import numpy as np
@@ -60,7 +60,7 @@ def test_what_is_no_period_is_refused(text):
 
 
 def test_forty_milliseconds_mean_what_the_paper_says():
-    """As docs/science/paper.md has it: 4 mm at 0.1 m/s, 0.8 N, 6 mJ."""
+    """The values of docs/science/paper.md: 4 mm at 0.1 m/s, 0.8 N, 6 mJ."""
     found = felt(0.040, 0.1)
 
     assert found["penetration"] == pytest.approx(0.004, rel=1e-12)

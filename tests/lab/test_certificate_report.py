@@ -1,4 +1,4 @@
-"""Reports of a certificate: verdict, document and picture. Times are made up, mostly."""
+"""Reports of a certificate: verdict, document and picture, mostly with made-up times."""
 
 import json
 import re
@@ -37,7 +37,7 @@ def test_motion_without_a_budget_does_not_judge_the_scene():
 
 
 def test_interruptions_of_one_run_do_not_fail_a_scene():
-    """The gate goes by the shortest of three runs."""
+    """The gate uses the shortest of three runs."""
     timed = timing("random", 100)
     timed.thread_ns[-200:] = 5_000_000
 
@@ -188,7 +188,7 @@ def test_motions_are_timed_with_as_many_ticks_as_asked_for():
     ]  # fmt: skip
     assert [each.counts for each in cases.values()] == [True] * 5 + [False]
     assert cases["recording"].fingers == 2 and cases["random"].fingers == 3
-    assert len(cases["recording"].thread_ns) == 320  # ticks in which somebody is there
+    assert len(cases["recording"].thread_ns) == 320  # ticks with a hand
     assert len(cases["worst, cold start"].thread_ns) == 400
     for each in cases.values():
         assert (each.best_ns <= each.thread_ns).all()

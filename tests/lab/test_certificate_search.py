@@ -1,4 +1,4 @@
-"""The search for the worst positions: it finds the known ones, only climbs, and is the same on every run."""
+"""The search for the worst positions: it finds known ones, only increases the work, and is reproducible."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def few_climbs():
 
 @pytest.fixture(scope="module")
 def ball():
-    """A ball of 5120 faces, 50 mm in radius: at its centre an exact search opens all of them."""
+    """A ball of 5120 faces, 50 mm in radius: at its centre an exact search visits all of them."""
     return ball_subject(0.05, 4)
 
 
@@ -35,7 +35,7 @@ def searched(ball):
 
 
 def test_centre_of_a_ball_is_found_by_balls_that_shrink(ball, monkeypatch):
-    """And by nothing else: places at random, near the surface and in the middles of parts are left out."""
+    """Without the other starting positions: random, near the surface, and centres of parts."""
     monkeypatch.setattr(starting_positions, "centres", lambda scene: np.zeros((0, 3)))
     at_centre = Probe(ball, COLD_EXACT).contacts(np.zeros((1, 3)))["work"][0]
 
@@ -45,7 +45,7 @@ def test_centre_of_a_ball_is_found_by_balls_that_shrink(ball, monkeypatch):
     assert worst.work >= 0.95 * at_centre
     assert np.linalg.norm(worst.position) < 0.002
     assert worst.origin == "medial"
-    assert np.isnan(found.typical_work)  # of no place at random
+    assert np.isnan(found.typical_work)  # undefined without random positions
 
 
 def test_every_goal_has_its_places_the_dearest_first(searched, ball):
@@ -103,7 +103,7 @@ def test_shrunk_balls_touch_the_ball_and_hold_none_of_it(ball):
     inside = starting_positions.medial_positions(ball, points, normals)[8:]
 
     touching = np.linalg.norm(inside - points, axis=1)
-    # Near the centre the nearest face is known within the budget only.
+    # Near the centre the budget bounds the search, so the distance is approximate.
     np.testing.assert_allclose(ball.scene.distance(inside), touching, rtol=0.02)
 
 

@@ -26,7 +26,7 @@ GLOVE = PAPER_GLOVE
 CABLE = TipCable.of(Glove())
 SMOOTH = TipCable(CABLE.stiffness)
 PATH = FingerPath(Glove())
-LONG = 0.5  # s of hold, for what settles slowly
+LONG = 0.5  # s of hold, for slow settling
 
 
 def pressed(cable, stretch=Stretch.LEFT, speed=0.1, hold=LONG):
@@ -40,7 +40,7 @@ def test_cable_of_the_glove_as_it_is_felt_at_the_fingertip():
 
 
 def test_cable_in_series_with_the_drum_lowers_the_force_at_rest_as_springs_in_a_row():
-    """Separately simulated: 9.4 % of force error at 0.1 m/s, -74 mN at rest; without a cable 1.7 %."""
+    """Reference simulation: 9.4 % of force error at 0.1 m/s, -74 mN at rest; 1.7 % without a cable."""
     found = pressed(SMOOTH, hold=0.2)
     rest = steady_force(HAND, HAND.press(0.1).depth, 1.0 / (1.0 / CABLE.stiffness + 1.0 / 50e3))
 
@@ -61,7 +61,7 @@ def test_sheath_drags_in_free_motion_and_keeps_back_what_the_capstan_says():
     is_free = (free.times > -0.05) & (free.times < -0.01)
 
     assert free.force[is_free] == pytest.approx(CABLE.drag, abs=1e-6)
-    # At rest the thimble sticks: the finger feels the drum's force, give or take what the sheath holds.
+    # At rest the thimble sticks: the finger feels the drum's force within the friction of the sheath.
     resting = decaff(HAND, HAND.press(0.1, hold=LONG), glove)
     row = resting.zero + round((resting.press.release_time - 0.01) / resting.step)
     assert abs(resting.force[row] - resting.contact[row]) <= CABLE.capstan * resting.contact[row]
@@ -72,7 +72,7 @@ def test_sheath_drags_in_free_motion_and_keeps_back_what_the_capstan_says():
     ("stretch", "steady", "swing"), [(Stretch.TORQUE, 0.012, 0.005), (Stretch.SENSOR, 0.004, 0.001)]
 )
 def test_stretch_is_made_up_for_and_the_drum_stays_still(stretch, steady, swing, speed):
-    """Less than is felt at rest; without it the finger is 60 to 90 mN too lightly pushed."""
+    """Below the threshold of sensation at rest; uncompensated the force is 60 to 90 mN too small."""
     assert pressed(CABLE, speed=speed).steady_error < -0.060
     found = pressed(CABLE, stretch, speed)
 
@@ -81,7 +81,7 @@ def test_stretch_is_made_up_for_and_the_drum_stays_still(stretch, steady, swing,
 
 
 def test_quick_smoothing_of_the_torque_makes_the_drum_swing():
-    """Why it is smoothed at 2 Hz: the torque that moves the drum is taken for a force on it."""
+    """The reason for smoothing at 2 Hz: the torque that accelerates the drum counts as a force on it."""
     glove = with_transmission(GLOVE, CABLE, Stretch.TORQUE)
     quick = replace(glove, holding=replace(glove.holding, smoothing=20.0))
 
@@ -92,14 +92,14 @@ def test_cable_that_is_needed_keeps_the_error_and_a_softer_one_does_not():
     rival = deviation(coupled_wall(HAND, HAND.press(0.1), best_coupled_wall(HAND, 1000.0, 0.001))).error
     found = needed_cable(HAND, GLOVE, 0.1, rival, Stretch.LEFT)
 
-    assert found > CABLE.stiffness  # the glove's own is not enough
+    assert found > CABLE.stiffness  # stiffer than the glove's
     for share, is_enough in ((0.95, False), (1.05, True)):
         cable = replace(CABLE, stiffness=share * found)
         assert (pressed(cable, hold=0.2).error <= rival) == is_enough
     with pytest.raises(
         ArgumentError, match=r"no cable up to 1e\+06 N/m keeps the force error at 0.1 m/s to 0.02"
     ):
-        needed_cable(HAND, GLOVE, 0.1, 0.02, Stretch.SENSOR)  # friction leaves more
+        needed_cable(HAND, GLOVE, 0.1, 0.02, Stretch.SENSOR)  # friction leaves a larger error
 
 
 @pytest.mark.parametrize("stretch", Stretch)
@@ -118,7 +118,7 @@ def test_policy_outside_compiled_code_does_the_same_with_a_cable(stretch):
     [(Stretch.LEFT, -0.080, 0.001), (Stretch.TORQUE, 0.0, 0.005), (Stretch.SENSOR, 0.0, 0.001)],
 )
 def test_drums_controller_makes_up_for_the_stretch_as_the_policy_does(stretch, steady, swing):
-    """The one of `proximity drum`, to which the one in C is equal."""
+    """The controller of `proximity drum`, identical to the one in C."""
     glove, press = with_transmission(GLOVE, CABLE, stretch), HAND.press(0.25, hold=LONG)
     rule = CableRule(CABLE.stiffness, glove.holding.smoothing) if stretch != Stretch.LEFT else None
     controller = ControllerInLoop(
@@ -133,7 +133,7 @@ def test_drums_controller_makes_up_for_the_stretch_as_the_policy_does(stretch, s
 
 @pytest.mark.internals
 def test_current_takes_its_time_and_the_motors_speed_its_voltage():
-    """Full force stands after five time constants; at half the speed limit half of it is left."""
+    """Full force after five time constants; half of it at half the speed limit."""
     wound = replace(GEAR49, motor=replace(MOTOR, electrical_time=0.12e-3, current_bandwidth=50e3))
     stall, fast = 112.0, GEAR49.speed_limit
 
@@ -145,7 +145,7 @@ def test_current_takes_its_time_and_the_motors_speed_its_voltage():
 
     assert after(0.12e-3, 0.0) == pytest.approx(stall * (1.0 - math.exp(-1.0)), rel=0.01)
     assert after(1.2e-3, 0.5 * fast) == pytest.approx(0.5 * stall, rel=0.01)
-    assert after(1e-6, 0.9 * fast, GEAR49, 5.0) == 5.0  # at once, without a winding
+    assert after(1e-6, 0.9 * fast, GEAR49, 5.0) == 5.0  # immediate, without a winding
     assert after(1.2e-3, 0.5 * fast, mode=drum_kernels.MODE_BRAKED) == pytest.approx(-0.5 * stall, rel=0.01)
     assert after(1e-3, fast, mode=drum_kernels.MODE_FREE) == 0.0
 

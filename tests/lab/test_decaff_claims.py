@@ -22,7 +22,7 @@ def found():
 
 
 def test_page_has_every_claim_with_its_figures(found):
-    """Run ``python -m proximity.lab.claims`` for what belongs there."""
+    """Run ``python -m proximity.lab.claims`` for the new text."""
     assert claims.markdown(found) in PAGES["science/paper.md"]
 
 
@@ -57,7 +57,7 @@ def test_every_claim_says_whether_it_holds(found):
 
 
 def test_digits_of_simulated_claims_are_those_that_a_finer_step_gives(found, monkeypatch):
-    """With steps of half the length every figure is printed as it was."""
+    """With half the step length all printed figures stay the same."""
     simulated = ("exactly the force", "with cable", "greatly reduces", "too high by k_f x_s", "transparent")
     before = [one.here for one in found if any(words in one.paper for words in simulated)]
 
@@ -74,7 +74,7 @@ def test_digits_of_simulated_claims_are_those_that_a_finer_step_gives(found, mon
 
 
 def test_largest_stiffness_of_256_devices_is_stable_and_no_other_damping_does_better():
-    """Against eigenvalues of another discretisation: every softer wall is stable, a stiffer one is not."""
+    """Against eigenvalues of another discretisation: softer walls are stable, a stiffer one is not."""
     rng = np.random.default_rng(7)
     devices = qmc.scale(qmc.Sobol(3, seed=7).random(256), (-3.0, -3.7, 0.0), (0.0, -2.0, 21.0))
     softer = np.array([0.01, 0.1, 0.25, 0.5, 0.75, 0.9, 0.99, 1.0 - 1e-6])

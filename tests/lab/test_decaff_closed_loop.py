@@ -1,8 +1,8 @@
-"""Hand, finger and wall in closed loop, compared with reference values, and against other ways of knowing.
+"""Hand, finger and wall in closed loop, compared with reference values and independent computations.
 
-The reference values come from a separate simulation that sampled forces every 0.1 ms. Its errors as a whole
-hold within what a shift of the contact by that much makes of them: 1.5 points at 0.25 m/s, 5 points at 1 m/s;
-`SHIFT` has all speeds.
+The reference values come from a separate simulation that sampled forces every 0.1 ms. Its errors agree within
+the effect of shifting the contact by that time: 1.5 points at 0.25 m/s, 5 points at 1 m/s; `SHIFT` has all
+speeds.
 """
 
 import os
@@ -66,13 +66,13 @@ def test_real_wall_answers_at_once_and_rests_at_0_8_newtons(speed):
 
     assert response.times[response.zero] == 0.0
     assert not response.force[: response.zero].any()
-    assert response.force[response.zero] == pytest.approx(HAND.pad_damping * speed)  # a step, c v
+    assert response.force[response.zero] == pytest.approx(HAND.pad_damping * speed)  # a step of c v
     assert response.force.min() == 0.0
     assert response.force[metrics.rest(response)] == pytest.approx(0.8, abs=3e-4)
 
 
 def exact_press(press):
-    """A press on a real wall by an integrator of high order: position, speed and work until the release."""
+    """Integrate a press on a real wall with high order: position, speed and work until the release."""
 
     def motion(t, state):
         wanted = press.at(t)
@@ -90,11 +90,10 @@ def exact_press(press):
     ("speed", "printed", "first"), [(0.1, 2.534, 1), (0.25, 3.604, 1), (0.5, 5.407, 1), (1.0, 10.03, 0)]
 )
 def test_work_on_a_real_wall(speed, printed, first):
-    """The reference has 2.534 / 3.604 / 5.407 / 10.03 mJ; it is 2.530 / 3.585 / 5.330 / 10.30 mJ.
+    """Reference 2.534 / 3.604 / 5.407 / 10.03 mJ; exact 2.530 / 3.585 / 5.330 / 10.30 mJ.
 
-    The printed ones are sums over every 0.1 ms, in which the sample at the contact counts wholly, and at 1
-    m/s not at all: it depends on rounding whether the force has begun there. Summed so, they come out here as
-    well.
+    The reference sums samples every 0.1 ms. The sample at the contact counts fully, and at 1 m/s not at all,
+    depending on the rounding of the contact's time. The same sums agree here.
     """
     press = HAND.press(speed)
     exact = exact_press(press)
@@ -117,7 +116,7 @@ def test_real_wall_is_the_exact_one():
 
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_floor_without_that_sampling_lies_within_its_spread(speed):
-    """1.4 / 4.2 / 8.8 / 17.4 %; the reference has 1.7 / 4.8 / 10.0 / 14.4."""
+    """1.4 / 4.2 / 8.8 / 17.4 %; reference 1.7 / 4.8 / 10.0 / 14.4 %."""
     position = SPEEDS.index(speed)
     found = deviation(ideal_drum(HAND, HAND.press(speed)))
 
@@ -143,7 +142,7 @@ def test_critical_stiffness_of_a_delayed_spring_is_the_reference_to_its_digits(d
 
 @pytest.mark.parametrize("delay", [0.003, 0.010])
 def test_finger_shakes_above_the_critical_stiffness_and_not_below(delay):
-    """A sampled spring is felt half a period later than its latency."""
+    """The effective delay of a sampled spring is its latency and half a period."""
     ripples = {}
     for share in (0.9, 1.1):
         stiffness = share * critical_stiffness(HAND, PAPER_DEVICE, delay)
@@ -166,7 +165,7 @@ def test_finger_rests_on_a_sampled_wall_up_to_some_stiffness_and_shakes_above(la
         deviation(coupled_wall(HAND, HAND.press(0.1, hold=3.0), wall(share * limit))).ripple
         for share in (0.85, 1.15)
     )
-    # It gains on each swing until it leaves the wall; on a stable wall the swing is gone by then.
+    # The oscillation grows on each swing until the finger leaves the wall; on a stable wall it has decayed.
     assert below < 5e-3 and above > 0.1
 
 
@@ -180,7 +179,7 @@ def test_steady_force_is_that_of_springs_in_a_row(latency, stiffness, damping):
     found = deviation(coupled_wall(HAND, press, wall)).steady_error
 
     assert found == pytest.approx(steady_force(HAND, press.depth, stiffness) - 0.8, abs=stiffness * 31e-6)
-    assert found < 0.0  # less than a real wall's, not more
+    assert found < 0.0  # below a real wall's
 
 
 COUPLED = {  # ms: K, B, errors in %, onset in ms, penetration in mm, steady error in mN, work error in mJ
@@ -194,10 +193,10 @@ COUPLED = {  # ms: K, B, errors in %, onset in ms, penetration in mm, steady err
 
 @pytest.mark.parametrize("latency_ms", COUPLED)
 def test_best_coupled_wall_against_latency(latency_ms):
-    """Reference, 1 kHz: the same best K and B; the rest within what its 0.1 ms make of it.
+    """Reference, 1 kHz: the same best K and B; the others within the effect of its 0.1 ms.
 
-    Penetration at 1 m/s and 0.3 ms is 2.17 mm here against 1.77 mm: it depends on when, after a sample, the
-    contact comes. The reference does not tell; here it is a tenth of a period.
+    Penetration at 1 m/s and 0.3 ms is 2.17 mm here against 1.77 mm: it depends on the time from a sample to
+    the contact, which the reference does not state; here it is a tenth of a period.
     """
     stiffness, damping, errors, onset, penetration, steady, work = COUPLED[latency_ms]
     wall = sweeps.best_coupled_wall(HAND, 1000.0, 1e-3 * latency_ms, device=PAPER_DEVICE)
@@ -211,7 +210,7 @@ def test_best_coupled_wall_against_latency(latency_ms):
     assert 1e3 * slow.penetration == pytest.approx(penetration[0], abs=0.021)
     assert 1e3 * fast.penetration == pytest.approx(penetration[1], rel=0.25 if latency_ms < 1 else 0.05)
     assert 1e3 * slow.steady_error == pytest.approx(steady, abs=6.0 if latency_ms < 40 else 15.0)
-    # At 1 m/s half of a sample at the contact is 0.3 mJ, of the real wall and of this one.
+    # At 1 m/s half a sample at the contact is 0.3 mJ, of the real wall and of this one.
     assert 1e3 * slow.work_error == pytest.approx(work[0], abs=0.02)
     assert 1e3 * fast.work_error == pytest.approx(work[1], abs=1.1)
 
@@ -230,7 +229,7 @@ def test_best_coupled_wall_against_latency(latency_ms):
     ],
 )
 def test_how_a_distance_is_used_decides(target, speed, printed, share):
-    """As the reference values. The naive ones shake, and are met within a share of the printed figures."""
+    """Reference values. The naive ones oscillate and agree within a share of the printed figures."""
     shift = {0.1: 0.013, 0.5: 0.03}[speed]
     for latency, figure in zip(LATENCIES, printed, strict=False):
         if figure is not None:
@@ -240,7 +239,7 @@ def test_how_a_distance_is_used_decides(target, speed, printed, share):
 
 @pytest.mark.parametrize("latency", LATENCIES)
 def test_time_stamped_drum_is_in_place_at_every_speed_and_latency(latency):
-    """Reference: within 0.02 mm of the wall, 0.1 to 1 m/s, up to 40 ms, told from 100 mm away."""
+    """Reference: within 0.02 mm of the wall, 0.1 to 1 m/s, up to 40 ms, with distances from 100 mm on."""
     for speed in SPEEDS:
         response = decaff(HAND, HAND.press(speed), with_sensing(latency=latency))
         assert abs(drum_offset(response)) < 2e-5
@@ -302,7 +301,7 @@ def test_time_stamped_drum_reaches_the_floor_at_any_rate(rate):
 
 
 def test_ten_distances_a_second_are_too_few_at_1_metre_a_second():
-    """Reference: the look-ahead is used up."""
+    """Reference: beyond the look-ahead."""
     found = sweeps.drum_row(HAND, with_latency(GLOVE, 0.1, 10.0)).errors
 
     assert (found[:3] < (0.03, 0.05, 0.11)).all()
@@ -361,7 +360,7 @@ def test_controller_sees_what_is_known_and_no_more():
         assert 0.004 - 1e-9 <= distance_sample.now - message.at <= 0.005 + 1e-3 / 3
         assert message.distance <= 0.020
         assert message.link + message.distance == pytest.approx(0.0, abs=1e-15)
-    # A drum that nobody drives stands where it was, and is pushed out of the way.
+    # An unpowered drum stays at its position and is pushed away.
     assert response.drum[0] == GLOVE.holding.retracted
     assert not response.contact.any()
 

@@ -31,9 +31,10 @@ PATH = FingerPath(Glove())
 
 @pytest.mark.parametrize("speed", [0.25, 0.5])
 def test_controller_displays_what_the_plain_rule_does(speed):
-    """With good frames the limits and states of the reference cost no force; the states go once through.
+    """With good frames the limits and states of the reference cost no force; each state occurs once.
 
-    At the touch a few micrometres of the drum, which friction holds, make some hundredths of a newton.
+    At the touch friction holds the drum off by a few micrometres, which changes the force by some hundredths
+    of a newton.
     """
     press = HAND.press(speed)
     door = ControllerInLoop(FingerController(PATH, SERVO_RATE), PATH)
@@ -59,9 +60,9 @@ def test_controller_displays_what_the_plain_rule_does(speed):
 @pytest.mark.parametrize("rate", [500.0, 3000.0])
 @pytest.mark.parametrize("drum", ["gear14", "gear51"])
 def test_drum_meets_a_resting_finger_with_a_millijoule_at_any_rate(drum, rate):
-    """Reference, where the finger waits just before the wall and the drum comes from afar.
+    """Reference: the finger rests just before the wall and the drum approaches from afar.
 
-    Stepped at 500 Hz, a drum of 0.24 kg came with 20 mJ: at 1.7 m/s it goes 3 mm between two of its caps.
+    Stepped at 500 Hz, a drum of 0.24 kg arrived with 20 mJ: at 1.7 m/s it moves 3 mm between two caps.
     """
     finger, period_ns, pieces = PATH.position(0.4), round(1e9 / rate), round(SERVO_RATE / rate)
     controller, plant = FingerController(PATH, rate, DRUMS[drum]), DrumPlant(PATH, DRUMS[drum])
@@ -83,15 +84,15 @@ def test_drum_meets_a_resting_finger_with_a_millijoule_at_any_rate(drum, rate):
         )
 
     assert plant.position == pytest.approx(finger + 1e-3, abs=0.3e-3)
-    assert max(speeds) <= 1.2 * Limits().near_speed(DRUMS[drum].mass)  # what the servo overshoots by
+    assert max(speeds) <= 1.2 * Limits().near_speed(DRUMS[drum].mass)  # overshoot of the servo
 
 
 @pytest.mark.parametrize(("drum", "share"), [(GEAR49, 1.2), (PATH.drum, 1.7)])
 def test_drum_that_was_kept_away_comes_back_no_faster_than_it_may(drum, share):
-    """Reference: never snap. A finger presses a late drum away, which has 1 N, and then lets go.
+    """Reference: never snap. A finger pushes away a late drum, which has 1 N, and then releases it.
 
-    What the servo was to follow had gone on to the target meanwhile: with all its force again the drum came
-    after it with up to 2.5 m/s, and met the finger with 0.75 J.
+    Regression: the servo's reference had moved on to the target; with full force restored, the drum followed
+    it at up to 2.5 m/s and hit the finger with 0.75 J.
     """
     plant, target = DrumPlant(PATH, drum), PATH.retracted - 0.080
 
@@ -110,6 +111,6 @@ def test_drum_that_was_kept_away_comes_back_no_faster_than_it_may(drum, share):
     assert plant.position > target + 0.020
     closing = serve(target - 0.010, math.inf, 0.1)
 
-    # A gear that rubs lets go with a jerk, of less energy than a bump may have.
+    # A gear with friction releases with a jerk, of less energy than an allowed bump.
     assert closing < share * 0.05
     assert 0.5 * drum.mass * closing**2 < 0.7 * Limits().near_energy

@@ -1,4 +1,4 @@
-"""A hand on CAD parts with tracker, message and controller in the loop, against the wall that is there."""
+"""A hand on CAD parts with tracker, message and controller in the loop, against the true wall."""
 
 import math
 
@@ -24,9 +24,9 @@ from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.tracker.placement import turn_about_axes
 
-AFTER_SWITCH = 0.3  # s, in which a bump is looked for
+AFTER_SWITCH = 0.3  # s, searched for bumps
 HAND = Hand()
-SAGITTA = 30e-6  # m, by which the polyline of a finger's path is off it (`Finger.path_world`)
+SAGITTA = 30e-6  # m of the polyline of a finger's path (`Finger.path_world`)
 START_DISTANCE = 0.045  # m: enough for a drum to arrive
 
 
@@ -63,7 +63,7 @@ def test_finger_touches_where_it_was_asked_to(flat):
 
 
 def test_hand_is_turned_until_the_way_is_free():
-    """The upright of the bracket stands in the way of most attitudes."""
+    """The bracket's upright blocks most attitudes."""
     scene = load(MESHES / "bracket.stl")
     finger = place_finger(scene, (0.048, 0.03, 0.02))
 
@@ -75,9 +75,9 @@ def test_hand_is_turned_until_the_way_is_free():
 
 @pytest.mark.parametrize("speed", [0.25, 1.0])
 def test_engine_is_the_ideal_distance_on_a_flat_part(flat, speed):
-    """The reported position is off by the polyline's sagitta at most; the drum, by an encoder count more.
+    """The reported position is off by the polyline's sagitta at most, the drum by another encoder count.
 
-    At rest that is as much force as hand and pad in a row make of it.
+    At rest the force differs by the series stiffness of hand and pad times these.
     """
     engine = run(flat, speed)
     ideal = press_on_part(flat, HAND.press(speed), engine.setup.ideal)
@@ -108,12 +108,12 @@ def test_engine_knows_curved_and_needle_meshed_parts_as_well(mesh, at):
 
     assert press.reported_error < SAGITTA / finger.incidence
     assert abs(press.reported_contact) < press.reported_error + SAGITTA / finger.incidence
-    assert press.error.share < 0.11  # the reference has 10 % at 0.5 m/s, and a shift of 0.1 ms makes 3 points
+    assert press.error.share < 0.11  # reference 10 % at 0.5 m/s; a shift of 0.1 ms is 3 points
     assert press.error.penetration < 0.2e-3
 
 
 def test_figures_of_the_page_are_those_of_the_loop():
-    """In bands: friction and encoder make a few tenths of a percent, and where they do is chance."""
+    """Within bands: friction and encoder vary by a few tenths of a percent at random."""
     bracket = place_finger(load(MESHES / "bracket.stl"), (0.048, 0.030, 0.020))
     text = PAGES["science/drum.md"]
     ours = {"drum": EngineSetup().drum, "start_distance": 0.060}
@@ -148,11 +148,11 @@ def test_latency_shows_where_distances_are_read_with_the_present_pose(flat):
 
     assert errors[0.5, 0.001] < errors[0.5, 0.003] < errors[0.5, 0.010]
     assert errors[0.25, 0.003] < errors[0.5, 0.003]
-    assert errors[0.5, 0.010] > 5.0 * 0.11  # what the controller stays below, at every latency
+    assert errors[0.5, 0.010] > 5.0 * 0.11  # the controller's bound at every latency
 
 
 def test_service_that_is_always_late_leaves_the_drum_away(flat):
-    """Frames that are older than 20 ms whenever they are read are not acted upon (reference value)."""
+    """Frames older than 20 ms when read are not used (reference value)."""
     press = run(flat, latency=0.025)
 
     assert set(press.states) == {"retracted"}
@@ -163,32 +163,32 @@ def test_service_that_is_always_late_leaves_the_drum_away(flat):
 @pytest.mark.parametrize("span", [(-0.02, 0.02), (0.02, 0.1)])
 @pytest.mark.parametrize("kind", ["blind", "silent"])
 def test_drum_never_advances_on_what_is_lost(flat, kind, span):
-    """Lost poses reach the tracker as nan; lost frames do not reach the controller."""
+    """Lost poses are nan for the tracker; lost frames do not reach the controller."""
     press = run(flat, **{kind: (span,)})
 
     assert press.advances == 0
     assert "fault" not in press.states
     response = press.response
-    since = 0.001 if kind == "blind" else 0.021  # until the loss has come through, or the last frame is old
-    settled = 0.010  # until the servo has come to rest
+    since = 0.001 if kind == "blind" else 0.021  # until the loss arrives, or the last frame is old
+    settled = 0.010  # settling of the servo
     is_lost = (response.times > span[0] + since + settled) & (response.times < span[1])
     if is_lost.any():
         drum = response.drum[is_lost]
         assert (
             np.maximum.accumulate(drum) - drum
-        ).max() < 1e-3  # of a fast retreat, what the servo overshoots
+        ).max() < 1e-3  # overshoot of the servo after a fast retreat
     assert press.counts.lost == (0 if kind == "blind" else press.counts.lost)
 
 
 def test_finger_that_got_inside_unseen_is_brought_back_slowly(flat):
-    """Reference: a drum that comes late does so at 0.05 m/s at most, to the surface that was told before."""
+    """Reference: a late drum moves at 0.05 m/s at most, to the last reported surface."""
     press = run(flat, hold=0.6, silent=((-0.02, 0.02),))
     response = press.response
 
     speed = -np.gradient(response.drum, response.step)
     is_late = (response.drum > 0.5e-3) & (response.times > 0.05) & (response.times < 0.5)
     is_near = is_late & (response.drum - response.link < 2e-3)
-    assert response.link.max() > 6e-3  # so deep was the finger
+    assert response.link.max() > 6e-3  # depth of the finger
     assert speed[is_near].max() < 0.055
     at_rest = response.zero + round(0.62 / response.step)
     assert response.force[at_rest] == pytest.approx(press.real.force[at_rest], rel=0.05)
@@ -196,7 +196,7 @@ def test_finger_that_got_inside_unseen_is_brought_back_slowly(flat):
 
 @pytest.mark.parametrize(("late", "share"), [(0.030, 5), (0.050, 2)])
 def test_drum_that_was_sent_away_does_not_meet_the_finger_at_speed(flat, late, share):
-    """Frames that are late now and then send the drum away; on its return the finger comes as well."""
+    """Occasionally late frames send the drum away; when it returns, the finger approaches too."""
     press = run(flat, start_distance=0.06, latency=(0.001,) * (100 - share) + (late,) * share)
     response = press.response
     met = int(np.flatnonzero(response.contact > 0.0)[0])
@@ -257,7 +257,7 @@ def test_what_makes_no_sense_is_refused(make, sentence):
 
 @pytest.mark.parametrize(("speed", "switch"), [(0.1, 0.123), (1.0, 0.087)])
 def test_teleoperation_changes_to_force_when_that_is_steady(flat, speed, switch):
-    """Reference: instants of the change, and bumps of some 20 mN at most."""
+    """Reference: instants of the change, and bumps of about 20 mN at most."""
     press = run(flat, speed, hold=0.4, distances=Distances.SENSOR)
 
     assert press.switched_at == pytest.approx(switch, abs=0.003)
@@ -269,7 +269,7 @@ def test_teleoperation_changes_to_force_when_that_is_steady(flat, speed, switch)
 
 @pytest.mark.parametrize(("stiffness", "damping", "tilt"), [(300.0, 4.0, 0.0), (800.0, 2.0, 40.0)])
 def test_deformable_part_gives_way_as_its_law_says(stiffness, damping, tilt):
-    """A finger that comes obliquely feels of the law what is along its path: the square of the incidence."""
+    """A finger at an angle feels the part of the law along its path: the square of the incidence."""
     finger = place_finger(box_scene(stiffness=stiffness, damping=damping), (0.0, 0.0, 0.01))
     turn = Pose(turn_about_axes((tilt, 0.0, 0.0)))
     finger = placed(finger.scene, finger.glove, turn @ finger.world_from_hand)
@@ -286,7 +286,7 @@ def test_deformable_part_gives_way_as_its_law_says(stiffness, damping, tilt):
 @pytest.mark.parametrize("yields", [300.0, 1000.0, 3000.0])
 @pytest.mark.parametrize(("stiffness", "share"), [(300.0, 0.21), (800.0, 0.10)])
 def test_deformable_part_is_displayed_to_any_finger_that_yields(yields, stiffness, share):
-    """*yields*: N/m of the hand behind the finger."""
+    """*yields*: N/m of the hand."""
     hand = Hand(stiffness=yields)
     finger = place_finger(box_scene(stiffness=stiffness, damping=2.0), (0.0, 0.0, 0.01))
     setup = EngineSetup(start_distance=START_DISTANCE, drum=EngineSetup().drum)

@@ -1,4 +1,4 @@
-"""Figures: what is written beside them is what the models say, and what is drawn is a picture."""
+"""Figures: tables equal the models, and output files are images."""
 
 import csv
 import re
@@ -25,7 +25,7 @@ STARTS = {"png": b"\x89PNG\r\n\x1a\n", "svg": b"<?xml", "pdf": b"%PDF-"}
 
 
 def read_columns(path):
-    """Columns of a CSV, by name, as numbers."""
+    """Return the columns of a CSV by name, as numbers."""
     with open(path, encoding="utf-8", newline="") as stream:
         names, *rows = csv.reader(stream)
     return {
@@ -51,7 +51,7 @@ def test_table_gives_the_rows_that_are_asked_for():
 
 @pytest.mark.parametrize("name", figure_5.FIGURES)
 def test_numbers_beside_figure_5_are_the_models(name, tmp_path):
-    """Among them the samples that the reference has, which the models are held against elsewhere."""
+    """Including the samples of the reference, which other tests compare with the models."""
     style.write_table(tmp_path / "5.csv", catalogue.PLATES[name].numbers())
     found = read_columns(tmp_path / "5.csv")
     times = figure_5.sample_times(1e-4)
@@ -63,7 +63,7 @@ def test_numbers_beside_figure_5_are_the_models(name, tmp_path):
 
 
 def test_force_lags_the_position_that_is_drawn():
-    """The position is the finger's, the force comes 40 ms later; both begin after the touch."""
+    """The position is the finger's, the force is 40 ms later; both begin after the touch."""
     times = figure_5.sample_times(1e-4)
     touch, late = 500, 900  # samples, at 50 and 90 ms
     for name in ("5c", "5d", "5g", "5h"):
@@ -126,7 +126,7 @@ def test_every_kind_of_figure_is_drawn(name, tmp_path):
     image, _ = catalogue.write_figure(name, tmp_path, "svg")
 
     text = image.read_text()
-    assert "[ms]" in text or "[N·s/m]" in text  # text stays text, and axes have units
+    assert "[ms]" in text or "[N·s/m]" in text  # text is not converted to paths, and axes have units
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_sweeps_are_drawn_with_their_parameters_and_whose_they_are(draw, numbers
 
 
 def test_error_against_latency_is_the_staircase_that_it_is(monkeypatch):
-    """A drum's servo takes a distance at its next sample: between two, latency changes nothing."""
+    """A drum's servo reads a distance at its next sample: between two samples latency has no effect."""
     monkeypatch.setattr(error_plots, "LATENCIES", (0.001,))
     table = error_plots.numbers_against_latency().where(speed_m_per_s=0.1)
     naive = table["naive_error"][np.isnan(table["coupled_error"])]
@@ -158,7 +158,7 @@ def test_error_against_latency_is_the_staircase_that_it_is(monkeypatch):
 
 
 def test_same_figure_is_the_same_file_and_leaves_no_trace_in_matplotlib(tmp_path, monkeypatch):
-    """Whoever used pyplot would open windows, and keep every figure."""
+    """With pyplot, a figure would open windows and be kept."""
     before = {name: matplotlib.rcParams[name] for name in style.LOOK}
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
     first, _ = catalogue.write_figure("drum-motion", tmp_path, "svg")
@@ -194,7 +194,7 @@ def test_missing_matplotlib_is_told_with_what_to_install(tmp_path, monkeypatch):
 
 
 def test_matplotlib_that_refuses_its_settings_is_told_in_a_sentence(tmp_path, monkeypatch):
-    """As it does where MPLBACKEND names a backend that there is no more: though nothing is shown."""
+    """E.g. if MPLBACKEND names a removed backend, though no window is opened."""
 
     def unfit(name):
         raise ValueError("Key backend: 'qt4agg' is not a valid value")

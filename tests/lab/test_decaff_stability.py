@@ -32,7 +32,7 @@ def test_polynomial_of_equation_1_is_the_printed_one():
 
 @pytest.mark.parametrize("delay_samples", [0, 1, 3])
 def test_polynomial_is_that_of_the_motion(delay_samples):
-    """A mass stepped sample by sample shrinks or grows in the long run as the largest root says."""
+    """The long-term growth of a mass stepped sample by sample is that of the largest root."""
     device = SampledMass(0.7, 0.005, delay_samples)
     for share in (0.5, 1.3):
         gains = sampled_mass.maximum_stiffness(device)
@@ -46,7 +46,7 @@ def test_polynomial_is_that_of_the_motion(delay_samples):
             position += velocity * device.period - 0.5 * force / device.mass * device.period**2
             velocity -= force / device.mass * device.period
             scale = math.hypot(position, velocity * device.period)
-            if step % 100 == 99:  # neither vanish nor overflow
+            if step % 100 == 99:  # neither underflow nor overflow
                 positions = [each / scale for each in positions]
                 position, velocity = position / scale, velocity / scale
                 logs.append(math.log(scale) / 100.0)
@@ -79,15 +79,15 @@ def test_what_cannot_be_is_refused(make, message):
 
 
 def is_within_by_jury(coefficients):
-    """Whether all roots lie within the unit circle, without finding them.
+    """Test whether all roots are within the unit circle, without computing them.
 
-    Jury 1964, in the form of Schur and Cohn: the last coefficient must be smaller than the first, and so it
-    must be in the polynomial of one power less that what they have in common leaves.
+    Jury 1964, in the form of Schur and Cohn: the last coefficient must be smaller than the first, and
+    likewise in the polynomial of the next lower degree, after elimination of the last.
     """
     rows = np.asarray(coefficients, np.float64)
     is_within = np.ones(rows.shape[:-1], bool)
     while rows.shape[-1] > 1:
-        # Scaled, so that the coefficients of many powers neither vanish nor overflow.
+        # Scaled, so that the coefficients of high degrees neither underflow nor overflow.
         rows = rows / np.where(rows[..., :1] == 0.0, 1.0, rows[..., :1])
         last = rows[..., -1:]
         is_within &= np.abs(last[..., 0]) < 1.0
@@ -96,7 +96,7 @@ def is_within_by_jury(coefficients):
 
 
 def test_jury_and_roots_agree_on_random_walls():
-    """40 000 of equation (1), near its region; and some of other delays."""
+    """40 000 of equation (1), near its region; and some with other delays."""
     rng = np.random.default_rng(7)
     for delay_samples, count in ((1, 40_000), (0, 4000), (2, 4000), (5, 4000)):
         device = SampledMass(1.0, 1.0, delay_samples)
@@ -105,7 +105,7 @@ def test_jury_and_roots_agree_on_random_walls():
         damping = rng.uniform(-0.2, 1.2, count) * stability.largest_damping(device)
         polynomials = sampled_mass.characteristic(device, stiffness, damping)
         by_roots = sampled_mass.spectral_radius(polynomials)
-        # Where a root is on the circle but for rounding, either may be right.
+        # At a root on the circle within rounding either answer is right.
         is_clear = np.abs(by_roots - 1.0) > 1e-9
         by_jury = is_within_by_jury(polynomials)
         assert is_clear.mean() > 0.999
@@ -127,7 +127,7 @@ def test_jury_tells_where_roots_are(half, first):
 
 
 def jury_limit(b):
-    """Largest a of equation (1), from its active inequality in Jury's table."""
+    """Return the largest a of equation (1), from the active inequality in Jury's table."""
     p = 3.0 + b**2
     return 0.5 * (-p + math.sqrt(p**2 + 8.0 * b - 16.0 * b**2 - 8.0 * b**3))
 
@@ -164,7 +164,7 @@ def test_boundary_is_where_the_radius_is_one():
     stiffness, damping = stability.boundary(PAPER_WALL, 50)
 
     inner = sampled_mass.spectral_radius(sampled_mass.characteristic(PAPER_WALL, stiffness, damping))
-    np.testing.assert_allclose(inner, 1.0, atol=3e-7)  # the double root of the start splits by rounding
+    np.testing.assert_allclose(inner, 1.0, atol=3e-7)  # the double root at the start splits by rounding
     assert (stiffness[0], damping[0], stiffness[-1]) == (0.0, 0.0, 0.0)
     assert damping[-1] == stability.largest_damping(PAPER_WALL)
     assert stiffness.max() <= sampled_mass.maximum_stiffness(PAPER_WALL).stiffness
@@ -263,7 +263,7 @@ def test_slowest_period_of_the_largest_stiffness_is_its_own():
 
 
 def test_best_damped_servo():
-    """Reference, for the drum's servo: a fifth of the largest stiffness."""
+    """Reference for the drum's servo: a fifth of the largest stiffness."""
     found = servo.best_damped(PAPER_WALL)
 
     assert found.stiffness / PAPER_WALL.stiffness_unit == pytest.approx(0.01445, abs=5.1e-6)

@@ -1,4 +1,4 @@
-"""Walls of the paper: forces, figures and energies, held against the reference values."""
+"""Walls of the paper: forces, figures and energies, compared with the reference values."""
 
 import math
 import re
@@ -13,7 +13,7 @@ from proximity.lab.paper.trajectories import Press
 from proximity.lab.paper.walls import FINGER, Convention, SpringDamper, TraditionalWall, in_series
 
 MS, MM, MJ = 1e-3, 1e-3, 1e-3
-STEP = 1e-5  # s, of the curves below; the reference's was the same
+STEP = 1e-5  # s, of the curves below, as in the reference
 PRESS = Press()
 TIMES = figure_5.sample_times(STEP)
 CURVES = {name: curve(TIMES) for name, curve in figure_5.FIGURES.items()}
@@ -93,7 +93,7 @@ def test_what_cannot_be_is_refused(make, message):
 def test_conventions_differ_by_the_inertia():
     force = {each: walls.contact_force(PRESS.at(TIMES), FINGER, each.value) for each in Convention}
     inertia = FINGER.mass * PRESS.at(TIMES).acceleration
-    # Where none of the three is clamped.
+    # Only times at which none of the three is clamped.
     is_pushed = (PRESS.touch_time < TIMES) & (TIMES < 0.330)
 
     np.testing.assert_allclose((force["newton"] - force["pad"])[is_pushed], inertia[is_pushed], atol=1e-15)
@@ -126,7 +126,7 @@ TABLE = {
 
 @pytest.mark.parametrize("name", TABLE)
 def test_curve_has_the_numbers_of_the_paper(name):
-    """The reference's impulses begin half a step after the loss: a sum without its first instant."""
+    """The reference's impulses begin half a step after the loss: its sum omits the first instant."""
     peak, peak_ms, steady, end_ms, at_loss, impulse, rms = TABLE[name]
     found = COMPARISONS[name]
 
@@ -153,7 +153,7 @@ def test_wall_without_force_has_no_end():
 
 
 def growth(finger, gain, step):
-    """By how much a disturbance grows in a step, while the finger stays in contact: the largest root."""
+    """Return the growth per step of a disturbance during contact: the largest root."""
     damping, inertia = finger.damping / step, finger.mass / step**2
     weights = np.array([finger.stiffness + damping + inertia, -damping - 2.0 * inertia, inertia])
     return float(np.abs(np.roots([1.0, *(gain * weights)])).max())
@@ -210,7 +210,7 @@ def test_stable_operator_comes_to_rest():
 
 def test_figure_5f_holds_the_forces_of_the_recursion():
     gain = figure_5.GAIN_SHARE * figure_5.critical_gain(FINGER, 0.040)
-    deep = PRESS.deeper(figure_5.PENETRATION)  # of the paper: "from the xs+f data"
+    deep = PRESS.deeper(figure_5.PENETRATION)  # the paper's "from the xs+f data"
     reaction = figure_5.react(deep, FINGER, gain, 0.040, end=0.520)
 
     np.testing.assert_array_equal(figure_5.operator_reacts(reaction.times + 0.010), reaction.force)
@@ -221,7 +221,7 @@ def test_figure_5f_holds_the_forces_of_the_recursion():
 
 
 def test_limits_of_a_series_are_right():
-    """The stiffness when slow, the damping when fast, and both where they are in proportion."""
+    """The stiffness at low frequency, the damping at high frequency, and both if they are proportional."""
     wall, proportional = SpringDamper(200.0, 1.2), SpringDamper(1000.0, 30.0)
     for other, s in ((wall, 1e-3j), (wall, 1e9j), (proportional, 20j), (proportional, 200j)):
         pair = in_series(FINGER, other)
@@ -253,7 +253,7 @@ def test_factor_of_the_loss_is_the_mean_of_the_speed_that_is_left(left, end, fac
 
 
 def energies(press, finger):
-    """Kinetic energy at the touch, work of the hand, energy of the spring, loss of the damper, J."""
+    """Return kinetic energy at the touch, work of the hand, energy of the spring, loss of the damper, J."""
 
     def integral(value):
         return quad(value, press.touch_time, press.stop_time, epsabs=1e-15)[0]
@@ -268,7 +268,7 @@ def energies(press, finger):
 
 
 def test_press_takes_the_muscles_work():
-    """Reference on equation (12): 0.05 mJ of kinetic energy cannot pay 2.80 mJ, the hand works."""
+    """Reference on equation (12): 0.05 mJ of kinetic energy cannot supply 2.80 mJ; the hand does work."""
     kinetic, work, spring, loss = energies(PRESS, FINGER)
 
     assert kinetic + work == pytest.approx(spring + loss, abs=1e-13)
@@ -282,7 +282,7 @@ def test_press_takes_the_muscles_work():
 
 
 def test_energy_excess_is_that_of_the_two_presses():
-    """(13) to (15) against the energies of the motions themselves: their kinetic energy is the same."""
+    """(13) to (15) against the energies of the motions: their kinetic energy is the same."""
     real, simulated = (energies(press, FINGER)[1] for press in (PRESS, PRESS.deeper(0.004)))
     found = walls.energy_excess(PRESS, 0.004, FINGER, factor=SMOOTH)
 

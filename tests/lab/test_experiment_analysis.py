@@ -1,4 +1,4 @@
-"""Analysis of experiments, against known observers and against SciPy; power; the figure."""
+"""Analysis of experiments, against known observers and SciPy; power; the figure."""
 
 import math
 import sys
@@ -38,7 +38,7 @@ def shipped():
 
 
 def answers(design, slots=range(12), seed=0):
-    """Rows of simulated participants who press nothing and answer by their thresholds."""
+    """Return rows of simulated participants who answer by their thresholds, without presses."""
     rows = []
     for slot in slots:
         observer = Observer(design, slot, seed)
@@ -54,7 +54,7 @@ def rows(shipped):
 
 
 def asked(rng, threshold, count):
-    """Right and wrong answers of an observer at each level."""
+    """Return the numbers of right and wrong answers of an observer at each level."""
     right = rng.binomial(count, probability(np.log10(LEVELS / threshold), TRUE))
     return right.astype(float), count - right.astype(float)
 
@@ -150,7 +150,7 @@ def test_shipped_design_has_80_percent_power_and_fewer_participants_have_less(sh
 
     assert len(full) == 6 and all(one.share >= 0.8 for one in full)
     assert all(a.share >= b.share for a, b in zip(full, few, strict=True))
-    for one in full:  # 80 % are for the strictest test of Holm's, the power is for all
+    for one in full:  # 80 % for the strictest test of Holm's method, the power for all
         assert one.expected[1] < one.smallest <= 1.05 * one.expected[0]
 
 
@@ -163,7 +163,7 @@ def test_smallest_effect_has_80_percent_power(shipped):
     task = replace(shipped.tasks[0], comparisons=("decaff10ms against decaff1ms",))
     alone = power(replace(shipped, conditions=conditions, tasks=(task,)), 16, 4000)[0]
 
-    assert alone.share >= 0.8  # alone: it was found for the strictest of four tests
+    assert alone.share >= 0.8  # alone: it was chosen for the strictest of four tests
 
 
 def test_power_without_an_effect_is_5_percent(shipped):

@@ -1,4 +1,4 @@
-"""Designs of experiments: their files, and the plans that follow from them."""
+"""Designs of experiments: their files and plans."""
 
 from collections import Counter
 from dataclasses import replace
@@ -36,7 +36,7 @@ def test_shipped_design_takes_45_minutes_and_is_balanced():
     first = Counter(trials_of(steps)[4].condition.name for steps in plans)
     assert set(first.values()) == {8} and len(first) == 4
     tasks = Counter((trials_of(steps)[0].task.name, trials_of(steps)[4].condition.name) for steps in plans)
-    assert set(tasks.values()) == {4} and len(tasks) == 8  # each task is first as often, on each condition
+    assert set(tasks.values()) == {4} and len(tasks) == 8  # equally often first, in each condition
 
 
 def test_gains_of_the_shipped_design_are_equal_and_the_best_for_the_late_wall():
@@ -51,7 +51,7 @@ def test_gains_of_the_shipped_design_are_equal_and_the_best_for_the_late_wall():
 def test_plan_is_the_same_every_time_and_differs_between_participants():
     design = read_design(SHIPPED)
 
-    assert plan(design, 3) == plan(design, 3) != plan(design, 11)  # of the same orders
+    assert plan(design, 3) == plan(design, 3) != plan(design, 11)  # these have the same orders
 
 
 def test_levels_and_intervals_are_balanced_and_equal_pairs_are_among_them():
@@ -178,7 +178,7 @@ def test_interval_that_differs_is_where_the_plan_has_it(odd):
 
 @pytest.mark.parametrize(("name", "least", "most"), [("decaff1ms", 0.5, 0.9), ("coupled10ms", 0.97, 1.0)])
 def test_simulated_participant_tells_the_real_wall_by_what_the_hand_feels(name, least, most):
-    """A hard wall is the real one; the opposite expectation of the design changes nothing."""
+    """A hard wall is identified as the real one; a wrong expectation in the design has no effect."""
     design = read_design(SHIPPED)
     misled = tuple(replace(one, correct=0.0, threshold=99.0) for one in design.conditions)
     design = replace(design, conditions=misled)

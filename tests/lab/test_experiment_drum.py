@@ -1,4 +1,4 @@
-"""Surfaces that a service's drum displays in an experiment: DECAFF, coupled walls, limits and stops."""
+"""Surfaces displayed by a service's drum in an experiment: DECAFF, coupled walls, limits and stops."""
 
 import threading
 
@@ -21,11 +21,11 @@ from proximity.transport import Reading
 PATH = FingerPath(Glove())
 WALL = PATH.position(0.5)
 RATE, MS = 1000.0, 1_000_000
-IN, DEEP, OUT = 150, 1400, 1600  # ms: at the surface, leaving, away again
+IN, DEEP, OUT = 150, 1400, 1600  # ms: at the surface, leaving, away
 
 
 def depth_at(ms, depth):
-    """m past the surface: 30 mm away, in, held, and away again."""
+    """Return the depth in m past the surface: 30 mm away, in, held, and away again."""
     return float(
         np.interp(ms, [0, IN, IN + 60, DEEP, DEEP + 60, OUT], [-0.03, 0.0, depth, depth, 0.0, -0.03])
     )
@@ -46,7 +46,7 @@ def reading(ms, depth):
 def press(
     wall, stiffness, *, depth=0.004, latency=0.001, force=4.0, seconds=3.0, at=lambda display, ms: None
 ):
-    """Frames of a press that the drum is stepped through, and why it was stopped."""
+    """Present an interval while stepping the drum through a press; return the recorded result."""
     display, felt = DrumDisplay(RATE, gloves=[PAPER_DESIGN]), []
     display.step(reading(0, depth), 0)
     interval = Interval(wall, stiffness, 2.0, latency, 1500.0, 0.2)
@@ -67,7 +67,7 @@ def press(
 
 
 def held(felt):
-    """Mean force while the finger is deep, N; the drum's mass swings on a pad that has no damping here."""
+    """Mean force during the hold, N; the drum oscillates on the undamped pad."""
     return float(felt.frames["force"][(felt.frames["time"] > 0.4) & (felt.frames["time"] < 1.4)].mean())
 
 
@@ -77,11 +77,11 @@ def test_rigid_wall_of_the_drum_stands_at_the_surface():
     assert not felt.stopped
     assert held(felt) == pytest.approx(200.0 * 0.004, rel=0.05)  # the pad's
     assert abs(felt.frames["wall"][350]) < 3e-4
-    assert abs(felt.onset) < 0.02 and felt.frames["time"][-1] < 2.0  # over once it is left
+    assert abs(felt.onset) < 0.02 and felt.frames["time"][-1] < 2.0  # over once the finger has left
 
 
 def in_series(stiffness, depth=0.004):
-    """Force of a finger that is pressed in: the surface's spring behind the pad's, N."""
+    """Force of a pressed finger, N: the springs of surface and pad in series."""
     return depth / (1.0 / 200.0 + 1.0 / stiffness)
 
 
@@ -125,7 +125,7 @@ def test_emergency_stop_ends_the_interval_and_the_drum_retracts():
 
 
 def test_stop_before_an_interval_counts_as_well():
-    """Between the participant's "go on" and the first sample somebody stops."""
+    """A stop between the participant's "go on" and the first sample."""
     display = DrumDisplay(RATE)
     display.step(reading(0, 0.004), 0)
     display.stop("emergency stop")

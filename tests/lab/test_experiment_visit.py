@@ -1,4 +1,4 @@
-"""Visits: rows of a CSV file, what a crash costs, limits, and pseudonyms."""
+"""Visits: rows of a CSV file, data after a crash, limits, and pseudonyms."""
 
 import csv
 import getpass
@@ -120,7 +120,7 @@ def test_one_participant_is_run_by_one_program(design, folder):
 
 
 def test_force_beyond_the_limit_ends_the_trial_whatever_the_design_says(tmp_path, folder):
-    """A wall of 1000 N/m that is 10 ms late pushes back with more and more force."""
+    """A wall of 1000 N/m with 10 ms of delay is unstable, with increasing force."""
     text = SMALL.replace("stiffness = 200.0", "stiffness = 1000.0").replace(
         "latency = 0.003", "latency = 0.01"
     )

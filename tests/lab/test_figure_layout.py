@@ -1,4 +1,4 @@
-"""Figures at the widths of journals: no text leaves the page, and none covers another."""
+"""Figures at the widths of journals: texts are within the page and do not overlap."""
 
 from itertools import combinations
 
@@ -12,13 +12,13 @@ from proximity.lab.figures import (
     style,
 )
 
-WIDTHS = (0.086, 0.120, 0.178)  # m: a column, one and a half, and a page
-OVERLAP = 0.5  # pixels of 300 an inch that rounding may cost
+WIDTHS = (0.086, 0.120, 0.178)  # m: one column, one and a half, and a page
+OVERLAP = 0.5  # pixels at 300 per inch, for rounding
 
 
 @pytest.fixture(scope="module")
 def tables():
-    """Numbers of all figures, of few points where they come from simulated presses."""
+    """Return the tables of all figures, with few points if they need simulated presses."""
     with pytest.MonkeyPatch.context() as few:
         few.setattr(error_plots, "SPEEDS", (0.1, 1.0))
         few.setattr(error_plots, "LATENCIES", (1e-4, 0.040))
@@ -27,7 +27,7 @@ def tables():
 
 
 def drawn_texts(monkeypatch, draw, table, size, sheet):
-    """Texts that a figure draws, with their boxes, and the box of the page, in pixels."""
+    """Return the drawn texts with their boxes and the box of the page, in pixels."""
     texts, draw_text = {}, matplotlib.text.Text.draw
 
     def watch(text, renderer):
@@ -42,7 +42,7 @@ def drawn_texts(monkeypatch, draw, table, size, sheet):
 
 
 def check_texts(texts):
-    """Fail where a text leaves the page or covers another."""
+    """Assert that texts are within the page and do not overlap."""
     assert len(texts) > 5
     for words, box, page in texts:
         assert min(box.x0 - page.x0, page.x1 - box.x1, box.y0 - page.y0, page.y1 - box.y1) > -OVERLAP, words

@@ -1,4 +1,4 @@
-"""Backlash and latency that a calibration identifies: simulation, service and controller have them."""
+"""Identified backlash and latency, and their use by simulation, service and controller."""
 
 import math
 from dataclasses import replace
@@ -31,7 +31,7 @@ from proximity.lab.simulation.simulated_press import Setup, simulate
 from proximity.lab.simulation.sweeps import with_transmission
 
 GEAR51 = DRUMS["gear51"]
-NOWHERE = -1e9  # m, of a finger that touches nothing
+NOWHERE = -1e9  # m, position of a finger without contact
 
 
 def late(drum, latency):
@@ -46,14 +46,14 @@ def pressed(play, speed=0.1):
 @pytest.mark.parametrize("speed", [0.1, 0.5])
 @pytest.mark.parametrize("play", [0.5e-3, 1e-3, 2e-3])
 def test_finger_that_goes_back_leaves_the_link_behind_by_the_backlash(play, speed):
-    """It closes without a loss: the press is the same. Then the link stays until that is used up."""
+    """Closing has no backlash: the press is the same. On return the link stays until it is taken up."""
     tight, loose = pressed(0.0, speed), pressed(play, speed)
     pressing = tight.times < tight.press.release_time
     left = [int(np.flatnonzero(one.drum - one.link < 0.5e-3)[-1]) for one in (tight, loose)]
     behind = loose.link - loose.thimble
 
     np.testing.assert_allclose(loose.force[pressing], tight.force[pressing], atol=1e-6)
-    assert play < behind.max() < play + 0.6e-3  # and what the tension stretches that then pulls the link
+    assert play < behind.max() < play + 0.6e-3  # and the stretch by the tension that then pulls the link
     assert play - 0.05e-3 < tight.thimble[left[0]] - loose.thimble[left[1]] < play + 0.35e-3
     assert loose.times[left[1]] > tight.times[left[0]]
 
@@ -70,7 +70,7 @@ def test_service_loses_the_backlash_where_a_finger_turns():
 
 
 def swung(drum, torques, rate=SERVO_RATE):
-    """Angles of the simulated drum, by its encoder, as torques are commanded in force mode."""
+    """Return the simulated drum's angles, by its encoder, for torques commanded in force mode."""
     servo = replace(servo_for(drum, rate), force_gain=0.0, force_damping=0.0, force_slew=math.inf)
     served, angles = ServedDrum(drum, servo, 0.0), np.zeros(len(torques))
     for i, torque in enumerate(torques):
@@ -91,7 +91,7 @@ def test_torque_acts_later_by_the_latency_and_not_otherwise(samples):
 
 @pytest.mark.parametrize("latency", [0.5e-3, 1.23e-3, 5e-3])
 def test_chirp_of_the_simulated_drum_gives_its_latency_back(latency):
-    """Beside one sample of the servo and the loop of the current, which a drum without a latency has, too."""
+    """In addition to one sample of the servo and the current loop, which any drum has."""
     torques = free_chirp(GEAR51).torques(SERVO_RATE)
     times, found = np.arange(len(torques)) / SERVO_RATE, []
     for drum in (GEAR51, late(GEAR51, latency)):
@@ -105,7 +105,7 @@ def test_chirp_of_the_simulated_drum_gives_its_latency_back(latency):
 @pytest.mark.parametrize("name", DRUMS)
 @pytest.mark.parametrize("latency", [1e-3, 5e-3, MAX_LATENCY])
 def test_drum_with_a_latency_has_a_servo_that_settles_and_is_softer_for_it(name, latency):
-    """What is stable falls with the square of all that is late: that, a sample, and half a sample's hold."""
+    """Stiffness falls with the square of the total delay: latency, a sample, and half a sample of hold."""
     drum = late(DRUMS[name], latency)
     servo, slowest = servo_for(drum, SERVO_RATE), servo_for(late(DRUMS[name], MAX_LATENCY), SERVO_RATE)
     later = (latency + 1.5 * servo.period) / (MAX_LATENCY + 1.5 * servo.period)
@@ -116,7 +116,7 @@ def test_drum_with_a_latency_has_a_servo_that_settles_and_is_softer_for_it(name,
 
 
 def test_wall_is_softer_the_later_the_drum_acts():
-    """At 0.5 m/s: a drum of 5 ms gives way to the finger, and comes back by its integral."""
+    """At 0.5 m/s a drum with 5 ms yields to the finger and returns by its integral."""
     press, errors = Hand().press(0.5), []
     for latency in (0.0, 1e-3, 2e-3, 5e-3):
         errors.append(deviation(decaff(Hand(), press, Decaff(late(GEAR51, latency)))).error)
@@ -147,7 +147,7 @@ def test_latency_that_no_servo_bears_is_refused(tmp_path):
 
 
 def test_calibrated_drum_is_the_one_that_simulation_service_and_firmware_have(tmp_path):
-    """A simulated glove of 1 mm and 5 ms more than its design's hides: both are found, and then used."""
+    """A simulated glove with 1 mm and 5 ms more than its design: both are identified, and then used."""
     hidden = Glove(cable=replace(Glove().cable, backlash=1e-3), motor=Motor(latency=5e-3))
     simulated = SimulatedGlove(3, hidden)
     bench = Bench(simulated.instruments, Glove())

@@ -1,4 +1,4 @@
-"""One description of the drum on a hand: simulation, firmware and motors say the same of it."""
+"""Simulation, firmware and motors have the same description of the drum on a hand."""
 
 import ctypes
 import json
@@ -54,7 +54,7 @@ def test_gear_of_4_on_a_hand_is_a_soft_and_light_drum():
     [(4.0, (11.0, 15.7, 23.1, 38.7)), (10.0, (4.0, 6.7, 11.7, 21.7)), (400.0 * LEVER, (1.7, 4.2, 8.7, 17.6))],
 )
 def test_force_error_follows_from_the_total_gearing(ratio, errors):
-    """Reference, at 0.1 to 1 m/s and 1 ms; where its encoder counts makes a few tenths."""
+    """Reference, at 0.1 to 1 m/s and 1 ms; the phase of its encoder changes it by a few tenths."""
     drum = with_random_phases(paper_drum(ratio), 1)[0]
 
     found = 100.0 * sweeps.drum_row(Hand(), Decaff(drum)).errors
@@ -71,12 +71,12 @@ def test_torque_of_a_newton_is_one_number_for_firmware_motors_and_simulation(gea
     assert float(glove.lever(CONTACT_BEND)) / turns == pytest.approx(expected, rel=1e-12)
     assert DRUMS[gear].motor_torque(1.0) == path.drum.motor_torque(1.0) == pytest.approx(expected, rel=1e-12)
     scale = MotorScale(path, MotorSettings("motor", ratio=turns))
-    assert -scale.torque(1.0, angle) == pytest.approx(expected, rel=5e-5)  # by the slope between two rows
+    assert -scale.torque(1.0, angle) == pytest.approx(expected, rel=5e-5)  # the slope between two rows
 
 
 @pytest.mark.parametrize("gear", GEARS)
 def test_firmware_presses_with_its_newton_over_the_whole_bend(gear, tmp_path):
-    """The lever of the path there, not one for all, at flat hand, half bend and fist; the motor's limits."""
+    """With the path's lever at flat hand, half bend and fist, and the motor's limits."""
     glove = with_gear(Glove(), gear)
     path, drum, turns = FingerPath(glove), DRUMS[gear], glove.gear.ratio
     torque, speed = firmware_of(glove, tmp_path)
@@ -96,7 +96,7 @@ def test_firmware_presses_with_its_newton_over_the_whole_bend(gear, tmp_path):
 
 @pytest.mark.parametrize("gear", GEARS)
 def test_servo_is_one_and_the_same_at_the_motors_shaft_over_the_whole_bend(gear):
-    """What suits the drum at a bend is what suits it at half bend, as a motor has it that knows no bend."""
+    """Gains for the drum at a bend equal those at half bend, as for a motor that does not know the bend."""
     glove, numbers = with_gear(Glove(), gear), []
     for bend in (0.0, 0.25, CONTACT_BEND, 0.75, 1.0):
         drum = glove.tip_drum(bend)
@@ -112,7 +112,7 @@ def test_servo_is_one_and_the_same_at_the_motors_shaft_over_the_whole_bend(gear)
 @pytest.mark.parametrize("gear", GEARS)
 @pytest.mark.parametrize("bend", [0.05, 0.25, 0.95])
 def test_press_errs_at_any_bend_as_at_half_bend(gear, bend):
-    """So simulations keep the lever of half bend, and the firmware its servo's gains at the fingertip."""
+    """Simulations may keep the lever of half bend, and the firmware its servo's gains at the fingertip."""
     glove, errors = with_gear(Glove(), gear), []
     half = servo_for(glove.tip_drum(), SERVO_RATE)
     for drum, servo in (
@@ -128,7 +128,7 @@ def test_press_errs_at_any_bend_as_at_half_bend(gear, bend):
 
 @pytest.mark.parametrize("bend", [0.02, CONTACT_BEND, 0.9])
 def test_bump_has_no_more_than_its_energy_over_the_whole_bend(bend):
-    """At one speed for all bends it had a third more at the flat hand, where the drum weighs more."""
+    """Regression: with one speed for all bends it was a third higher at the flat hand, with more mass."""
     path = FingerPath(Glove())
     controller, angle = FingerController(path, SERVO_RATE), path.drum_angle(path.position(bend) + 1e-3)
     record = frame(1).records[0]
@@ -148,7 +148,7 @@ def test_bump_has_no_more_than_its_energy_over_the_whole_bend(bend):
 
 
 def firmware_of(glove, folder):
-    """Motor torque and speed of a glove by its controller in C, compiled as a library of its own."""
+    """Return functions for motor torque and speed of a glove, from its controller in C."""
     write_controller([glove], folder)
     sources = (folder / name for name in SOURCES)
     library = folder / "firmware.so"
@@ -163,7 +163,7 @@ def firmware_of(glove, folder):
 
 @pytest.mark.parametrize("bend", [0.05, 0.5, 0.95])
 def test_drum_weighs_over_the_whole_bend_what_its_rotor_moves(bend):
-    """Half of its mass times the square of the fingertip's speed is the rotor's own energy."""
+    """Half of its mass times the square of the fingertip's speed is the rotor's energy."""
     glove, step = Glove(), 1e-5
     along = float(glove.finger.path_length(bend - step, bend + step))
     turned = float(np.diff(glove.drum_angle([bend - step, bend + step]))[0]) * glove.gear.ratio
@@ -212,7 +212,7 @@ def test_design_is_read_as_it_was_written(glove):
 
 
 def test_drum_that_was_measured_is_the_one_that_is_simulated(tmp_path):
-    """Inertia and friction of the drum, behind the gear of the design that stands beside them."""
+    """Measured inertia and friction of the drum, with the design's gear."""
     design = with_gear(Glove(), "gear14")
     made = replace(read_calibration(glove_files.write(tmp_path / "glove.json")), design=design)
     write_calibration(tmp_path / "glove.json", replace(made, drum_inertia=3e-4, drum_friction=0.02))
@@ -238,9 +238,9 @@ def test_former_drum_is_refused_with_the_one_that_comes_nearest(name, now):
 
 
 def test_motor_is_one_that_overheats():
-    """20 N are eight times the torque that the motor bears at 14:1: it is hot in a fifth of a second."""
+    """20 N are eight times the continuous torque of the motor at 14:1: hot within a fifth of a second."""
     drum = DRUMS["gear14"]
     assert drum.overload_time(drum.continuous_force) == np.inf
-    heat = 1.0 - np.exp(-drum.overload_time(20.0) / drum.motor.heating_time)  # share of the final one
+    heat = 1.0 - np.exp(-drum.overload_time(20.0) / drum.motor.heating_time)  # share of the final temperature
     torque = 20.0 / (drum.turn * drum.gear.efficiency)
     assert heat * (torque / drum.motor.continuous_torque) ** 2 == pytest.approx(1.0)

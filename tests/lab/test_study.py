@@ -32,7 +32,7 @@ JOBS = {"press": press, "certificate": certificate}
 
 
 def values_of(*arguments, **options):
-    """The conditions of a study as their factors."""
+    """Return the conditions of a study as their factors."""
     return [condition.values for condition in study_of(*arguments, **options).conditions]
 
 
@@ -157,7 +157,7 @@ def test_certificate_holds_or_does_not():
 
 @pytest.fixture(scope="module", autouse=True)
 def cores(tmp_path_factory):
-    """Ray with two cores, begun once: that takes seconds."""
+    """Ray with two cores, started once: that takes seconds."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("PYTHONPATH", os.pathsep.join(IMPORT_PATHS))
         patched.setenv("STUDY_DONE", str(tmp_path_factory.mktemp("study") / "done.txt"))
@@ -167,12 +167,12 @@ def cores(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def nothing_done():
-    """Forget what earlier tests did."""
+    """Clear the record of earlier tests."""
     Path(os.environ["STUDY_DONE"]).write_text("")
 
 
 def done():
-    """How often each number was done."""
+    """Return the number of runs by number."""
     return Counter(map(int, Path(os.environ["STUDY_DONE"]).read_text().split()))
 
 
@@ -208,7 +208,7 @@ def test_interrupted_run_counts_the_rows_that_it_wrote(tmp_path):
     seen, study = [], study_of(tmp_path, f"number = {list(range(1000, 1099))}")
 
     def watch(progress):
-        if progress.done:  # a busy machine may say first that none has come yet
+        if progress.done:  # on a loaded machine the first report may have none
             seen.append(progress)
             if len(seen) == 1:
                 raise KeyboardInterrupt
@@ -257,7 +257,7 @@ print(ended.total, ended.earlier, ended.done)
 
 
 def program(study, out, pause):
-    """A run in another process, with a Ray of its own."""
+    """Start a run in another process, with its own Ray."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(IMPORT_PATHS), "STUDY_PAUSE": pause}
     return subprocess.Popen(
         [sys.executable, "-c", PROGRAM, str(study.path), str(out)], env=environment,
@@ -275,7 +275,7 @@ def test_killed_study_continues_and_no_condition_is_lost_or_in_two_files(tmp_pat
     killed.send_signal(signal.SIGKILL)
     killed.communicate()
     written = {row["number"] for row in read_rows(out, study.conditions)}
-    time.sleep(0.5)  # its workers end with it
+    time.sleep(0.5)  # its workers exit with it
     resumed = program(study, out, "0")
     said, wrong = resumed.communicate(timeout=120)
 
@@ -318,12 +318,12 @@ def test_library_that_is_not_installed_is_named(tmp_path, monkeypatch):
 
 def test_ray_sends_nothing_to_its_makers():
     assert os.environ["RAY_USAGE_STATS_ENABLED"] == "0"
-    usage = pytest.importorskip("ray._common.usage.usage_lib")  # where this version of Ray has it
+    usage = pytest.importorskip("ray._common.usage.usage_lib")  # in versions of Ray that have it
     assert not usage.usage_stats_enabled()
 
 
 def rows_for(study):
-    """Rows as a run writes them, without one."""
+    """Return rows as written by a run, without running."""
     return [
         {"key": one.key, **one.values, "failure": None, "square": one.values["number"] ** 2.0, "seconds": 1.0}
         for one in study.conditions
@@ -383,7 +383,7 @@ print("code ran in process", ray.get(ray.remote(os.getpid).remote()))
 
 @pytest.mark.slow
 def test_another_user_cannot_run_code_in_the_ray_of_a_study(tmp_path):
-    """Every address was bound, and whoever reached a port could have any code run."""
+    """Regression: it listened on all addresses, and any client of a port could run code."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
     environment |= {"PYTHONPATH": os.pathsep.join(IMPORT_PATHS), "RAY_AUTH_MODE": "disabled"}
     stranger = environment | {"HOME": str(tmp_path), "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}  # no token

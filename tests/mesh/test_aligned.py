@@ -1,4 +1,4 @@
-"""Memory for what questions read: where it begins, whose it is, and that huge pages are asked for."""
+"""Memory read by queries: alignment, ownership, and the request for huge pages."""
 
 import multiprocessing
 import re
@@ -52,7 +52,7 @@ def test_huge_pages_are_asked_for_where_they_fill():
 
 
 def _flags_of(address):
-    """Flags of the mapping that has an address."""
+    """Return the flags of the mapping that contains an address."""
     for each in re.split(r"\n(?=[0-9a-f]+-[0-9a-f]+ )", SMAPS.read_text()):
         first, last = (int(number, 16) for number in each.split(" ", 1)[0].split("-"))
         found = re.search(r"VmFlags: (.*)", each)

@@ -1,4 +1,4 @@
-"""Arrays as a file gives them, made into bodies."""
+"""Splitting arrays as read from a file into bodies."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def is_watertight(body):
 
 
 def with_faces(mesh, *more):
-    """The mesh with faces added."""
+    """Return the mesh with faces added."""
     return mesh[0], np.concatenate([mesh[1], more])
 
 
@@ -49,12 +49,12 @@ def both_sides(vertices, faces):
 
 
 def with_corner_on_an_edge(mesh, *more):
-    """The cube with a corner 8 in the middle of its edge 0-1, and faces added."""
+    """Return the cube with a vertex 8 in the middle of its edge 0-1, and faces added."""
     return np.concatenate([mesh[0], [[0.5, 0.0, 0.0]]]), np.concatenate([mesh[1], more])
 
 
 def junction():
-    """Corner 8 is on the edge 0-1 for the side below only; the face 0 1 8 has no area and fills the slit.
+    """Return a cube with vertex 8 on the edge 0-1 of one side only; the degenerate face 0 1 8 fills the slit.
 
     ::
 
@@ -70,7 +70,7 @@ def junction():
 
 
 def projective_plane():
-    """Of six vertices: every edge has two faces, and no inside comes of it."""
+    """Return six vertices with two faces at every edge that do not enclose an inside."""
     ring = [[0, k, k % 5 + 1] for k in range(1, 6)]
     faces = np.array([*ring, [1, 2, 4], [2, 3, 5], [3, 4, 1], [4, 5, 2], [5, 1, 3]])
     return np.random.default_rng(7).random((6, 3)), faces
@@ -84,7 +84,7 @@ def partly_turned():
 CUBE, SHEET, BALL = shapes.cube(), shapes.grid(1, 1), shapes.sphere(subdivisions=2)
 TURNED = np.random.default_rng(7).random(80) < 0.3
 MERGED = 3 * len(BALL[1]) - len(BALL[0])
-ONE_BODY = {  # a mesh; what was repaired; how many faces are left, as they were where all are; its volume
+ONE_BODY = {  # a mesh; repairs; number of remaining faces, or all unchanged; its volume
     "cube": (CUBE, Repairs(), 12, 1.0),
     "torus": (shapes.torus(), Repairs(), None, shapes.volume(*shapes.torus())),
     "sheet": (shapes.grid(), Repairs(), None, None),
@@ -135,7 +135,7 @@ def test_each_body_has_only_its_own_vertices_and_names_of_faces():
 @given(seed=st.integers(0, 10_000), is_rotated=st.booleans(), label_count=st.integers(1, 4))
 @settings(deadline=None, max_examples=40)
 def test_blocks_of_cells_come_apart_whatever_touches(seed, is_rotated, label_count):
-    """Random cells of a grid, those of one label that share a side being one body; coordinates in float32."""
+    """Random cells of a grid; cells of one label that share a side are a body; coordinates in float32."""
     rng = np.random.default_rng(seed)
     cells = rng.integers(0, label_count + 1, rng.integers(2, 5, 3))
     cells[0, 0, 0] = 1
@@ -168,7 +168,7 @@ def test_near_vertices_are_pulled_together_where_that_closes_the_body(scale):
 
 
 def test_thousands_of_vertices_at_one_tip_are_pulled_together():
-    """A double cone as triangles without common vertices: a tip is as many vertices as it has faces."""
+    """A double cone as triangles without shared vertices: each face has its own vertex at a tip."""
     ring = np.arange(2000)
     angle = 2.0 * np.pi * ring / len(ring)
     vertices = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
@@ -207,7 +207,7 @@ def test_near_vertices_stay_where_the_body_stays_open():
 
 
 def with_other_diagonals():
-    """The cube mirrored, with its side x = -1 cut along the other diagonal."""
+    """Return the mirrored cube, with its side x = -1 cut along the other diagonal."""
     faces = CUBE[1][:, ::-1].copy()
     faces[10:] = [[3, 5, 7], [3, 1, 5]]
     return CUBE[0] * [-1, 1, 1], faces
@@ -224,13 +224,13 @@ def with_a_wider_hole(mesh):
 
 
 def nested(*sizes):
-    """Cubes within each other, every second one inside out, the smallest first."""
+    """Return nested cubes, every second one inside out, the smallest first."""
     shells = [shapes.cube(size, center=(0, 0, 0)) for size in sizes]
     return [shapes.inside_out(shell) if k % 2 else shell for k, shell in enumerate(shells)][::-1]
 
 
 def with_a_t_junction():
-    """A cube whose lid has one vertex more along an edge than the wall below."""
+    """Return a cube whose lid has one more vertex along an edge than the wall below."""
     faces = [row for row in CUBE[1].tolist() if row != [0, 1, 5]] + [[0, 8, 5], [8, 1, 5]]
     return np.concatenate([CUBE[0], [[0.5, 0.0, 0.0]]]), np.array(faces)
 
@@ -244,7 +244,7 @@ def touching_cubes(offset):
 
 
 def loose(*meshes):
-    """As triangles without common vertices."""
+    """Return meshes as triangles without shared vertices."""
     return shapes.soup(*shapes.join(*meshes))
 
 
@@ -256,7 +256,7 @@ RING, BIG_BALL = shapes.torus(major_radius=4.0), shapes.sphere(2.0, subdivisions
 CAVITY = shapes.cube(0.2, (0.1, 0.2, 0.05))
 LEAF = both_sides(shapes.grid(2, 2)[0] @ shapes.rotation(3) * 0.1, shapes.grid(2, 2)[1])
 APART = {"rows": [[*range(12)], [*range(12, 24)]], "volumes": [1, 1], "is_watertight": [True, True]}
-BODIES = {  # a mesh; then what its bodies are: volumes, counts or rows of faces, whether closed, repairs
+BODIES = {  # a mesh; then its bodies: volumes, counts or rows of faces, whether closed, repairs
     **{f"cubes that touch at a {place}, {how}": (make(touching_cubes(offset)), APART)
        for place, offset in {"side": (1, 0, 0), "edge": (1, 1, 0), "corner": (1, 1, 1)}.items()
        for how, make in {
@@ -272,12 +272,12 @@ BODIES = {  # a mesh; then what its bodies are: volumes, counts or rows of faces
         {"volumes": [1, 1], "is_watertight": [True, True]}),
     "a slab that shares an edge with a cube and lies in its material stays whole": (
         loose(CUBE, shapes.box((0, 0, 0), (0.5, 1, 0.5))), {"volumes": [1, 0.25]}),
-    # By positions alone, no one can say whose which side is.
+    # By positions alone, the sides could belong to either.
     "closed bodies that vertex numbers keep apart stay apart": (
         in_other_order(shapes.join(CUBE, HALF)), {"sorted volumes": [0.5, 1], "is_watertight": [True, True]}),
     "a patch that shares only vertices with a closed body is a body of its own": (
         shapes.join(CUBE, FLAG), {"rows": [[*range(12)], [12]], "is_watertight": [True, False]}),
-    # Both cubes have a side in z = 0 with the same corners, running the same way.
+    # Both cubes have a side in z = 0 with the same corners and the same orientation.
     "a face that two overlapping bodies share is not a duplicate": (
         loose(CUBE, HALF), {"volumes": [1, 0.5], "is_watertight": [True, True]}),
     # A cube that occurs twice, a sheet at four of its corners, and a body at one.
@@ -285,7 +285,7 @@ BODIES = {  # a mesh; then what its bodies are: volumes, counts or rows of faces
         with_faces(shapes.join(CUBE, CUBE, CORNERS, shapes.moved(shapes.tetrahedron(), (1, 1, 1))),
                    [16, 16, 0], [16, 0, 1]),
         {"face_count": [12, 1, 4], "dropped_duplicate_count": [12, 0, 0], "dropped_sliver_count": [2, 0, 0]}),
-    # A millionth of the assembly is as large as the small cube's holes, and wider than it may bridge.
+    # A millionth of the assembly is as large as the small cube's holes, and above its welding tolerance.
     "a small body beside a large one is welded by its own measure": (
         shapes.join(with_a_wider_hole(loose(shapes.cube(1e-4, center=(0, 0, 0)))),
                     shapes.moved(shapes.open_box(), (1, 0, 0))),
@@ -297,7 +297,7 @@ BODIES = {  # a mesh; then what its bodies are: volumes, counts or rows of faces
         {"volumes": [1, 1], "turned_face_count": [1, 0]}),
     "a cavity belongs to the body around it": (
         loose(shapes.hollow_cube()), {"volumes": [26], "face_count": [24], "is_watertight": [True]}),
-    # Nested like dolls: each body takes the cavity next within it.
+    # Nested alternately: each body has the cavity next inside it.
     "a solid within a cavity is a body of its own": (
         shapes.join(*nested(*DOLLS)), {"volumes": [1, 27 - 8, 125 - 64]}),
     "an inside-out solid within a cavity is turned": (
@@ -309,11 +309,11 @@ BODIES = {  # a mesh; then what its bodies are: volumes, counts or rows of faces
            shapes.join(shapes.box((0, 0, 0), BLOCK), shapes.inside_out(shapes.box(lower, (1, 1, 1)))),
            {"volumes": [27 - np.prod(np.subtract(1, lower))]})
        for place, lower in {"corner": (0, 0, 0), "edge": (0, 0, 0.5), "side": (0, 0.5, 0.5)}.items()},
-    # What lies in it inside out is a body: a sheet bounds no material.
+    # An inverted mesh in it is a body: a sheet does not bound material.
     **{f"a box without its lid has no cavities, {how}": (
            shapes.join(sheet, SMALL), {"face_count": [10, 12], "is_turned_inside_out": [False, True]})
        for how, sheet in {"up": shapes.open_box(), "turned": shapes.inside_out(shapes.open_box())}.items()},
-    # By its box the cavity might lie in the torus; it lies in the ball within the hole of the torus.
+    # By its box the cavity might be in the torus; it is in the ball within the torus's hole.
     "a cavity goes to the smallest body around it whatever the boxes say": (
         shapes.join(shapes.inside_out(CAVITY), RING, BIG_BALL),
         {"sorted face_count": [len(BIG_BALL[1]) + 12, len(RING[1])]}),
@@ -325,7 +325,7 @@ BODIES = {  # a mesh; then what its bodies are: volumes, counts or rows of faces
 
 
 def read_of(body, name):
-    """What the *name* of a table's row means of a body."""
+    """Return the value named in a table's row for a body."""
     known = {"volumes": lambda: round(volume_of(body), 9), "rows": body.source_faces.tolist}
     if name in known:
         return known[name]()
@@ -357,7 +357,7 @@ def test_cubes_that_touch_come_apart_though_they_are_inside_out(offset, seed):
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("is_float32", [False, True])
 def test_cavity_that_lies_on_most_sides_of_its_body_belongs_to_it(seed, is_float32):
-    """A cut through the body, and one at its corner; turned, so that sides lie on each other to rounding."""
+    """A slot through the body, and one at its corner; rotated, so that sides coincide within rounding."""
     for lower, upper in [((0, 0.5, 0), (3, 1, 3)), ((0, 0, 0), (1, 1, 1))]:
         cavity = shapes.inside_out(shapes.box(lower, upper))
         vertices, faces = shapes.join(shapes.box((0, 0, 0), (3, 3, 3)), cavity)
@@ -368,7 +368,7 @@ def test_cavity_that_lies_on_most_sides_of_its_body_belongs_to_it(seed, is_float
 
 
 def sides_meshed_apart(mesh):
-    """The cube with four sides cut finer than the others, as a soup: no edge between the two fits."""
+    """Return a soup of the cube with four sides cut finer than the others: no edges between them match."""
     vertices, faces = mesh
     return shapes.soup(*shapes.join(shapes.quartered(vertices, faces[:4]), (vertices, faces[4:])))
 
@@ -400,7 +400,7 @@ def test_cavity_belongs_to_its_body_though_either_has_small_holes(hole, where, i
 
 
 def test_a_hole_is_counted_without_the_seams_that_a_weld_would_close():
-    """A cube that lacks a face stays open, so a corner of another face that is 1e-9 off is not welded."""
+    """Without a face the cube stays open, so a corner of another face, 1e-9 off, is not welded."""
     vertices, faces = shapes.soup(*shapes.cube())
     vertices[faces[11, 2]] += [1e-9, 0.0, 0.0]
     (body,) = split_bodies(vertices, faces[1:])
@@ -485,8 +485,9 @@ def _file(name):
 
 @pytest.mark.parametrize("is_soup", [False, True], ids=["as given", "soup"])
 def test_cycloidal_drive_comes_apart_into_closed_bodies(is_soup):
-    """Cut at every edge of four faces it falls into 119 pieces, of which two are open: a pin without
-    its end, and the flat end. The material round that rim makes them one, as the pin beside it is.
+    """Cut at edges of four faces it has 119 pieces; a pin without its end, and that end, are open.
+
+    Material around that rim makes them one, as for the neighbouring pin.
     """
     vertices, faces = _file("cycloidal.ply")
     bodies = split_bodies(*(shapes.soup(vertices, faces) if is_soup else (vertices, faces)))

@@ -1,4 +1,4 @@
-"""The tree over triangles: it holds together for any input, and the local frame does not round."""
+"""The tree over triangles: valid for any input, and exact conversion to the local frame."""
 
 from fractions import Fraction
 
@@ -23,7 +23,7 @@ from proximity.mesh.bvh import Bvh, build_bvh, local_frame
 
 
 def built(vertices, faces=None):
-    """The tree over a mesh, or over triangles (F, 3, 3), in its local frame, checked."""
+    """Return the checked tree over a mesh, or over triangles (F, 3, 3), in its local frame."""
     if faces is None:
         vertices, faces = vertices.reshape(-1, 3), np.arange(vertices.size // 3).reshape(-1, 3)
     vertices, faces = np.asarray(vertices, float), np.ascontiguousarray(faces, dtype=np.int32)
@@ -57,13 +57,13 @@ def test_one_face_is_a_root_with_one_leaf():
 
 
 def exponential_sizes(count):
-    """Triangles 1e-30 to 1 large, each at its size from the origin."""
+    """Return triangles of sizes 1e-30 to 1, each at its size from the origin."""
     scale = 10.0 ** np.linspace(-30, 0, count)
     return scale[:, None, None] * np.array([[1, 0, 0], [1, 1, 0], [1, 0, 1]]) * 0.9
 
 
 def nested_around_a_point(count):
-    """Boxes that all hold the origin: no plane separates any two."""
+    """Return triangles whose boxes all contain the origin: no plane separates two."""
     return 0.9 ** np.arange(count)[:, None, None] * np.array([[-1, -1, -1], [1, 1, 1], [1, -1, 1]], float)
 
 
@@ -94,10 +94,10 @@ def test_tree_holds_together_and_is_not_deep(name):
 
     assert depth <= MAX_DEPTH // 2
     if name == "copies of one triangle":
-        # No plane separates them: eight children a node, leaves of eight, log8(10000 / 8) levels and more.
+        # No plane separates them: eight children a node, leaves of eight, at least log8(10000 / 8) levels.
         assert depth <= 5
         assert 10_000 / LANES <= bvh.block_count <= 2 * 10_000 / LANES
-    # Leaves are filled well enough for the walk's eight lanes to be worth it.
+    # Leaves are filled well enough for eight lanes to be efficient.
     assert bvh.block_count <= len(triangles)
     assert bvh.node_count <= bvh.block_count
 
@@ -115,7 +115,7 @@ def test_ordinary_mesh_fills_its_leaves(mesh):
 def test_garbage_bits_make_a_tree():
     rng = np.random.default_rng(7)
     vertices = rng.integers(0, 2**64, (3000, 3), dtype=np.uint64).view(np.float64)
-    vertices = vertices[(np.abs(vertices) < 1e140).all(axis=1)]  # finite, and what `local_frame` takes
+    vertices = vertices[(np.abs(vertices) < 1e140).all(axis=1)]  # finite, and accepted by `local_frame`
     faces = rng.integers(0, len(vertices), (5000, 3))
 
     with np.errstate(under="ignore"):
@@ -291,7 +291,7 @@ def test_part_without_extent_is_moved_to_zero(value):
 def test_part_that_is_too_large_or_too_small_is_refused_with_the_limits(size, words):
     with pytest.raises(MeshError, match=words):
         local_frame(np.zeros(3), np.array([1.0 if size > 1.0 else 0.0, size, 0.0]))
-    local_frame(np.full(3, -1e150), np.full(3, 1e150))  # the limits themselves are taken
+    local_frame(np.full(3, -1e150), np.full(3, 1e150))  # the limits themselves are accepted
     local_frame(np.zeros(3), np.array([1e-150, 0.0, 0.0]))
 
 

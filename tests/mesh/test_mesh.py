@@ -1,4 +1,4 @@
-"""Meshes: what is taken, what is refused and with which words, and that nothing changes afterwards."""
+"""Meshes: accepted input, error messages for invalid input, and immutability."""
 
 import re
 
@@ -69,7 +69,7 @@ def test_vertices_that_cannot_be_used_are_refused(vertices, message):
         ([[0.0, 1.0, 2.5]], "faces have dtype float64, expected integers of shape (F, 3)"),
         ([[True, False, True]], "faces have dtype bool, expected integers of shape (F, 3)"),
         (
-            np.ma.array([[0, 1, 2]], mask=[[0, 0, 1]]),  # was: what the mask hides was taken for a vertex
+            np.ma.array([[0, 1, 2]], mask=[[0, 0, 1]]),  # masked entries are not vertex ids
             "some entries of faces are masked, expected a vertex at every corner",
         ),
         (np.array([[0, 1, None]], object), "faces hold None, expected integers of shape (F, 3)"),

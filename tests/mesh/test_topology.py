@@ -1,4 +1,4 @@
-"""Which faces meet at which edges, and what is wrong with a mesh, in numbers."""
+"""Faces at each edge, and the number of defects of a mesh."""
 
 import math
 
@@ -50,8 +50,8 @@ SOLID = dict.fromkeys(WRONG_EDGES, 0) | {
     "is_solid_by_manifold": True,
 }  # fmt: skip
 SHEET = shapes.grid(2, 2)
-# What is known of a mesh, of its topology, its diagnosis, or both; "lonely" and "contested" count edges of
-# faces without a neighbour, and with several.
+# Properties of a mesh, of its topology, diagnosis, or both; "lonely" and "contested" count edges of faces
+# without a neighbour, and with several.
 KNOWN = {
     **{f"closed: {len(mesh[1])} faces": (mesh, SOLID | {"edge_count": 3 * len(mesh[1]) // 2})
        for mesh in (shapes.tetrahedron(), shapes.cube(), shapes.hollow_cube(), shapes.sphere(subdivisions=1),
@@ -93,7 +93,7 @@ KNOWN = {
     "inside out": (
         shapes.inside_out(shapes.cube()),
         {"volume": -1.0, "is_watertight": True, "manifold_status": "NoError", "is_solid_by_manifold": False}),
-    # One whole-number offset: the coordinates stay exact, so the volume must too.
+    # One integer offset: coordinates stay exact, so the volume must too.
     "ten kilometres away": (shapes.moved(shapes.cube(0.5), (1e4, -1e4, 1e4)), {"volume": 0.125}),
     **{f"cube of {size} m": (
            shapes.cube(size, center=(0, 0, 0)),
@@ -170,7 +170,7 @@ def test_unused_vertices_do_not_count():
 
 
 def test_garbage_is_diagnosed_without_a_crash():
-    """manifold3d 3.5 crashes on some of these when it is asked."""
+    """manifold3d 3.5 crashes on some of these."""
     rng = np.random.default_rng(32)
     for _ in range(200):
         vertices = rng.integers(0, 3, (rng.integers(3, 9), 3)).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Clients in C++, JavaScript and C#: events make of their readers what they make of a `Subscriber`."""
+"""Clients in C++, JavaScript and C#: for the same events their readers equal a `Subscriber`."""
 
 import hashlib
 import re
@@ -36,7 +36,7 @@ def driver(request, tmp_path_factory):
 
 
 class Beside:
-    """A `Subscriber` and the events that a client is to meet as well."""
+    """A `Subscriber`, and its events for a client."""
 
     def __init__(self, shares_clock=True, is_keyed=False):
         self.clock, self.wire = Clock(), Wire(shares_clock)
@@ -67,7 +67,7 @@ class Beside:
                 assert found is expected, number
                 continue
             assert found[:2] == expected[:2], number
-            # Within two ns: how far clocks drift is rounded.
+            # Within 2 ns: the rate of the clocks is rounded.
             assert np.abs(np.subtract(found[2:4], expected[2:4])).max() <= 2, number
             same(found[4], expected[4])
             assert found[5]["is_known"].tolist() == [each is not None for each in expected[5]]
@@ -82,13 +82,13 @@ class Beside:
 
 def same(found, expected):
     for name in expected.dtype.names:
-        # Bounds change by 3 nm a µs at most: 2 ns are nothing.
+        # Bounds change by at most 3 nm per µs: 2 ns are negligible.
         close = {"rtol": 1e-9, "atol": 1e-7 if found.dtype[name].base.kind == "f" else 2}
         np.testing.assert_allclose(found[name], expected[name], err_msg=name, **close)
 
 
 def any_frame(rng, now):
-    """A frame that can be used, with numbers of all sorts."""
+    """Return a valid frame with random numbers."""
     message = frame(now, 4, valid_for=int(rng.choice([5, 20, 5000])) * MS, state=rng.choice(list(State)))
     contacts = message.records
     for name in contacts.dtype.names:
@@ -133,7 +133,7 @@ def test_bounds_and_states_are_those_of_a_subscriber(driver, tmp_path):
 
 @pytest.mark.parametrize("state", [State.OK, State.LATE])
 def test_late_contact_keeps_the_distance_of_its_pose(driver, state, tmp_path):
-    """A display that showed it flashed a lower bound of -32 mm between two pictures of 50 mm."""
+    """Regression: a display showed a lower bound of -32 mm between two pictures of 50 mm."""
     beside = Beside()
     beside.offer(sealed(frame(beside.clock.now, valid_for=20 * MS, state=state)))
     beside.look(40 * MS)
@@ -225,7 +225,7 @@ LONG = "64 bytes, the most that a name has in messages, and not one more"
     ],
 )
 def test_names_of_parts_are_those_of_a_subscriber_and_no_damage(driver, parts, known, tmp_path):
-    """A description was counted as a frame that is flawed, once a second."""
+    """Regression: a description counted as a defective frame, once a second."""
     beside = Beside()
     beside.offer(sealed(frame(beside.clock.now)))
     for number, (names, numbers) in enumerate(parts):
@@ -288,7 +288,7 @@ def test_frames_are_received(driver, has_key, key):
     words = ["listen", "127.0.0.1", port, "-", key if has_key else "-"]
     program = subprocess.Popen([*map(str, (*driver, *words))], stdout=subprocess.PIPE, text=True)
     option = f"?key={key}" if has_key else ""
-    timer = threading.Timer(PATIENCE, program.kill)  # who waits in vain for a line is let go
+    timer = threading.Timer(PATIENCE, program.kill)  # ends a wait for a missing line
     timer.start()
     try:
         assert program.stdout.readline() == "listening\n"
@@ -349,7 +349,7 @@ def test_key_that_cannot_be_used_is_told(driver, key):
     key.write_text("ab" * 31)
     assert ask(driver, *words, code=1) == f"the key {key} is not a key (expected 64 hexadecimal digits)\n"
     if "mono" in str(driver[0]):
-        return  # .NET of Unity's age cannot ask for permissions
+        return  # .NET of Unity's version cannot request permissions
     key.chmod(0o644)
     told = ask(driver, *words, code=1)
     assert told == f"the key {key} may be used by others (expected permissions 0600)\n"

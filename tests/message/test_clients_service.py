@@ -1,4 +1,4 @@
-"""Clients for other languages: their examples at a service, and their layout beside that of NumPy."""
+"""Clients for other languages: their examples with a service, and their layout compared with NumPy's."""
 
 import re
 import sys
@@ -41,7 +41,7 @@ POSIX = pytest.mark.skipif(sys.platform == "win32", reason="clients are built on
 @pytest.mark.slow
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_example_follows_a_finger_at_a_service(language, tmp_path):
-    """It comes down from 60 mm at 5 mm a second, for four seconds: to 40 mm. It writes ten lines a second."""
+    """It descends from 60 mm at 5 mm/s for four seconds, to 40 mm; the example writes ten lines a second."""
     folder = tmp_path / "client"
     write_client(language, folder)
     program = build(language, folder, example_source(language, folder), "example")
@@ -67,7 +67,7 @@ def test_example_follows_a_finger_at_a_service(language, tmp_path):
 @POSIX
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_example_without_a_service_says_so(language, tmp_path):
-    """It wrote STALE and an age of -0.0 ms, also with a key that was not the service's."""
+    """Regression: it wrote STALE and an age of -0.0 ms, also with a key other than the service's."""
     program = build(language, tmp_path, example_source(language, tmp_path), "example")
 
     lines = ask(program, free_port(), free_port(), 0.5).splitlines()
@@ -135,7 +135,7 @@ SIZES = {
 
 @pytest.mark.parametrize("name", RECORDS)
 def test_every_field_of_csharp_is_where_numpy_has_it(name):
-    """By the text alone: it holds where there is no compiler."""
+    """Parses the source text, so it runs without a compiler."""
     text, dtype = csharp_layout(), dtype_of(RECORDS[name][1])
     sizes = SIZES | {enum: SIZES[number] for enum, number in re.findall(r"public enum (\w+) : (\w+)", text)}
     size, body = re.search(

@@ -1,4 +1,4 @@
-"""Records begin as not given, in every language: a field that a sender leaves out is not a hand at rest."""
+"""Blank records in every language: fields that a sender omits are not a hand at rest."""
 
 import math
 
@@ -22,7 +22,7 @@ from proximity.message.csharp_layout import csharp_layout
 
 KINDS = (POSES, PATH_POSES, GLOVE_POSES, MOVES, MEASURED, ADDITIONS, DEFORMATIONS)
 FIRST_ROWS = ("corners", "vertices")
-"""Fields of which C sets the first row, which says that there is nothing."""
+"""Fields of which C sets only the first row, which marks the table as empty."""
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
@@ -38,7 +38,7 @@ def test_record_of_python_begins_as_not_given(kind):
 
 
 def printed_fields(record, kind):
-    """Lines of C that print each real of a record, those of tables by their first row."""
+    """Return lines of C that print each real of a record, and the first row of tables."""
     for name in kind.record.names:
         if kind.record[name].base.kind == "f":
             count = 3 if name in FIRST_ROWS else math.prod(kind.record[name].shape)

@@ -1,4 +1,4 @@
-"""What messages are wrapped in: layout, numbers, checksum, and every way in which bytes are no message."""
+"""The envelope of messages: layout, numbers, checksum, and rejection of invalid bytes."""
 
 import struct
 import zlib
@@ -45,7 +45,7 @@ def as_array(data):
 
 
 def resealed(data):
-    """Bytes with a checksum that fits, whatever else is wrong."""
+    """Return the bytes with a valid checksum."""
     return data[:4] + struct.pack("<I", zlib.crc32(data[8:])) + data[8:]
 
 

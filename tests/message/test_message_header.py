@@ -1,4 +1,4 @@
-"""``proximity_message.h``: what the compiler makes of it, against NumPy and the Python it stands for."""
+"""``proximity_message.h``, compiled, against NumPy and the corresponding Python code."""
 
 import ctypes
 import hashlib
@@ -117,7 +117,7 @@ def library(folder):
 
 
 def printed(folder, name, lines):
-    """Lines of words that a program of these statements prints."""
+    """Run a program of these statements; return its output as lines of words."""
     source = folder / f"{name}.c"
     body = "\n".join(["#include <stdio.h>", '#include "proximity_message.h"', "int main(void)", "{", *lines])
     source.write_text(f"{body}\nreturn 0;\n}}\n", encoding="ascii")
@@ -235,7 +235,7 @@ def tag_in_c(library, key, data):
 
 @pytest.mark.parametrize("key", KEYS)
 def test_tag_is_that_of_hashlib(library, key):
-    """Every length to beyond the fourth block, and those of messages."""
+    """All lengths up to the fourth block, and those of messages."""
     data = np.random.default_rng(7).bytes(70_000)
     for size in [*range(301), 408, 1736, 2**16 - 1, 2**16, 65_491]:
         expected = hashlib.blake2s(data[:size], key=key, digest_size=16).digest()
@@ -272,7 +272,7 @@ def test_key_is_read_from_its_text(library, text, is_key):
 
 
 def test_what_c_seals_and_tags_is_taken_over_udp(library, tmp_path):
-    """Poses may come from a program in C."""
+    """A program in C may send poses."""
     path, message = tmp_path / "poses.key", Message(POSES, 2)
     write_key(str(path))
     port = free_port()
@@ -342,7 +342,7 @@ def test_lower_bounds_are_those_of_python(
     )
 )
 def test_clock_is_that_of_python(library, steps):
-    """Messages that are sent and arrive, each so much later than the one before; some begin a new run."""
+    """Messages with random intervals between sending and arrivals; some begin a new run."""
     library.clock_reset()
     clock, sent, now, session = ForeignClock(), NOW, 0, 2**63
     for sent_later, now_later, begun in steps:
@@ -367,7 +367,7 @@ def test_clock_is_that_of_python(library, steps):
     )
 )
 def test_clock_is_that_of_python_after_mistakes_and_restarts(library, rows):
-    """Rows of messages whose first is stamped too early or too late, or all of them are."""
+    """Series of messages of which the first, or all, have a wrong timestamp."""
     library.clock_reset()
     clock, now, session = ForeignClock(), 0, 2**63
     for count, period, wrong, is_for_good, begun in rows:

@@ -1,4 +1,4 @@
-"""The receiver in C: compiled with all warnings, run against publishers, faults on the wire, and silence."""
+"""The receiver in C: compiled with all warnings, run with publishers, transmission errors, and silence."""
 
 import contextlib
 import re
@@ -38,7 +38,7 @@ def program(tmp_path_factory):
 
 
 class Receiver:
-    """The program as it runs."""
+    """The running program."""
 
     def __init__(self, program, *words):
         self.process = subprocess.Popen(
@@ -47,7 +47,7 @@ class Receiver:
         self.lines = []
 
     def read_until(self, pattern):
-        """Lines up to the first that has the pattern; that match."""
+        """Read lines up to the first match of the pattern; return the match."""
         for line in self.process.stdout:
             self.lines.append(line.rstrip("\n"))
             if found := re.search(pattern, line):
@@ -55,7 +55,7 @@ class Receiver:
         raise AssertionError(f"{pattern} never came: {self.lines[-20:]}")
 
     def stop(self):
-        """End it; what it counted."""
+        """Stop the program; return its counts."""
         self.process.send_signal(signal.SIGTERM)
         rest, errors = self.process.communicate(timeout=PATIENCE)
         self.lines += rest.splitlines()
@@ -72,7 +72,7 @@ def port():
 @contextlib.contextmanager
 def listening(program, port, here="127.0.0.1", sender="127.0.0.1", *rest):
     receiver = Receiver(program, here, port, sender, *rest)
-    # Who waits in vain for a line is let go.
+    # End a wait for a missing line.
     timer = threading.Timer(PATIENCE, receiver.process.kill)
     timer.start()
     try:
@@ -95,7 +95,7 @@ def throw(port, *datagrams, source="127.0.0.1"):
 
 
 def complaint(program, *words, code):
-    """What it says when it cannot begin."""
+    """Return the error message of a failed start."""
     done = subprocess.run([program, *map(str, words)], capture_output=True, text=True, timeout=PATIENCE)
     assert (done.returncode, done.stdout) == (code, "")
     return done.stderr.removeprefix("receiver: ").rstrip()
@@ -106,7 +106,7 @@ def test_frames_are_told_while_they_are_valid(program, port):
         for number in range(5):
             message = frame(time.monotonic_ns(), 2, distance=0.0164, valid_for=900 * MS)
             message.records["time_to_contact"], message.records["time_to_contact_lower"] = 0.041, 0.0405
-            message.records["flags"][1] = 0  # not tracked: nothing is told of it
+            message.records["flags"][1] = 0  # not tracked: not reported
             publisher.publish(message)
             found = receiver.read_until(rf"^{number} OK age (\S+) ms(.*)$")
             assert 1.0 <= float(found[1]) <= 900.0
@@ -122,7 +122,7 @@ def test_old_frame_becomes_a_falling_bound_and_then_nothing(program, port):
     message.records["velocity"][1], message.records["part_velocity"][2] = (0.5, 0, 0), (0, 0, 1)
     late = []
     with listening(program, port) as receiver, open_publisher(f"udp://127.0.0.1:{port}") as publisher:
-        while not late and publisher.sequence < 20:  # a busy machine may oversleep all of it
+        while not late and publisher.sequence < 20:  # a loaded machine may miss this phase
             now, number = time.monotonic_ns(), publisher.sequence
             message.header["pose_ns"] = message.header["publish_ns"] = message.records["pose_ns"] = now
             message.header["valid_until_ns"], message.records["predicted_ns"] = now + 50 * MS, now + MS
@@ -138,7 +138,7 @@ def test_old_frame_becomes_a_falling_bound_and_then_nothing(program, port):
         contacts = message.records.copy()
         widen(contacts, now + round(age * MS), 3.0, 120.0)
         told = [float(bound) for _, bound in re.findall(FINGER, line)]
-        # The age is told to a microsecond, the bound to a micrometre.
+        # The age has a precision of 1 µs, the bound of 1 µm.
         assert told == pytest.approx((1e3 * contacts["lower"]).tolist(), abs=0.02)
         bounds.append(told)
     assert late, receiver.lines
@@ -204,7 +204,7 @@ def test_publisher_that_starts_anew_is_followed(program, port):
 
 
 def test_publisher_elsewhere_is_believed_when_its_clock_has_been_seen_to_run(program, port):
-    """The address of another machine, which sends from here; its clock is an hour ahead."""
+    """The address of another machine, used from here; its clock is an hour ahead."""
     ahead, here = 3600 * 1000 * MS, own_address()
     with listening(program, port, here, here) as receiver:
         with publishing(
@@ -221,7 +221,7 @@ def test_publisher_elsewhere_is_believed_when_its_clock_has_been_seen_to_run(pro
 
 
 def own_address():
-    """An address of this machine that is not loopback, found without sending anything."""
+    """Return an address of this machine other than loopback, found without sending."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(("192.0.2.1", 9))
@@ -276,7 +276,7 @@ def test_with_a_key_recordings_are_old_however_long_it_was_silent(program, key, 
     with listening(program, port, "127.0.0.1", "127.0.0.1", key) as receiver:
         throw(port, *recorded, *recorded, later)
         receiver.read_until("^20 ")
-        time.sleep(1.1)  # after a second without a key another run would be believed
+        time.sleep(1.1)  # without a key another run would be accepted after a second
         throw(port, *(tagged(sealed(message, *numbers), key) for numbers in ((30, 100), (21, 200))))
         receiver.read_until("^21 ")
         counts = receiver.stop()

@@ -1,4 +1,4 @@
-"""Receivers in every language decide alike which messages are used: by one table."""
+"""Receivers in all languages accept the same messages, by one table."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Entry points take what their signatures declare, and say what is wrong with anything else."""
+"""Entry points accept arguments of their signatures, and report errors in others."""
 
 import gc
 
@@ -93,7 +93,7 @@ def test_bundles_are_made_of_arrays_as_declared_and_keep_them():
         signed_batch((), np.zeros((1, 3)), np.zeros(0, np.int64), np.zeros(1), np.zeros((1, 1)))
 
     packed = Solid(*shapes.cube()).snapshot().packed
-    gc.collect()  # the model is gone, its arrays are not
+    gc.collect()  # the model is freed, its arrays are not
     distances = np.empty((1, 1))
     signed_batch(packed, np.array([[0.5, 0.5, 2.0]]), np.zeros(0, np.int64), np.full(1, np.inf), distances)
     assert distances[0, 0] == 1.0
@@ -111,18 +111,18 @@ def test_arrays_that_a_kernel_made_are_freed_with_their_last_view():
     points = np.random.default_rng(7).random((100_000, 3))
     view = morton_order(points)[10:]
     gc.collect()
-    assert sorted(view.tolist())[-1] == 99_999  # still there
+    assert sorted(view.tolist())[-1] == 99_999  # still valid
 
     import resource
 
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    for _ in range(200):  # 160 MB if they stayed
+    for _ in range(200):  # 160 MB if they leaked
         morton_order(points)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000
 
 
 def refused(error, call, given):
-    """Ask what is answered by an error."""
+    """Call with an invalid argument; expect that error."""
     with pytest.raises(error):
         call(given)
 

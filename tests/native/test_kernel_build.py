@@ -1,4 +1,4 @@
-"""The build of kernels: the same bytes from the same sources, and nothing that may not be there."""
+"""The build of kernels: reproducible bytes, without unwanted content."""
 
 import importlib.util
 import os
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(
 
 
 def build(*options: str) -> str:
-    """What the tool prints."""
+    """Run the tool; return its output."""
     done = subprocess.run(
         [sys.executable, TOOL, *options], capture_output=True, text=True, timeout=900, check=False
     )
@@ -40,7 +40,7 @@ def test_building_again_gives_the_same_bytes(tmp_path):
     assert installed.name in {path.name for path in made}
     for path in made:
         assert path.read_bytes() == (native_folder / path.name).read_bytes(), path.name
-    assert b"site-packages" not in installed.read_bytes()  # nor does it tell where it was made
+    assert b"site-packages" not in installed.read_bytes()  # nor does it contain the path of the build
 
 
 def test_what_there_is_is_told_without_building():

@@ -1,4 +1,4 @@
-"""Where kernels come from: objects, numba, or plain Python; always the same answers."""
+"""Kernels from objects, numba, or plain Python: always the same answers."""
 
 import os
 import shutil
@@ -41,7 +41,7 @@ ahead = pytest.mark.skipif(not native.IS_AHEAD, reason="no kernels compiled ahea
 
 
 def run(program: str, root: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a program with the package of that checkout, and those variables."""
+    """Run a program with that checkout's package and these variables."""
     kept = {
         name: value
         for name, value in os.environ.items()
@@ -49,7 +49,7 @@ def run(program: str, root: Path = ROOT, **environment: str) -> subprocess.Compl
     }
     return subprocess.run(
         [sys.executable, "-c", program],
-        cwd=root,  # which comes before the variable
+        cwd=root,  # precedes the variable
         env=kept | {"PYTHONPATH": str(root)} | environment,
         capture_output=True,
         text=True,
@@ -59,7 +59,7 @@ def run(program: str, root: Path = ROOT, **environment: str) -> subprocess.Compl
 
 
 def answer(**environment: str) -> list[str]:
-    """The mode, and the digest of some answers."""
+    """Return the mode and the digest of some answers."""
     done = run(ANSWER.format(mesh=str(ROOT / "meshes" / "bracket.stl")), **environment)
     assert done.returncode == 0, done.stderr
     return done.stdout.split()
@@ -139,7 +139,7 @@ def test_interpreted_kernels_are_plain_functions():
 
 
 def test_kernels_in_the_temporary_folder_are_in_one_that_nobody_else_can_have_made(tmp_path, monkeypatch):
-    """It was a folder that anybody could make before us, with pickles in it; others' folders were removed."""
+    """Regression: another user could create the folder first, with pickles; others' folders were removed."""
     jit = pytest.importorskip("proximity.native.jit")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(jit.numba.config, "CACHE_DIR", "")

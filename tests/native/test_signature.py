@@ -1,4 +1,4 @@
-"""Signatures of entry points: what is written is what is meant, and mistakes are refused by name."""
+"""Signatures of entry points: declared types, and errors that name the mistake."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from proximity.native.signature import ANY_LENGTH, BUNDLES, Array, Scalar, bundl
 
 
 class Pair(NamedTuple):
-    """Two arrays."""
+    """A bundle of two arrays."""
 
     first: np.ndarray
     second: np.ndarray

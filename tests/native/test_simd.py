@@ -1,4 +1,4 @@
-"""Every operation of the eight-lane vectors against NumPy, lane by lane and to the bit, compiled or not."""
+"""All operations of the eight-lane vectors against NumPy, bit by bit in each lane, compiled or not."""
 
 import os
 import subprocess
@@ -49,13 +49,13 @@ VECTOR_RESULTS = [
 ]  # fmt: skip
 MASK_RESULTS = ["lt", "le", "gt", "ge", "eq", "and", "or", "xor", "not"]
 
-# No contraction, no reordering: the flags that kernels use.
+# Without contraction or reordering: the flags of kernels.
 compiled = numba.njit(boundscheck=False, error_model="numpy")
 
 
 @compiled
 def vector_results(a, b, c, out, masks):
-    """Rows of *out* (11, N) and *masks* (9, N / 8), in the order of the names above."""
+    """Compute rows of *out* (11, N) and *masks* (9, N / 8), in the order of the names above."""
     for at in range(0, len(a), LANES):
         x, y, z = load(a, at), load(b, at), load(c, at)
         store(out[0], at, x + y)
@@ -79,7 +79,7 @@ def vector_results(a, b, c, out, masks):
 
 @compiled
 def scalar_results(a, b, c, out):
-    """The functions that take plain floats as well."""
+    """Compute the rows of functions that also accept plain floats."""
     for i in range(len(a)):
         x, y, z = a[i], b[i], c[i]
         out[5, i] = minimum(x, y)
@@ -91,16 +91,16 @@ def scalar_results(a, b, c, out):
 
 
 def expected_fma(x, y, z, dtype):
-    """a b + c rounded once, from fractions."""
+    """Return a b + c rounded once, from fractions."""
     with np.errstate(all="ignore"):
         if not np.isfinite([x, y]).all():
             return x * y + z
         if not np.isfinite(z):
-            return z  # the product is finite before it is rounded
+            return z  # the product is finite before rounding
         exact = Fraction(float(x)) * Fraction(float(y)) + Fraction(float(z))
         if exact == 0:
             return dtype(float(x) * float(y) + float(z))
-        # The nearest number with that many bits, down to the smallest denormal; `round` takes ties to even.
+        # The nearest number with that many bits, down to the smallest denormal; `round` rounds ties to even.
         info = np.finfo(dtype)
         exponent = len(bin(abs(exact.numerator))) - len(bin(exact.denominator))
         exponent -= abs(exact) < Fraction(2) ** exponent
@@ -143,7 +143,7 @@ def expected_masks(name, a, b, c):
 
 
 def assert_same_bits(found, expected):
-    """Equal to the sign of zero; one NaN is as good as another."""
+    """Assert equality including the sign of zero; all NaNs are equal."""
     found, expected = np.asarray(found), np.asarray(expected)
     assert found.dtype == expected.dtype
     differs = ~(
@@ -170,7 +170,7 @@ def operands(request):
     reach = 30 if dtype is np.float32 else 300
     sizes = dtype(10.0) ** rng.uniform(-reach, reach, (3, 400)).astype(dtype)
     wild = sizes * rng.normal(size=(3, 400)).astype(dtype)
-    # Products that the third number almost cancels: where one rounding and two differ.
+    # Products that the third number nearly cancels: one rounding differs from two.
     near = rng.normal(size=(2, 401)).astype(dtype)
     a, b = (np.concatenate([old, wild[k], near[k]]) for k, old in enumerate((a, b)))
     c = np.concatenate([c, wild[2], -near[0] * near[1]])
@@ -349,7 +349,7 @@ def test_horizontal_min_and_lane_take_the_right_lanes(dtype):
 
 @compiled
 def each_of(values, sums, minima):
-    """The eight rows of *values* (64,) as vectors."""
+    """Apply the reductions to the eight rows of *values* (64,) as vectors."""
     a, b, c, d = load(values, 0), load(values, 8), load(values, 16), load(values, 24)
     e, f, g, h = load(values, 32), load(values, 40), load(values, 48), load(values, 56)
     store(sums, 0, lane_sums(a, b, c, d, e, f, g, h))
@@ -392,7 +392,7 @@ def test_prefetch_changes_nothing():
 
 
 ROWS = [99, 3, 0, 20, 20, 7, 33, 11, 34]
-"""Two before where rows of four begin in an array of 40; the first is not asked for, one of them twice."""
+"""Two before the rows of four in an array of 40; the first is unused, one is repeated."""
 
 
 @compiled
@@ -468,7 +468,7 @@ def test_nearest_lane_is_the_smallest_chosen_one_but_for_three_bits():
 
         assert chosen[nearest]
         assert it == 1 << nearest
-        # The three lowest bits make room for the lane.
+        # The three lowest bits contain the lane.
         assert bounds[nearest].view(np.int32) & ~7 == bounds[chosen].min().view(np.int32) & ~7
 
 
@@ -502,7 +502,7 @@ def test_prefetch_is_an_instruction_of_the_compiled_code():
     (code,) = fetched.inspect_llvm().values()
     calls = [line for line in code.splitlines() if "call void @llvm.prefetch" in line]
 
-    # To be read, kept in all caches, data.
+    # Arguments: read, keep in all caches, data.
     assert len(calls) >= 2 and all("i32 0, i32 3, i32 1)" in line for line in calls)
 
 

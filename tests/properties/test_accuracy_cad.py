@@ -1,4 +1,4 @@
-"""Real parts: distances against brute force, and no wrong sign, body by body, however near the surface."""
+"""Real parts: distances against brute force, and correct signs of each body at any distance."""
 
 from functools import cache
 
@@ -14,10 +14,10 @@ from proximity.scene.sign import SignMethod
 pytestmark = pytest.mark.skipif(
     not SHARED_DATA.is_dir(), reason="the real parts (shared/data beside the project) are not here"
 )
-STEP = pytest.param("box_sides.STEP", marks=pytest.mark.processes)  # which a process converts
+STEP = pytest.param("box_sides.STEP", marks=pytest.mark.processes)  # converted by a process
 FILES = ["featuretype.STL", "cycloidal.ply", STEP, "octagonal_pocket.stl", "busted.STL"]
 OFFSETS = (1e-9, 1e-6, 1e-3, 1e-2)  # of the diagonal
-PAIRS = 700_000  # of query and face that the oracle is asked about, for one file
+PAIRS = 700_000  # query and face pairs for the oracle, per file
 
 
 @cache
@@ -52,7 +52,7 @@ def around(solid, count, seed):
 
 
 def budget(scene, part):
-    """Queries for one part, so that a file takes its share of time and every part a few."""
+    """Number of queries for one part: each file takes its share of time, and each part a few."""
     face_count = part.solid.mesh.face_count
     return int(np.clip(PAIRS / len(scene.parts) / face_count, 6, 400))
 
@@ -72,7 +72,7 @@ def test_distance_of_real_parts_agrees_with_brute_force(name):
 
 @pytest.mark.parametrize("name", FILES)
 def test_sign_of_real_parts_agrees_with_the_winding_number(name):
-    """Where the body is closed the winding number is an integer, and the side is beyond doubt."""
+    """For closed bodies the winding number is an integer, which makes the sign unambiguous."""
     scene = scene_of(name)
     asked = 0
 
@@ -86,7 +86,7 @@ def test_sign_of_real_parts_agrees_with_the_winding_number(name):
             for side in (-1.0, 1.0):
                 points = base + side * offset * diagonal(solid) * normals
                 turns = oracle.winding_number(solid.mesh.vertices, solid.mesh.faces, points)
-                # Coordinates are rounded: a point may come to lie on a neighbour of the face it left.
+                # Rounding of coordinates may move a point onto a neighbour of its face.
                 is_off = np.abs(turns - np.rint(turns)) < 0.25
                 signed, inside = solid.signed_distance(points), solid.contains(points)
                 is_off &= np.abs(signed) > 1e-12 * diagonal(solid)
@@ -98,7 +98,7 @@ def test_sign_of_real_parts_agrees_with_the_winding_number(name):
 
 
 def test_cycloidal_is_bodies_with_an_inside_and_no_more_than_a_sheet_without():
-    """How it is cut into bodies is tested with `bodies`; here, that only what is open has no sign."""
+    """The division into bodies is tested with `bodies`; here, only open ones have no sign."""
     scene = scene_of("cycloidal.ply")
 
     unsigned = [part.solid for part in scene.parts if not part.solid.has_inside]

@@ -1,4 +1,4 @@
-"""Real hands: where their fingers are predicted, against where they were recorded a little later."""
+"""Recorded hands: predicted positions compared with positions recorded shortly after."""
 
 from functools import cache
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.internals
 
 @cache
 def recordings():
-    """Times (s) and places (m) of each finger of all recordings."""
+    """Times (s) and positions (m) of each finger of all recordings."""
     fingers = []
     for path in RECORDED_HANDS:
         rows = np.loadtxt(path, delimiter=",", skiprows=1)
@@ -26,11 +26,11 @@ def recordings():
 
 
 def predictions(h):
-    """How far each recorded pose, held and predicted, is from the place *h* later; its bound; two choices.
+    """Errors of each pose, held and predicted, *h* later; the predicted bound; two masks.
 
-    The recording is interpolated linearly; where it has a gap of more than 30 ms until then, nothing is
-    compared. A pose is *moving* when the last difference is faster than 0.1 m/s, and *clean* when its
-    velocity is known and no tracking jump lies between the pose before it and the place compared with.
+    The recording is interpolated linearly; poses before a gap of more than 30 ms are skipped. A pose is
+    *moving* when the last difference is faster than 0.1 m/s, and *clean* when its velocity is known and no
+    tracking jump lies between the previous pose and the compared position.
     """
     found = []
     for times, places in recordings():
@@ -64,7 +64,7 @@ def test_recorded_fingers_are_predicted_over_nine_milliseconds():
 
     assert len(held) > 15_000 and is_moving.sum() > 7_500 and (~is_clean).sum() < 20
     assert np.quantile(held[is_moving], 0.95) == pytest.approx(8.54e-3, abs=0.05e-3)
-    # jumps included; and over all poses, at rest as well
+    # including jumps; and for all poses, including those at rest
     assert 2.4e-3 < np.quantile(error[is_moving], 0.95) <= 2.6e-3
     assert 1.9e-3 < np.quantile(error, 0.95) <= 2.1e-3
 

@@ -1,4 +1,4 @@
-"""Threads that ask at once, a process forked after asking, and memory for a million points."""
+"""Concurrent queries by threads, queries in a forked process, and memory for a million points."""
 
 import multiprocessing
 import os
@@ -46,7 +46,7 @@ def test_threads_that_ask_one_scene_at_once_get_the_same_answers():
 
 
 def test_threads_may_ask_right_after_a_move():
-    """The first questions put the scene's small tree in order; all of them must see the part moved."""
+    """The first queries update the scene's dynamic tree; all of them must use the part's new pose."""
     points = some_points(200, 3)
     solids = [part.solid for part in SCENE.parts]
     for turn in range(5):
@@ -70,7 +70,7 @@ def test_threads_may_ask_right_after_a_move():
     ["closest", "signed_distance", "distance", "contains", "cast", "cast_distance", "closest_to_segments"],
 )
 def test_a_question_is_answered_as_of_one_moment_though_parts_move_meanwhile(monkeypatch, ask):
-    """What nobody holds is written anew when parts move: a question must hold what it looks at."""
+    """Unreferenced copies are overwritten when parts move: a query must keep a reference to its data."""
     scene = Scene([part.solid for part in SCENE.parts])
     points, turn = some_points(40, 5), np.arange(9.0)
     points[:9] = np.column_stack(
@@ -119,7 +119,7 @@ def test_two_threads_may_ask_a_solid_for_the_first_time_since_its_part_was_defor
 
 
 def test_the_interpreter_goes_on_while_a_thread_asks():
-    """The lock is released: counting beside a long question is not held up until it is answered."""
+    """Queries release the GIL: a counter runs concurrently with a long query."""
     points = some_points(MILLION, 4)
     asking = threading.Thread(target=SCENE.signed_distance, args=(points,))
     turns, longest = 0, 0.0
@@ -194,12 +194,12 @@ print(right == 24 * [True], [child.exitcode for child in children], np.array_equ
     "fork" not in multiprocessing.get_all_start_methods(), reason="processes are not forked here"
 )
 def test_forked_processes_go_on_asking():
-    """In a process of its own, since a fork copies the threads' locks and not the threads."""
+    """In a separate process, since a fork copies the threads' locks, but not the threads."""
     assert _output_of(FORK) == f"True {24 * [0]} True\n"
 
 
 def _output_of(program):
-    """What a program prints, in a process of its own that says nothing on stderr."""
+    """Run a program in a separate process without output on stderr; return its output."""
     result = subprocess.run(
         [sys.executable, "-W", "ignore::DeprecationWarning", "-c", program],
         capture_output=True,
@@ -216,7 +216,7 @@ def _environment():
 
 
 def peak_growth(ask):
-    """Bytes by which the process grew at most while it was asked."""
+    """Peak growth of the process during a call, in bytes."""
     process = psutil.Process()
     before = process.memory_info().rss
     peak, is_done = [before], threading.Event()
@@ -240,7 +240,7 @@ def peak_growth(ask):
 @pytest.mark.parametrize("workers", [2])
 @pytest.mark.parametrize(
     "query, bytes_a_point",
-    # The answer itself, and 24 bytes for the order to walk in; a quarter more for what is left lying about.
+    # The result, 24 bytes for the order of traversal, and a quarter more for temporary data.
     [("signed_distance", 8 + 24), ("closest", 96 + 24)],
 )
 def test_memory_for_a_million_points_is_bounded(query, bytes_a_point, workers):

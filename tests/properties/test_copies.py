@@ -1,4 +1,4 @@
-"""Copies of solids, parts and scenes, in memory or sent to another process: each stands by itself."""
+"""Copies of solids, parts and scenes, in memory or sent to another process, are independent."""
 
 import copy
 import gc
@@ -35,7 +35,7 @@ def places(count=300):
 
 
 def litter():
-    """Take the memory that has been given back."""
+    """Reuse freed memory."""
     gc.collect()
     return [Solid(*shapes.sphere(1.0 + k, 3)) for k in range(20)]
 
@@ -107,7 +107,7 @@ def test_what_happens_to_a_copy_of_a_scene_does_not_happen_to_the_scene(copied):
 
 
 def distance_of(solid, point):
-    """In the other process."""
+    """Return a distance in the other process."""
     return float(solid.distance(point))
 
 

@@ -1,4 +1,4 @@
-"""The cases that break engines of this kind, one test a row, through the public door."""
+"""Degenerate cases that break engines of this kind, one test each, through the public API."""
 
 import judging
 import numpy as np
@@ -16,7 +16,7 @@ POINTS = np.random.default_rng(7).uniform(-2.0, 2.0, (200, 3))
 
 
 def assert_is_right(vertices, faces, points=POINTS):
-    """Distances and answers of a mesh, whatever it is, against the oracle."""
+    """Compare distances and results of any mesh with the oracle."""
     solid = Solid(vertices, faces)
     hit = solid.closest(points)
     judging.assert_distance_is_right(hit.signed_distance, vertices, faces, points)
@@ -44,7 +44,7 @@ def test_query_on_an_edge():
 
 
 def test_query_on_a_diagonal_within_a_side():
-    """An edge too, but a flat one."""
+    """The diagonal is an edge between coplanar faces."""
     hit = CUBE.closest((0.5, 0.5, 1.0))
 
     assert hit.signed_distance == 0.0
@@ -52,7 +52,7 @@ def test_query_on_a_diagonal_within_a_side():
 
 
 def test_query_at_the_centre_of_a_sphere():
-    """All faces are as near: the walk must look at them all, and find the true least."""
+    """All faces are equally near: the traversal must test them all and find the true minimum."""
     vertices, faces = shapes.sphere(subdivisions=4)
 
     hit = Solid(vertices, faces).closest((0.0, 0.0, 0.0))
@@ -82,7 +82,7 @@ def test_where_no_way_leads_out_the_gradient_is_zero_on_the_surface_and_a_unit_b
 
 @pytest.mark.parametrize("offset", [1e-15, 1e-12, 1e-9])
 def test_query_a_hair_beside_every_feature_has_the_right_side(offset):
-    """Along the pseudo-normal of corners, edges and faces of a body with edges of both kinds."""
+    """Along the pseudo-normals of corners, edges and faces of a body with convex and concave edges."""
     solid = Solid(*shapes.hollow_cube())
     on_surface = solid.closest(np.concatenate([solid.mesh.vertices, POINTS]))
     step = offset * on_surface.gradient
@@ -143,11 +143,11 @@ def test_duplicate_faces():
 
 
 def test_ten_thousand_copies_of_one_face():
-    """All centroids are equal: the tree must end, and stay shallow."""
+    """All centroids are equal: building must end, with a shallow tree."""
     solid = Solid([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.tile([[0, 1, 2]], (10_000, 1)))
 
     assert solid.distance((0.25, 0.25, 2.0)) == 2.0
-    # A surface is told to be no closed one, without going through all of them for every query.
+    # The surface is recognised as open without testing all faces in every query.
     assert solid.bvh.block_count <= 2500
 
 
@@ -160,7 +160,7 @@ def test_faces_nested_about_one_centroid():
 
 
 def test_needles_of_all_lengths():
-    """Where the textbook formula is off by most of the distance."""
+    """The textbook formula is off by most of the distance here."""
     rng = np.random.default_rng(8)
     length = 10.0 ** rng.uniform(-6.0, 0.0, (300, 1))
     start, way = rng.uniform(-1.0, 1.0, (300, 3)), rng.normal(size=(300, 3))
@@ -177,7 +177,7 @@ def test_coordinates_near_a_million_metres():
 
 
 def test_part_of_a_millimetre_ten_kilometres_away():
-    """To the bit: 2^-10 m and 2^14 m add up without rounding."""
+    """Bitwise equal: 2^-10 m and 2^14 m add without rounding."""
     vertices, faces = shapes.cube()
     scale, offset = 2.0**-10, np.array([2.0**14, -(2.0**13), 0.0])
     points = np.round(POINTS * 2.0**20) / 2.0**20
@@ -205,7 +205,7 @@ def test_part_beyond_any_size_is_refused(size, extent):
 
 
 def test_part_flat_to_one_layer_of_numbers():
-    """A plate whose thickness is one step of float64 at its place."""
+    """A plate whose thickness is one step of float64 at its position."""
     step = np.spacing(1.0)
     solid = assert_is_right(*shapes.box((0.0, 0.0, 1.0), (1.0, 1.0, 1.0 + step)))
 
@@ -213,7 +213,7 @@ def test_part_flat_to_one_layer_of_numbers():
 
 
 def test_garbage_is_built_and_asked_without_harm():
-    """Random bit patterns as coordinates, indices anywhere: what can be refused is, the rest answers."""
+    """Random bit patterns as coordinates and any indices: invalid meshes are refused, others work."""
     rng = np.random.default_rng(9)
     for _ in range(30):
         vertices = rng.integers(0, 2**64, (40, 3), np.uint64).view(np.float64)

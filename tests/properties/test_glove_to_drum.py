@@ -1,4 +1,4 @@
-"""The whole way of a bend: calibration file, potentiometer, service, contact, drum."""
+"""End-to-end path of a bend: calibration file, potentiometer, service, contact, drum."""
 
 import math
 
@@ -25,7 +25,7 @@ TURN, KNUCKLE = turn_about_axes((20.0, -35.0, 50.0)), np.array([0.3, -0.2, 1.1])
 PLANE_BEND = 0.174204922
 """Bend at which the pad touches the plane y = -45 mm of the finger's frame (reference value)."""
 MM_AN_ANGLE = 0.1
-"""m of fingertip a radian of the drum, about (reference value): 0.3 mm may a touch-off disagree by."""
+"""Approximate fingertip displacement per drum angle, m/rad (reference value)."""
 SCENE = """
 [[parts]]
 file = "{meshes}/box.stl"
@@ -37,7 +37,7 @@ calibration = "glove.json"
 
 
 def counts_read(bend):
-    """What the potentiometer of the hand as it is reads, in whole counts."""
+    """Reading of the true hand's potentiometer, in whole counts."""
     return float(glove_files.HAND.counts(bend))
 
 
@@ -49,7 +49,7 @@ def glove_and_ways(tmp_path, request):
 
 
 def test_drum_stands_where_the_finger_of_the_calibrated_glove_touches(glove_and_ways, monkeypatch):
-    """A finger closes on a plane at 0.4 bends a second; what comes in are counts and the knuckle's pose."""
+    """A finger closes on a plane at 0.4 bends per second; the inputs are counts and the knuckle's pose."""
     glove, ways = glove_and_ways
     queue = QueueInlet()
     monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)

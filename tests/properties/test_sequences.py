@@ -1,6 +1,6 @@
-"""Scenes that share solids: whatever is done to them in whatever order, every answer is right.
+"""Random sequences of changes to scenes that share solids: every result is correct after each step.
 
-Each sequence is drawn from one number. Truth is what the oracle says of meshes that are kept here.
+Each sequence follows from one seed. The reference is the oracle on separate copies of the meshes.
 """
 
 import copy
@@ -23,13 +23,13 @@ from proximity.tracker.tracker import Tracker
 MESHES = [shapes.tetrahedron(), shapes.cube(), shapes.hollow_cube(), shapes.sphere(0.7, 2), shapes.grid(2, 1)]
 STEPS = 30
 FINGERS = 4
-MANY = 9  # models held, as slow questions of other threads would: more than a scene has copies
+MANY = 9  # snapshots kept, as by slow queries of other threads: more than a scene has copies
 BUDGETS = (3, 40, 10**6)
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What a part is, as it was told."""
+    """The expected state of a part."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -47,7 +47,7 @@ class Shape:
 
 
 class Cell:
-    """A scene, what it must be, and the trackers that look at it."""
+    """A scene, its expected state, and its trackers."""
 
     def __init__(self, scene, known, rng):
         self.scene, self.known, self.rng, self.held = scene, known, rng, []
@@ -57,7 +57,7 @@ class Cell:
         ]
 
     def step(self, folder):
-        """Do something; a copy of the scene, if that is what was done."""
+        """Apply a random change; return a copy of the scene if the change is copying."""
         rng, scene, known = self.rng, self.scene, self.known
         name = str(rng.choice(list(known)))
         shape, kind = known[name], int(rng.integers(10))
@@ -102,7 +102,7 @@ class Cell:
         return proximity.load(folder / "cell.prox")
 
     def judge(self, step):
-        """Ask, and tick."""
+        """Query the scene and tick the trackers."""
         rng = self.rng
         shapes_here = list(self.known.values())
         assert [part.name for part in self.scene.parts] == list(self.known)
@@ -130,7 +130,7 @@ class Cell:
             assert judging.is_near(told["signed_distance"], true - 0.1, room)[is_exact].all()
 
     def _judge_surface(self, parts, faces, points, room):
-        """Points lie on the faces that are told, of parts that are seen."""
+        """Check that points lie on the reported faces of visible parts."""
         room = np.broadcast_to(room, len(points))
         for row in np.flatnonzero(parts >= 0):
             shape = list(self.known.values())[parts[row]]
@@ -140,7 +140,7 @@ class Cell:
 
 
 def _assert_is_still(solid, shape):
-    """Whoever holds a solid that is not the part's any more has its shape."""
+    """Check that a solid detached from its part keeps its shape."""
     points = shape.vertices[:5] + np.array([0.1, -0.2, 0.3])
     judging.assert_distance_is_right(solid.distance(points), shape.vertices, shape.faces, points)
 

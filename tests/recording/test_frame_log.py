@@ -1,4 +1,4 @@
-"""Frame logs: what is appended is read back; what a crash or a full or bad disk does is found and told."""
+"""Frame logs: frames are read back; damage by crashes and full or failing disks is found and reported."""
 
 import errno
 import os
@@ -24,7 +24,7 @@ def path(tmp_path):
 
 
 def append(path, data, size=SIZE):
-    """Write frames of one size through a log, and return the log, closed."""
+    """Write frames of one size through a log; return the closed log."""
     with FrameLog(path) as log:
         for start in range(0, len(data), size):
             log.append(np.frombuffer(data[start : start + size], np.uint8))
@@ -32,7 +32,7 @@ def append(path, data, size=SIZE):
 
 
 def read(path):
-    """A reader that has read all, and what it gave: (session, sequence, number of fingers) of each frame."""
+    """Return an exhausted reader, and (session, sequence, number of fingers) of each frame."""
     reader, found = FrameReader(path), []
     for frames in reader:
         contacts = frames["contacts"]
@@ -113,7 +113,7 @@ def test_flipped_bit_costs_its_frame_only(path):
 @pytest.mark.parametrize("chunk", [5, 1000, 1 << 22])
 def test_every_damaged_place_is_counted(path, monkeypatch, chunk):
     monkeypatch.setattr(frame_reader, "READ_BYTES", chunk)
-    # a torn frame that claims what follows, a lone magic, noise, zeros as a power failure leaves them
+    # a torn frame that claims the next ones, a lone magic, noise, zeros as after a power failure
     first, second = sealed([5], count=3)[:100], b"DEC" + b"DECF" * 3 + bytes(50) + b"DE"
     path.write_bytes(sealed([0]) + first + sealed([1, 2]) + second + sealed([3]) + bytes(600))
 
@@ -140,7 +140,7 @@ def test_frames_of_another_version_are_left_out_and_counted(path):
 
 
 def test_frames_are_told_as_the_message_itself_tells_them():
-    """The quick look into a log and `validate` are of one mind, whatever was changed, sealed or not."""
+    """The fast validation of a log agrees with `validate` for any change of bytes, resealed or not."""
     rng = np.random.default_rng(11)
     verdicts = set()
     for _ in range(2000):
@@ -281,7 +281,7 @@ def test_killed_writer_loses_at_most_the_frame_being_written(path):
 
 @pytest.fixture
 def limit_size():
-    """Let files grow no larger than this; None: as large as before."""
+    """Limit the size of files; None: the former limit."""
     resource = pytest.importorskip("resource")  # the interpreter ignores SIGXFSZ: a write fails instead
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
 
@@ -305,7 +305,7 @@ def test_full_disk_leaves_whole_frames_and_writing_goes_on_when_there_is_room(pa
         ):
             log.append(frames[2])
         limit_size(None)
-        for sequence in range(3, 6):  # left out, untried
+        for sequence in range(3, 6):  # skipped without an attempt
             with pytest.raises(RecordingError, match="after 2 frames"):
                 log.append(frames[sequence])
         assert (log.frame_count, log.lost_count) == (2, 4)
@@ -328,7 +328,7 @@ def test_frame_that_is_taken_in_pieces_is_whole(path, monkeypatch):
 
 
 def test_what_could_not_be_cut_back_is_skipped(path, monkeypatch):
-    """A drive that takes half a frame, no more, and then not even cuts."""
+    """A drive that writes half a frame, and then fails to truncate."""
     write, cut = os.write, os.ftruncate
 
     def half(file, data):

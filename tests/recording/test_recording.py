@@ -1,4 +1,4 @@
-"""Recordings: what is read, what is refused and by which line, what resampling may invent; logs."""
+"""Recordings: reading, errors with their line, limits of resampling; logs."""
 
 import make_recording
 import numpy as np
@@ -16,7 +16,7 @@ PLAIN = HEADER + "0.0,0,0,1,2,3\n0.0,0,1,4,5,6\n0.01,0,0,1.5,2,3\n0.02,0,0,2,2,3
 
 @pytest.fixture
 def read(tmp_path):
-    """Read a recording of this content."""
+    """Read a recording with this content."""
 
     def read_content(content):
         path = tmp_path / "hand.csv"
@@ -27,7 +27,7 @@ def read(tmp_path):
 
 
 def recording_of(times_s, points, *, fingers=((0, 1),)):
-    """One finger, or several; points (T, 3) or (T, N, 3)."""
+    """Return a recording of one or several fingers; points (T, 3) or (T, N, 3)."""
     times_ns = np.rint(np.array(times_s) * 1e9).astype(np.int64)
     return Recording(times_ns, np.array(points, dtype=float).reshape(len(times_s), -1, 3), fingers)
 
@@ -44,12 +44,12 @@ def test_samples_become_instants_and_fingers(read):
 
 
 def hand_lines(time, points, hand=0):
-    """Lines of a hand of five fingers."""
+    """Return lines of a hand of five fingers."""
     return "".join(f"{time},{hand},{k},{','.join(map(str, p))}\n" for k, p in enumerate(points))
 
 
 def test_hand_that_is_lost_at_the_origin_touches_nothing(read):
-    """Its five fingers, all at (0, 0, 0), were trusted: five touches 8.8 mm deep."""
+    """Regression: its five fingers, all at (0, 0, 0), were used: five touches 8.8 mm deep."""
     there = [(0.01 * k, 0.02, 0.3) for k in range(5)]
     lost = [(0.0, 0.0, 0.0)] * 5
     recording = read(HEADER + hand_lines(0.0, there) + hand_lines(0.01, lost) + hand_lines(0.01, there, 1))
@@ -67,12 +67,12 @@ def test_two_fingers_that_touch_are_not_lost(read):
 
 @pytest.mark.parametrize("cut", ["", "1", ".", "0.0"])
 def test_last_line_without_its_end_is_said_to_be_cut_perhaps(read, cut):
-    """A number that is cut is a number: 0.03 may have become 0.0, and tell of a touch that never was."""
+    """A truncated number is valid: 0.03 may have become 0.0, and show a touch that did not occur."""
     whole = HEADER + "0.0,0,0,1,2,3\n0.01,0,0,1,2,4"
     try:
         recording = read(whole + "\n0.02,0,0,1,2," + cut if cut else whole)
     except RecordingError:
-        assert cut == "."  # no numbers
+        assert cut == "."  # not numbers
         return
 
     assert recording.notes == ("the last line has no line end: the file may be cut off",)
@@ -267,7 +267,7 @@ def test_fitting_puts_the_middle_of_the_hand_in_the_middle_of_the_box():
 
 
 def test_generated_recording_is_what_the_script_makes():
-    """Byte for byte; or, with another libm, the same positions but for the last digit."""
+    """Byte for byte; or, with another libm, the same positions except for the last digit."""
     kept = (make_recording.FOLDER / make_recording.NAME).read_bytes()
     made = make_recording.recording_bytes()
     if kept != made:
@@ -284,7 +284,7 @@ def test_generated_recording_is_small_and_has_what_sensors_do():
     assert (make_recording.FOLDER / make_recording.NAME).stat().st_size < 200_000
     assert recording.fingers == tuple((0, finger) for finger in range(5))
     assert 4.0 < recording.duration_s < 6.0
-    assert recording.gap_count() == 6  # all five once, the little finger once more
+    assert recording.gap_count() == 6  # all five once, the little finger a second time
     steps = np.linalg.norm(np.diff(recording.positions, axis=0), axis=2)
     assert (steps > 0.05).any(axis=1).sum() == 2  # there and back
 

@@ -1,4 +1,4 @@
-"""Compiled scenes: what comes back is what was saved, bit for bit, or nothing does."""
+"""Compiled scenes: loading restores the saved scene bit for bit, or fails."""
 
 import dataclasses
 import errno
@@ -117,7 +117,7 @@ def saved(scene, folder, name="cell.prox"):
 
 
 def bits(value):
-    """Something that is equal where every bit is."""
+    """Convert a value for bitwise comparison."""
     if dataclasses.is_dataclass(value):
         return {field.name: bits(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, results._Record):
@@ -128,7 +128,7 @@ def bits(value):
 
 
 def answers(asked, seed=5):
-    """All that can be asked, about points near and far, in bits."""
+    """Results of every query about points near and far, as bits."""
     rng = np.random.default_rng(seed)
     lower, upper = asked.bounds
     points = rng.uniform(lower - 0.02, np.minimum(upper, lower + 0.4) + 0.02, (300, 3))
@@ -158,7 +158,7 @@ OF_SOLIDS = (
 
 
 def described(scene):
-    """All that a user sees of the parts, in bits."""
+    """All public data of the parts, as bits."""
     owners = {"part": OF_PARTS, "solid": OF_SOLIDS, "pose": ("rotation", "translation")}
     return [
         {
@@ -172,7 +172,7 @@ def described(scene):
 
 
 def mapped_file(array):
-    """The file that an array's memory is, or None."""
+    """The file mapped to an array's memory, or None."""
     while array is not None:
         if isinstance(array, np.memmap):
             return Path(array.filename)
@@ -210,7 +210,7 @@ def test_parts_of_a_loaded_scene_move(tmp_path):
 
 
 class Held(Queries):
-    """What a model answers that somebody has kept."""
+    """Queries of a fixed snapshot of a scene."""
 
     def __init__(self, scene):
         self.model, self.bounds = scene.snapshot(), scene.bounds
@@ -220,7 +220,7 @@ class Held(Queries):
 
 
 def test_question_under_way_is_not_disturbed_by_a_loaded_scene_that_moves(tmp_path):
-    """The scene that is saved uses a later copy of what moves, and of the static tree."""
+    """The saved scene uses a later copy of the moving parts and of the static tree."""
     scene = parts_with_poses()
     first = Held(scene)
     scene.move("part 0", Pose(translation=(0.1, 0.1, 0.0)))
@@ -287,7 +287,7 @@ def test_solid_in_two_parts_stays_one_and_odd_names_and_numbers_come_back(tmp_pa
 
 
 def test_every_field_of_a_part_is_saved():
-    """A field that is added to `Part` takes a line in `compiled._FIELDS`."""
+    """A new field of `Part` must be added to `compiled._FIELDS`."""
     fields = {field.name for field in dataclasses.fields(Part)}
     assert fields == {*compiled_scene._FIELDS, "solid", "pose", "source_faces"}
 
@@ -311,14 +311,14 @@ def test_folder_and_missing_file_are_told_as_for_any_file(tmp_path):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """The bytes of a compiled scene of three parts."""
+    """Bytes of a compiled scene of three parts."""
     scene = every_kind_of_sign()
     return saved(Scene(scene.parts[:3]), tmp_path_factory.mktemp("whole")).read_bytes()
 
 
 @pytest.fixture
 def refused(tmp_path):
-    """Load these bytes; returns the reason why that is refused, without the file's name."""
+    """Load bytes; return the error message without the file's name."""
 
     def load(data, name="cell.prox"):
         path = tmp_path / name
@@ -338,7 +338,7 @@ def document_of(data):
 
 
 def sections(data):
-    """Name, first and last byte of everything in a file."""
+    """Name, first and last byte of every section of a file."""
     head = archive.HEADER.size + archive.HEADER.unpack_from(data)[4]
     arrays = document_of(data)["arrays"]
     starts = [0, archive.HEADER.size, *(entry["offset"] + head for entry in arrays)]
@@ -347,7 +347,7 @@ def sections(data):
 
 
 def remade(data, *, header=None, document=None):
-    """The file with other fields in its header, or another description, and the right checksums."""
+    """Replace header fields or the description of a file and update the checksums."""
     fields = list(archive.HEADER.unpack_from(data))
     text = data[archive.HEADER.size : archive.HEADER.size + fields[4]]
     rest = data[archive.HEADER.size + fields[4] :]
@@ -362,7 +362,7 @@ def remade(data, *, header=None, document=None):
 
 
 def test_remade_file_is_a_file(whole, tmp_path):
-    """Guards the tests below: what they change is all that is wrong."""
+    """Check the function that the tests below rely on: without changes its file is valid."""
     (tmp_path / "a.prox").write_bytes(remade(whole, document=document_of(whole)))
     assert remade(whole) == whole
     assert len(proximity.load(tmp_path / "a.prox").parts) == 3
@@ -394,7 +394,7 @@ def test_flipped_bit_is_found_wherever_it_is(whole, refused):
 
 
 def described_anew(data, *path, to):
-    """The file whose description has one entry replaced (or removed, for None)."""
+    """Replace one entry of a file's description (None removes it)."""
     document = entry = document_of(data)
     for key in path[:-1]:
         entry = entry[key]
@@ -406,7 +406,7 @@ def described_anew(data, *path, to):
 
 
 def reshaped(data):
-    """The file whose frames are twice as many, and half as wide."""
+    """Double the count of a file's frames and halve their width."""
     (row,) = (k for k, entry in enumerate(document_of(data)["arrays"]) if entry["name"] == "frames")
     count, width = document_of(data)["arrays"][row]["shape"]
     return described_anew(data, "arrays", row, "shape", to=[2 * count, width // 2])
@@ -536,7 +536,7 @@ def test_source_faces_that_are_none_are_told(rows, told, tmp_path):
 
 
 def test_scene_that_moves_while_it_is_saved_is_saved_as_it_stood(tmp_path, monkeypatch):
-    """Models of later moments are written beside the one that is being saved, in the same memory."""
+    """Later models are written next to the saved one, in the same memory."""
     scene = Scene(
         [Solid(*shapes.moved(shapes.cube(), (3.0 * row, 0.0, 0.0)), name=str(row)) for row in range(9)]
     )

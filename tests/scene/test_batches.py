@@ -1,4 +1,4 @@
-"""Batches in slices, and scenes that several threads ask and move."""
+"""Sliced batches, and scenes queried and moved by several threads."""
 
 import json
 import subprocess
@@ -94,7 +94,7 @@ print(json.dumps(report))
 
 @pytest.mark.processes
 def test_batch_of_slow_rows_is_interrupted_long_before_its_end():
-    """The whole would take ten seconds; the scene answers as before, and threads are gone."""
+    """The batch would take ten seconds; afterwards the scene still works, and no thread is left."""
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED], cwd=SUPPORT, capture_output=True, text=True, timeout=100
     )
@@ -111,7 +111,7 @@ STEPS = 400
 
 
 def two_cubes_among_others():
-    """Cubes "left" and "right", one above the other as they move; the others are far away."""
+    """Cubes "left" and "right", one above the other while they move; the other parts are far away."""
     parts = [Solid(*shapes.cube(), name="left"), Solid(*shapes.cube(), name="right")]
     return Scene(
         parts
@@ -121,7 +121,7 @@ def two_cubes_among_others():
 
 @pytest.mark.parametrize("point_count", [6, 600])
 def test_answers_while_parts_move_are_those_of_one_moment(point_count):
-    """Both cubes are moved together, so that a point between them is as far from one as from the other."""
+    """Both cubes move together, so that a point between them stays equally far from both."""
     scene = two_cubes_among_others()
     poses = [
         np.array(

@@ -1,4 +1,4 @@
-"""The clearance between two parts, beside shapes that are known and another library."""
+"""The clearance between two parts, compared with known shapes and another library."""
 
 import threading
 from itertools import combinations
@@ -49,7 +49,7 @@ def test_it_is_what_another_library_finds(seed):
 
     assert found.distance == pytest.approx(
         solids[0].min_gap(solids[1], FAR), abs=1e-7
-    )  # it computes in float32
+    )  # float32 arithmetic
     apart = np.linalg.norm(found.point_on_second - found.point_on_first)
     assert found.distance == pytest.approx(apart, abs=1e-15)
     assert scene.clearance("b", "a").distance == found.distance
@@ -92,7 +92,7 @@ def test_a_part_that_is_not_there_is_named():
 
 
 def brute_force_clearance(one, other, count=41):
-    """The smallest distance of points on a grid over every face of each part from the other part."""
+    """The smallest distance from a grid of points on every face of each part to the other part."""
     shares = np.linspace(0.0, 1.0, count)
     first, second = (each[np.add.outer(shares, shares) <= 1.0] for each in np.meshgrid(shares, shares))
     weights = np.stack([1.0 - first - second, first, second], axis=1)
@@ -107,7 +107,7 @@ def clearance_of(one, other):
 
 
 def test_a_small_box_above_a_large_plate_is_as_far_as_its_bottom():
-    """It was "ValueError: attempt to get argmin of an empty sequence"."""
+    """Regression: raised "ValueError: attempt to get argmin of an empty sequence"."""
     plate = shapes.box((0.0, 0.0, -0.01), (1.0, 1.0, 0.0))
     box = shapes.box((0.123, 0.046, 0.002), (0.133, 0.056, 0.012))
 
@@ -119,7 +119,7 @@ def test_a_small_box_above_a_large_plate_is_as_far_as_its_bottom():
 
 
 def test_a_second_body_inside_the_other_part_is_found():
-    """It was the gap between surfaces, 49 mm."""
+    """Regression: returned the gap between the surfaces, 49 mm."""
     two = shapes.join(shapes.cube(0.002, (1.0, 0.0, 0.0)), shapes.cube(0.002, (0.0, 0.0, 0.0)))
     around = shapes.cube(0.1, (0.0, 0.0, 0.0))
 
@@ -130,7 +130,7 @@ def test_a_second_body_inside_the_other_part_is_found():
 
 
 def test_an_unused_vertex_inside_the_other_part_is_no_contact():
-    """It was 0 m."""
+    """Regression: returned 0 m."""
     vertices, faces = shapes.cube(0.1, (0.3, 0.0, 0.0))
     unused = np.concatenate([[[0.0, 0.0, 0.0]], vertices]), faces + 1
 
@@ -159,7 +159,7 @@ def single(*corners, name):
 
 
 def nearest_by_projection(first, second, rounds=3000):
-    """The distance of two triangles: a point goes to and fro between the nearest points of both."""
+    """Distance of two triangles by alternating projection of a point."""
     one, other = (Solid(each, [[0, 1, 2]]) for each in (first, second))
     point = first.mean(axis=0)
     for _ in range(rounds):
@@ -191,14 +191,14 @@ FLAT = ((0, 0, 0), (1, 0, 0), (0, 1, 0))
     ("other", "distance"),
     [
         (((0, 0, 0.5), (1, 0, 0.5), (0, 1, 0.5)), 0.5),  # parallel
-        (((2, 0, 0), (3, 0, 0), (2, 1, 0)), 1.0),  # in one plane, beside
-        (((0.1, 0.1, 0), (0.3, 0.1, 0), (0.1, 0.3, 0)), 0.0),  # in one plane, inside
-        (((-1, -1, 0), (4, -1, 0), (-1, 4, 0)), 0.0),  # in one plane, around
+        (((2, 0, 0), (3, 0, 0), (2, 1, 0)), 1.0),  # coplanar, apart
+        (((0.1, 0.1, 0), (0.3, 0.1, 0), (0.1, 0.3, 0)), 0.0),  # coplanar, inside
+        (((-1, -1, 0), (4, -1, 0), (-1, 4, 0)), 0.0),  # coplanar, around
         (((0.2, 0.2, -1), (0.2, 0.2, 1), (0.3, 0.3, 1)), 0.0),  # through the middle
         (((5.0, -1, -1e-12), (5.0, 1, 1e-12), (6, 0, 0)), 4.0),  # crosses the plane, far outside
-        (((1, 0, 0), (2, 0, 1), (2, 0, -1)), 0.0),  # a corner in common
-        (((0, -1, 1), (1, -1, 1), (0.5, -2, 2)), 2**0.5),  # edges that are parallel
-        (((0.5, 0.5, 2**-30), (0.5, 0.5, 1), (1, 1, 1)), 2**-30),  # a corner over an edge
+        (((1, 0, 0), (2, 0, 1), (2, 0, -1)), 0.0),  # a common corner
+        (((0, -1, 1), (1, -1, 1), (0.5, -2, 2)), 2**0.5),  # parallel edges
+        (((0.5, 0.5, 2**-30), (0.5, 0.5, 1), (1, 1, 1)), 2**-30),  # a corner above an edge
         (((0.25, 0.25, 1), (0.25, 0.25, 1), (0.25, 0.25, 1)), 1.0),  # a point
         (((-1, 0.25, 1), (2, 0.25, 1), (2, 0.25, 1)), 1.0),  # a line
     ],
@@ -281,12 +281,9 @@ def test_limits_that_are_none_are_refused(limits):
         scene.clearance("a", "b", **limits)
 
 
-# --- all pairs -------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def cloud():
-    """Parts of three kinds all over the place: apart, crossing, and one inside another."""
+    """Parts of three kinds at random poses: apart, crossing, and one inside another."""
     rng = np.random.default_rng(4)
     kinds = shapes.torus(0.03, 0.01), shapes.sphere(0.02, 2), shapes.cube(0.05, (0.0, 0.0, 0.0))
     scene = Scene([Solid(*kinds[k % 3], name=f"part {k}") for k in range(14)])
@@ -345,7 +342,7 @@ def test_pairs_within_no_distance_are_refused(cloud, limits):
 
 
 def test_pairs_are_of_one_state_while_parts_move():
-    """Two parts jump together, 1 m: no answer mixes poses of before and after."""
+    """Two parts jump together by 1 m; no result mixes poses from before and after."""
     solids = [Solid(*shapes.cube(0.1, (0, 0, 0)), name=name) for name in "ab"]
     scene, ended = Scene(solids), threading.Event()
     places = [[np.eye(4), np.eye(4)], [np.eye(4), np.eye(4)]]

@@ -1,4 +1,4 @@
-"""Compiled scenes with wrong contents and right checksums: refused, or used without harm."""
+"""Compiled scenes with invalid contents and valid checksums are rejected or harmless."""
 
 import json
 import os
@@ -27,7 +27,7 @@ def contents(tmp_path_factory):
 
 @pytest.fixture
 def refused(contents, tmp_path):
-    """A function that changes the file, opens it, and returns why it is refused."""
+    """A function that changes the file, opens it, and returns the error message."""
 
     def load(change):
         arrays = {name: array.copy() for name, array in contents.arrays.items()}
@@ -49,7 +49,7 @@ def refused(contents, tmp_path):
 @pytest.mark.processes
 @pytest.mark.parametrize(("name", "count"), [("cell", 500), ("crowd", 250), ("alone", 100), ("bodies", 150)])
 def test_changed_file_is_refused_or_can_be_used(name, count, tmp_path):
-    """Each column of every table and a thousand numbers are changed; a crash would end the other process."""
+    """Every column of every table and a thousand numbers are mutated; a crash would end the other process."""
     command = [sys.executable, TRIALS / "mutated_scenes.py", name, "0", str(count), tmp_path]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(IMPORT_PATHS)}
     result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=280)
@@ -62,12 +62,12 @@ def test_changed_file_is_refused_or_can_be_used(name, count, tmp_path):
 
 
 def records(arrays, name):
-    """A table of a file as kernels read it, in the same memory."""
+    """View a table of a file as kernels read it."""
     return arrays[name].view({"parts": layout.PART, "frames": layout.FRAME}[name]).reshape(-1)
 
 
 def word(row, column, offset, value):
-    """A change of the word *offset* behind what a column of a part's row says."""
+    """Mutate the word at *offset* from the position in a column of a part's row."""
 
     def change(metadata, arrays):
         arrays["words"].view(np.int32)[records(arrays, "parts")[column][row] + offset] = value
@@ -76,7 +76,7 @@ def word(row, column, offset, value):
 
 
 def child(row, node, lane, value):
-    """A change of a reference in a part's tree, or in the tree over the parts that stand still (-1)."""
+    """Mutate a child reference in a part's tree, or in the tree of static parts (-1)."""
 
     def change(metadata, arrays):
         root = records(arrays, "parts")["root" if row >= 0 else "static_root"][row]
@@ -87,7 +87,7 @@ def child(row, node, lane, value):
 
 
 def number(name, row, column, value):
-    """A change of a number in a table."""
+    """Mutate a number in a table."""
 
     def change(metadata, arrays):
         table = records(arrays, name) if isinstance(column, str) else arrays[name].T
@@ -132,7 +132,7 @@ def test_reference_to_what_is_not_there_is_told(change, told, refused):
         ("name", ["a", 7, "b", "c", "d"], "entry 1 of names is 7, expected str"),
         ("velocity", [[0.0, 0.0, float("nan")]] * 5, "velocity of part 0 are not finite, or too fast"),
         ("is_hidden", [0] * 5, "entry 0 of is_hidden is 0, expected bool"),
-        # It is not in the tree over the parts, so that no question would find it.
+        # It is missing in the tree over the parts, so that no query would find it.
         ("is_hidden", [False] * 5, "part 4 'hidden': block 0 is missing in the tree over the parts"),
         ("stiffness", [-1.0] * 5, "stiffness of part 'cube' is -1.0, expected a positive number of N/m"),
         ("repairs", [{}] * 5, "repairs are {}"),
@@ -143,7 +143,7 @@ def test_field_of_another_type_or_range_is_told(field, value, told, refused):
 
 
 def test_what_follows_from_other_numbers_is_made_anew(contents, tmp_path):
-    """Boxes of parts, flags, and the tree over parts that have moved may say anything."""
+    """Derived data may have any value: boxes of parts, flags, and the tree of moved parts."""
     arrays = {name: array.copy() for name, array in contents.arrays.items()}
     parts, frames = records(arrays, "parts"), records(arrays, "frames")
     parts["is_turned"], parts["is_fused"] = 1 - parts["is_turned"], 1 - parts["is_fused"]

@@ -1,4 +1,4 @@
-"""Deformed parts answer as parts made anew of the same vertices do, and what was there before stays."""
+"""Deformed parts give the same results as new parts of the same vertices; copies of them do not change."""
 
 import re
 
@@ -47,7 +47,7 @@ CHANGES = {
 
 
 def assert_tree_holds_together(scene, row, vertices, *, has_normals=True):
-    """The tree over exactly these vertices, in a frame that holds them; boxes as tight as a builder's."""
+    """Check that the tree has exactly these vertices, in a frame that contains them, and tight boxes."""
     piece = part_arrays(scene.snapshot(), row)
     mesh = scene.parts[row].solid.mesh
     assert mesh.vertices.tobytes() == np.asarray(vertices, float).tobytes()
@@ -71,7 +71,7 @@ def assert_tree_holds_together(scene, row, vertices, *, has_normals=True):
 
 
 def points_about(solid, count=60, seed=3):
-    """All around the part, and near and nearer to its surface."""
+    """Points around the part, near its surface, and nearer."""
     rng = np.random.default_rng(seed)
     vertices, faces = solid.mesh.vertices, solid.mesh.faces
     lower, upper = solid.bounds
@@ -85,7 +85,7 @@ def points_about(solid, count=60, seed=3):
 
 
 def assert_answers_as(found, expected, points):
-    """All questions to two things of the same shape: distances to 1e-12, equal signs."""
+    """Compare all queries of two objects of the same shape: distances to 1e-12, equal signs."""
     room = judging.allowance(expected.distance(points), points)
     assert (np.abs(found.distance(points) - expected.distance(points)) <= room).all()
     signed, other = found.signed_distance(points), expected.signed_distance(points)
@@ -131,7 +131,7 @@ def test_deformed_part_answers_as_one_made_anew(name, change):
 
 
 def test_normals_of_needles_are_weighted_by_their_angles():
-    """Random triangles, among them needles and caps: angles from almost none to almost half a turn."""
+    """Random triangles, including needles and caps with angles from almost 0 to almost half a turn."""
     rng = np.random.default_rng(11)
     vertices = rng.normal(size=(200, 3))
     faces = np.array([rng.permutation(200)[:3] for _ in range(400)])
@@ -162,7 +162,7 @@ def test_point_on_the_deformed_surface_is_not_inside():
 
 
 def test_part_that_comes_near_the_origin_in_a_frame_far_from_it_is_not_rounded():
-    """Parts of a file share a frame with room to move; its middle is at 6 m here, which rounds 1 mm."""
+    """The common frame of the file's parts is centred at 6 m, where coordinates of 1 mm would be rounded."""
     vertices, faces = shapes.octahedron(0.1)
     scene = Scene.from_mesh(
         *shapes.join(*(shapes.moved((vertices, faces), (x, 2.4, 0.0)) for x in (5.0, 5.3, 5.9)))
@@ -188,7 +188,7 @@ def test_faces_may_lose_their_area_and_win_it_back():
 
     for flat in ([1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]):
         scene.deform("torus", vertices * flat)
-        # The faces above and below cancel: what is left of normals is rounding.
+        # The normals of the faces above and below cancel up to rounding.
         assert_tree_holds_together(scene, 0, vertices * flat, has_normals=False)
         expected = oracle.closest(vertices * flat, faces, points).distance
         assert (np.abs(scene.distance(points) - expected) <= judging.allowance(expected, vertices)).all()
@@ -209,7 +209,7 @@ def test_unused_vertices_may_be_anything():
 
 
 def test_vertices_that_meet_stay_corners_of_their_own():
-    """Two that meet today may part tomorrow; only those at one position when the part was made are one."""
+    """They may separate later; only vertices that coincide in the original part are merged."""
     vertices, faces = shapes.octahedron()
     scene, pinched = Scene([Solid(vertices, faces, name="part")]), vertices.copy()
     pinched[0] = pinched[1]
@@ -362,7 +362,7 @@ def test_unknown_part_is_refused_with_the_names():
 
 
 def test_sheet_may_be_turned_over():
-    """It has no inside, so that there is nothing to turn out."""
+    """It has no inside that could be turned out."""
     vertices, faces = shapes.grid(2, 2)
     scene = Scene([Solid(vertices, faces, name="sheet")])
 

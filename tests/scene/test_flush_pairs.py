@@ -1,4 +1,4 @@
-"""Parts with coincident faces, edges and corners, beside counts of the unit cubes of which they are made."""
+"""Parts with coincident faces, edges and corners, compared with counts of their unit cubes."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ ANY_TURN = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
 
 
 class Pair:
-    """Two polycubes in a scene, turned and scaled; the first is displaced by halves of a cell."""
+    """Two rotated and scaled polycubes in a scene; the first is displaced by multiples of half a cell."""
 
     def __init__(self, seed: int) -> None:
         rng = np.random.default_rng(seed)
@@ -31,11 +31,11 @@ class Pair:
         self.scene.move_many(["a", "b"], [self.pose, self.pose])
 
     def to_scene(self, axis: np.ndarray) -> np.ndarray:
-        """An axis of the grid in the scene's frame."""
+        """Transform a grid axis to the scene's frame."""
         return self.pose.direction(self.turn @ axis)
 
     def to_grid(self, direction: np.ndarray) -> np.ndarray:
-        """A direction of the scene's frame in that of the grid."""
+        """Transform a direction of the scene's frame to the grid's."""
         found = self.turn.T @ self.pose.inverse.direction(direction)
         return np.round(found) if np.allclose(found, np.round(found), atol=1e-9) else found
 

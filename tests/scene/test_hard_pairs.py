@@ -1,4 +1,4 @@
-"""Pairs of parts whose distance and relation are known by whole numbers, in all sizes, places and orders."""
+"""Pairs of parts with exactly known distance and relation, in all sizes, places and orders."""
 
 from typing import NamedTuple
 
@@ -32,19 +32,19 @@ def solid(*corners: tuple[float, float, float]) -> Mesh:
 
 
 def sheet(z: float, size: float = 4.0) -> Mesh:
-    """A square from the origin on, at a height."""
+    """A square with a corner above the origin, at height *z*."""
     return size * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) + [0.0, 0.0, z], np.array(
         [[0, 1, 2], [0, 2, 3]]
     )
 
 
 def with_faces(mesh: Mesh, *faces: tuple[int, int, int]) -> Mesh:
-    """A mesh with more faces between its vertices."""
+    """Add faces between the vertices of a mesh."""
     return mesh[0], np.concatenate([mesh[1], np.array(faces)])
 
 
 def with_vertex(mesh: Mesh, *vertex: float) -> Mesh:
-    """A mesh with one more vertex, which no face uses."""
+    """Add an unused vertex to a mesh."""
     return np.concatenate([mesh[0], [vertex]]), mesh[1]
 
 
@@ -58,7 +58,7 @@ T_BOX = (
     np.concatenate([BOX[0], [[2, 2, 4]]]),
     np.concatenate([np.delete(BOX[1], 2, axis=0), [[4, 5, 8], [5, 7, 8]]]),
 )
-"""The diagonal of its top has a corner on one side only."""
+"""A diagonal of its top has a T-junction on one side only."""
 HOLLOW, THIN = shapes.hollow_cube(12, 8), shapes.hollow_cube(12, 10)
 SHELLS = shapes.join(shapes.hollow_cube(48, 40), shapes.hollow_cube(16, 8))
 TRAY = 4.0 * shapes.open_box()[0], shapes.open_box()[1]
@@ -199,17 +199,17 @@ PAIRS = {name: (FLAT, triangle(*there), *known) for name, (there, *known) in TRI
 
 
 class Place(NamedTuple):
-    """Where a pair is: vertices times a matrix that keeps angles, and an offset, a pose of both, scaled."""
+    """Placement of a pair: an angle-preserving matrix, an offset, a pose, and a scale of all of these."""
 
     matrix: np.ndarray = np.eye(3)
-    factor: int = 1  # by which the matrix makes lengths longer
+    factor: int = 1  # scale factor of the matrix
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     pose: Pose = Pose()
-    size: float = 0.0  # of coordinates beside those of the pair
+    size: float = 0.0  # of the added coordinates
     scale: float = 1.0
 
     def scene(self, one: Mesh, other: Mesh) -> Scene:
-        """Both parts, a and b, there."""
+        """A scene of both parts, named a and b."""
         solids = []
         for name, mesh in zip("ab", (one, other), strict=True):
             vertices = self.scale * (mesh[0] @ self.matrix.T + self.offset)
@@ -220,12 +220,12 @@ class Place(NamedTuple):
         return scene
 
     def room(self, *meshes: Mesh) -> float:
-        """What distances may be off, m."""
+        """Allowed distance error, m."""
         largest = max(np.abs(vertices[faces]).max() for vertices, faces in meshes)
         return 1e-14 * self.scale * (self.factor * largest + self.size)
 
     def is_rounding(self, name: str) -> bool:
-        """Whether a pair may be said to touch, because the gap is below 1e-13 of the size."""
+        """Test whether the pair may be reported as touching, with a gap below 1e-13 of the size."""
         return name.startswith("1 nm") and self.size >= 2**20
 
 
@@ -254,7 +254,7 @@ def distance_to(scene: Scene, name: str, point: np.ndarray) -> float:
 
 
 def assert_is_on(scene: Scene, name: str, point: np.ndarray, room: float) -> None:
-    """Hold a point of the scene against the surface of a part."""
+    """Check that a point of the scene is on the surface of a part."""
     assert distance_to(scene, name, point) <= room
 
 
@@ -298,9 +298,9 @@ def test_a_tracker_knows_them_from_nothing_and_from_what_it_kept(name, where):
         assert bool(record["flags"] & ConnectionFlag.CROSSING) == (relation == CROSSING)
         if relation != TOUCHING and not place.is_rounding(
             name
-        ):  # what touches by rounding may be inside as well
+        ):  # parts that touch within rounding may be inside as well
             assert bool(record["flags"] & ConnectionFlag.INSIDE) == (relation in BACK)
-        if relation != FIRST:  # then it is on the inner surface
+        if relation != FIRST:  # otherwise it is on the inner surface
             assert_is_on(scene, "b", record["point_on_own"], room)
         if relation != SECOND:
             assert_is_on(scene, "a", record["point_on_part"], room)
@@ -313,9 +313,9 @@ def test_a_tracker_knows_them_from_nothing_and_from_what_it_kept(name, where):
 
 @pytest.mark.parametrize("name", PAIRS)
 def test_distance_is_the_same_anywhere(name):
-    """Turned by what is no floating point number: how parts lie that touch depends on rounding there.
+    """The rotation is inexact in floating point, so that the relation of touching parts depends on rounding.
 
-    And so it does of those that cross only where edges meet edges.
+    The same holds for parts that cross only where edges meet edges.
     """
     one, other, distance, relation = PAIRS[name]
 

@@ -1,4 +1,4 @@
-"""Files and objects of trimesh as scenes: names, positions, units, and what is made once."""
+"""Scenes from files and trimesh objects: names, poses, units, and shared data."""
 
 import re
 import subprocess
@@ -19,7 +19,7 @@ from proximity.scene import solid_arrays
 
 
 def pair_in_three_places(tmp_path):
-    """Two boxes that are one mesh, at two places and, mirrored, at a third."""
+    """Two boxes as one mesh, instanced twice and, mirrored, a third time."""
     pair = shapes.join(shapes.cube(0.1), shapes.moved(shapes.cube(0.1), (0.3, 0.0, 0.0)))
     nodes = [
         {"mesh": 0, "name": "left"},
@@ -57,7 +57,7 @@ def test_instances_answer_as_parts_that_were_made_for_themselves(tmp_path):
 
     found, expected = scene.closest(points), Scene(apart).closest(points)
 
-    for field in ("signed_distance", "point", "gradient", "part"):  # of faces that tie another may be named
+    for field in ("signed_distance", "point", "gradient", "part"):  # ties may give another face
         assert np.allclose(getattr(found, field), getattr(expected, field), rtol=0.0, atol=1e-14)
 
 
@@ -93,7 +93,7 @@ def test_progress_of_loading_counts_meshes():
 
 
 def test_many_small_parts_are_each_assembled_once(tmp_path, monkeypatch):
-    """Each cube of a file was put together twice."""
+    """Regression: each cube of a file was assembled twice."""
     made = []
     fill = solid_arrays.fill_part
     monkeypatch.setattr(solid_arrays, "fill_part", lambda *given: made.append(1) or fill(*given))
@@ -167,7 +167,7 @@ def test_scene_has_its_nodes_as_parts_where_the_graph_puts_them():
         np.testing.assert_allclose(found, expected[part.source_faces], atol=1e-12, err_msg=name)
         assert part.solid.has_inside
         assert "turned" not in part.solid.sign_reason, name
-    # The same mesh, deformed alike, has one tree.
+    # Instances of a mesh with the same deformation share a tree.
     assert parts["still"].solid.mesh.vertices is parts["turned"].solid.mesh.vertices
 
 

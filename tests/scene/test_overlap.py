@@ -1,4 +1,4 @@
-"""The volume that two parts have in common, beside boxes whose overlap is known."""
+"""The common volume of two parts, compared with boxes of known overlap."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_of_two_cubes_it_is_a_box():
 
 
 def test_it_is_given_where_the_parts_stand():
-    """A bar of 0.2 x 0.1 x 0.05 m, turned by 90 degrees about z, stands from x = 0.05 to 0.15 m."""
+    """A bar of 0.2 x 0.1 x 0.05 m, rotated by 90 degrees about z, spans x = 0.05 to 0.15 m."""
     bar = Solid(*shapes.box([0, 0, 0], [0.2, 0.1, 0.05]), name="bar")
     scene = Scene([Solid(*shapes.cube(0.1, [0.05] * 3), name="cube"), bar])
     scene.move("bar", Pose(QUARTER_TURN, [0.15, -0.1, 0.02]))
@@ -52,7 +52,7 @@ def test_a_part_inside_another_overlaps_by_all_of_itself():
 
 @pytest.mark.parametrize("far", [0.0, 1e4])
 def test_parts_that_touch_have_none(far):
-    """Also where they were rounded to single precision, as those of a STEP file are."""
+    """Includes parts rounded to single precision, like those of a STEP file."""
     for x in (0.1, 0.1 * (1.0 - 2.0**-23), 0.1 * (1.0 + 2.0**-23)):
         scene = cubes([x, 0.02, 0.03])
         for name in "ab":
@@ -62,7 +62,7 @@ def test_parts_that_touch_have_none(far):
 
 
 def test_parts_that_are_apart_have_none():
-    """Also where the boxes around them meet."""
+    """Includes parts with overlapping bounding boxes."""
     assert overlap(cubes([0.2, 0.0, 0.0]), "a", "b") is None
 
     scene = Scene([Solid(*shapes.tetrahedron(), name=name) for name in "ab"])
@@ -87,7 +87,7 @@ def test_what_is_hidden_is_measured_and_stays_hidden():
 
 
 def test_a_part_that_is_no_solid_is_named():
-    """Whether it is near the other part or not."""
+    """Both near the other part and far from it."""
     open_box = Solid(*shapes.open_box(), name="tray")
     scene = Scene([Solid(*shapes.cube(0.1, [9.0, 9.0, 9.0]), name="a"), open_box])
     message = (

@@ -1,4 +1,4 @@
-"""Clearances of parts of whole numbers beside all pairs of their triangles, without any rounding."""
+"""Clearances of integer parts compared with exact distances of all pairs of their triangles."""
 
 import math
 
@@ -19,12 +19,12 @@ ROUNDING = 1e-14
 
 
 def on_grid(mesh: Mesh, size: float) -> Mesh:
-    """A mesh whose vertices are moved to whole numbers; faces may lose their area."""
+    """Round the vertices of a mesh to integers; faces may lose their area."""
     return np.round(mesh[0] * size), mesh[1]
 
 
 def shape(rng: np.random.Generator) -> Mesh:
-    """A small mesh of whole numbers somewhere near the origin."""
+    """A small integer mesh near the origin."""
     kind, place = rng.integers(5), rng.integers(-4, 5, 3) * rng.choice([0, 1, 1, 2])
     if kind == 0:
         return np.array(rng.integers(-4, 5, (3, 3)) + place, float), np.array([[0, 1, 2]])
@@ -39,9 +39,9 @@ def shape(rng: np.random.Generator) -> Mesh:
 
 
 def exact(one: Mesh, other: Mesh) -> tuple[float, set[str]]:
-    """The distance of two surfaces, and how they may lie to each other as far as surfaces tell.
+    """The distance of two surfaces, and the relations that the surfaces allow.
 
-    Pairs of triangles are asked in the order of the distances of their boxes, which are whole numbers too.
+    Pairs of triangles are processed in order of the distances of their boxes, which are exact too.
     """
     first, second = (mesh[0][mesh[1]].astype(np.int64) for mesh in (one, other))
     gaps = np.maximum(
@@ -65,7 +65,7 @@ def exact(one: Mesh, other: Mesh) -> tuple[float, set[str]]:
 
 
 def common_volume_says(one: Mesh, other: Mesh, relations: set[str]) -> set[str]:
-    """How parts whose surfaces meet may lie to each other, as their common volume tells."""
+    """The relations allowed by the common volume of parts whose surfaces meet."""
     solids = [manifold_solid(vertices, faces) for vertices, faces in (one, other)]
     if any(solid.status() != Error.NoError or solid.volume() <= 0.0 for solid in solids):
         return relations if "crossing" in relations else {"touching"}
@@ -77,7 +77,7 @@ def common_volume_says(one: Mesh, other: Mesh, relations: set[str]) -> set[str]:
 
 
 def inside(inner: Mesh, outer: Mesh) -> bool:
-    """Whether a part that does not meet another is inside it: with any of its faces."""
+    """Test whether a part is inside another that it does not meet, by any of its faces."""
     if not Solid(*outer).has_inside:
         return False
     corners = inner[0][inner[1][:, 0]]
@@ -85,7 +85,7 @@ def inside(inner: Mesh, outer: Mesh) -> bool:
 
 
 def clearance(one: Mesh, other: Mesh, pose: Pose | None = None):
-    """What the scene answers."""
+    """The clearance by the scene."""
     scene = Scene([Solid(*one, name="a"), Solid(*other, name="b")])
     if pose is not None:
         scene.move_many(["a", "b"], [pose, pose])
@@ -110,7 +110,7 @@ def test_random_parts_are_as_far_apart_as_whole_numbers_say(seed):
 
 @st.composite
 def triangles(draw):
-    """Two triangles on a coarse grid: they often touch, share corners, or lie in one plane."""
+    """Two triangles on a coarse grid, which often touch, share corners, or are coplanar."""
     numbers = draw(st.lists(st.integers(-2, 2), min_size=18, max_size=18))
     return np.array(numbers, float).reshape(2, 3, 3)
 

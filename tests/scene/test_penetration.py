@@ -1,4 +1,4 @@
-"""How far a part must move to be free of another: bounds, directions, and what they do not depend on."""
+"""The displacement that frees a part from another: bounds, directions and invariances."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ FREE = (Relation.APART, Relation.TOUCHING)
 
 
 def boxes(offset, *, divisions: int = 0) -> Scene:
-    """Two cubes with sides of 0.1 m, of which the second stands at an offset."""
+    """Two cubes with sides of 0.1 m, the second at an offset."""
     cube = shapes.cube(0.1, (0.0, 0.0, 0.0))
     for _ in range(divisions):
         cube = shapes.quartered(*cube)
@@ -21,7 +21,7 @@ def boxes(offset, *, divisions: int = 0) -> Scene:
 
 
 def moved_relation(scene: Scene, direction: np.ndarray, length: float) -> Relation:
-    """How the first part lies to the second when it has been moved."""
+    """The relation of the first part to the second after a displacement."""
     scene.move("a", Pose(None, length * np.asarray(direction)))
     relation = scene.clearance("a", "b").relation
     scene.move("a", Pose())

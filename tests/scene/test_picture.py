@@ -1,4 +1,4 @@
-"""Pictures: what is on them agrees with the scene; projection, shapes and colours on their own."""
+"""Pictures: agreement with the scene, projection, shapes and colours."""
 
 import io
 import math
@@ -59,13 +59,13 @@ def test_colours_of_the_map_are_those_of_the_scenes_distances(bracket, axis, pos
     column = np.floor((left + share[:, 0] * width) * size[0]).astype(int)
     row = np.floor((1 - bottom - share[:, 1] * height) * size[1]).astype(int)
 
-    # The middle of each pixel, back in the plane.
+    # The centre of each pixel, transformed back to the plane.
     first = ((column + 0.5) / size[0] - left) / width * (field.right[-1] - field.right[0]) + field.right[0]
     second = (1 - (row + 0.5) / size[1] - bottom) / height * (field.up[-1] - field.up[0]) + field.up[0]
     points = np.insert(np.stack([first, second], axis=1), "xyz".index(axis), position, axis=1)
     error = np.abs(image[row, column] - colors(bracket.signed_distance(points))).max(axis=1)
 
-    # Lines, their labels and the surface are drawn over some of them.
+    # Lines, labels and the surface cover some of them.
     assert np.median(error) < 0.01
     assert (error < 0.04).mean() > 0.75
 
@@ -149,7 +149,7 @@ def test_share_of_points_within_the_bar_is_written_on_the_page_and_nothing_is_cu
 
 
 def test_points_of_one_side_have_zero_in_the_middle_of_the_colours():
-    # Was: a bar from -0.1 to 0.3 for deviations of up to 0.3 mm.
+    # Regression: the bar ranged from -0.1 to 0.3 for deviations up to 0.3 mm.
     distances = np.array([-8e-5, 3e-4])
     assert DistanceColors(distances, 1e-3, is_even=True).levels[[0, -1]] == pytest.approx([-0.3, 0.3])
     uneven = DistanceColors(distances, 1e-3, is_even=True, reach=(-5e-5, 2e-4))
@@ -215,7 +215,7 @@ def test_camera_shows_all_points():
 
 
 def drawn(scene, camera, points=None):
-    """Where an image of the parts, without shading, is not white; and the image."""
+    """Draw the parts without shading; return the mask of pixels that are not white, and the image."""
     connections = None
     if points is not None:
         hit = scene.closest(points)
@@ -228,7 +228,7 @@ def drawn(scene, camera, points=None):
 
 @pytest.mark.parametrize("offset", [0.0, 1000.0])
 def test_a_part_is_drawn_where_its_corners_are_and_as_large(box, offset):
-    """Also a kilometre from the origin, where single precision has 60 micrometres."""
+    """Includes a kilometre from the origin, where single precision resolves 60 micrometres."""
     pose = proximity.Pose(None, [offset, 0.0, 0.0])
     scene = proximity.Scene([proximity.Part("box", box.parts[0].solid, pose, box.parts[0].source_faces)])
     vertices = pose.point(box.parts[0].solid.mesh.vertices)
@@ -243,7 +243,7 @@ def test_a_part_is_drawn_where_its_corners_are_and_as_large(box, offset):
 
 @pytest.mark.parametrize("height", [-0.05, 0.01, 0.05])
 def test_points_are_seen_before_behind_and_through_the_part(box, height):
-    """Points that all lay in the rear half of the parts were left out: the eye looked the other way."""
+    """Regression: the view direction was reversed, and points in the rear half of the parts were omitted."""
     camera = Camera(rotation_of("top"), np.array([0.02, 0.015, 0.0]), 5e-4, (120, 120))
     point = np.array([[0.02, 0.015, height]])
     without, plain = drawn(box, camera)

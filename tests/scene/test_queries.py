@@ -1,4 +1,4 @@
-"""Questions as people put them: shapes and types of arguments, refusals, and rows that are not finite."""
+"""Arguments of queries: shapes and types, errors, and rows that are not finite."""
 
 import re
 
@@ -21,7 +21,7 @@ POINTS = np.array([[2.0, 0.25, 0.5], [0.5, 0.5, 0.9], [4.0, 1.0, 0.0], [0.25, 0.
 
 
 def ask_all(asked, points, **options):
-    """Every point query's answer."""
+    """Results of every point query."""
     return {
         "closest": asked.closest(points, **options),
         "signed_distance": asked.signed_distance(points, **options),
@@ -74,7 +74,7 @@ def test_grid_is_its_points_in_order(asked):
     ids=["list", "tuple", "f4", "f2", "long", "read-only"],
 )  # fmt: skip
 def test_points_of_any_kind_give_the_same(points):
-    """The coordinates are exact in all of these types but for one, where 0.9 is rounded."""
+    """The coordinates are exact in all of these types, except 0.9 in one of them."""
     expected = ask_all(SOLID, np.array(points, dtype=np.float64))
     for name, answer in ask_all(SOLID, points).items():
         assert judging.same_bits(answer, expected[name]), name
@@ -87,7 +87,7 @@ def test_whole_numbers_are_points():
 
 @pytest.mark.parametrize("asked", [SOLID, SCENE], ids=["solid", "scene"])
 def test_what_a_mask_hides_is_no_point_nor_ray_however_often_it_is_asked(asked):
-    """Plain arrays are told from others by compiled code, once that has been called."""
+    """Compiled code tests for plain arrays once it has been called."""
     hidden = np.ma.masked_array(POINTS, mask=[[False] * 3, [True] * 3, [False] * 3, [False] * 3])
     plain = np.array(POINTS)
     for _ in range(2):
@@ -203,7 +203,7 @@ def test_rows_that_are_all_not_finite_answer_nan(asked):
 
 TWO = {"cast": ("rays", "origins", "directions"), "closest_to_segments": ("segments", "starts", "ends")}
 ZERO = np.array([[1.0, 0.0, 0.0], [0.0, -0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
-REFUSED = [  # queries, their arguments, options, and the sentence
+REFUSED = [  # queries, their arguments, options, and the error message
     *((("closest", "contains"), (points,), {}, f"points {words}") for points, words in (
         ((1.0, 2.0), "have shape (2,), expected (..., 3)"),
         (np.ones((5, 2)), "have shape (5, 2), expected (..., 3)"),
@@ -368,7 +368,7 @@ def read_only(values):
 )
 @ASKED
 def test_few_rows_are_read_as_they_lie(asked, ask, laid):
-    """Was: after an array at an odd address had passed, compiled code took one of the other order for it."""
+    """Regression: after an unaligned array, compiled code accepted one of the other byte order."""
     count = 2 if ask in ("cast_distance", "cast", "closest_to_segments") else 1
     question, arguments = getattr(asked, ask), [POINTS, POINTS[::-1] + 0.25][:count]
     expected = question(*arguments)
@@ -383,7 +383,7 @@ def test_few_rows_are_read_as_they_lie(asked, ask, laid):
 
 
 def columns(answer):
-    """The arrays of an answer."""
+    """The arrays of a result."""
     return [getattr(answer, name) for name in getattr(answer, "_fields", ())] or [answer]
 
 

@@ -1,4 +1,4 @@
-"""What holds of every query: the answers of the oracle, scaling, limits, and sizes of parts."""
+"""Properties of every query: agreement with the oracle, scaling, limits, and sizes of parts."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -17,10 +17,10 @@ from proximity.scene.solid import Solid
 
 
 def assert_hits_are_right(hit, ask, origins, directions):
-    """Distances are those of *ask*, the oracle; or at a rim those of the same ray a rounding beside it.
+    """Check that distances are those of *ask*, the oracle; near a rim, of the same ray displaced by rounding.
 
-    Where a ray passes an edge by less than coordinates are rounded it may hit and may miss, and the oracle
-    itself says either, depending on which way the origin is nudged.
+    A ray that passes an edge within coordinate rounding may hit or miss: the oracle's own result depends on
+    how the origin is displaced.
     """
     largest = max(np.abs(origins).max(), 3.0)
     room = (1e-12 * hit.distance + 1.6e-14 * largest) * judging.slant(hit, directions)
@@ -36,14 +36,14 @@ def assert_hits_are_right(hit, ask, origins, directions):
 
 
 def assert_connections_are_right(hit, ask, *rows):
-    """Distances of points or segments are those of *ask*, the oracle."""
+    """Check that distances of points or segments are those of *ask*, the oracle."""
     expected = ask(*rows)
     off = np.abs(np.abs(getattr(hit, hit._fields[0])) - expected)
     assert (off <= judging.allowance(expected, *(4.0 * each for each in rows), 4.0)).all(), off.max()
 
 
 def assert_hits_hold_together(hit, vertices, faces, origins, directions):
-    """Distance, point, face, barycentric and normal of hits on one mesh say the same."""
+    """Check that distance, point, face, barycentric and normal of hits on one mesh are consistent."""
     is_hit = hit.face_id != NO_FACE
     unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
     corners = vertices[faces[hit.face_id[is_hit]]]
@@ -68,7 +68,7 @@ def assert_hits_hold_together(hit, vertices, faces, origins, directions):
 
 
 def assert_segments_hold_together(hit, vertices, faces, starts, ends):
-    """Distance, both witness points, fraction, face and barycentric of one mesh's answers say the same."""
+    """Check that distance, witness points, fraction, face and barycentric of one mesh are consistent."""
     largest = max(np.abs(vertices).max(), np.abs(starts).max(), np.abs(ends).max())
     room = 16.0 * judging.ROUNDING * largest
     gap = np.linalg.norm(hit.point_on_segment - hit.point_on_solid, axis=-1)
@@ -84,21 +84,21 @@ def assert_segments_hold_together(hit, vertices, faces, starts, ends):
 
 
 class Query(NamedTuple):
-    """A query, rows to ask, and the fields of its answer."""
+    """A query, its arguments, and the fields of its result."""
 
     rows: Callable
     oracle: Callable
     is_right: Callable
     holds_together: Callable
     distance: str
-    points: tuple[str, ...]  # lengths, which scale, and are nan where there is no answer
+    points: tuple[str, ...]  # lengths, which scale, and are nan without a result
     others: tuple[str, ...]
 
     def ask(self, name, asked, rows, **limit):
         return getattr(asked, name)(*rows, **limit)
 
     def truth(self, mesh):
-        """The oracle's distances of rows to a mesh."""
+        """A function for the oracle's distances of rows to a mesh."""
         return lambda *rows: self.oracle(*mesh, *rows).distance
 
 
@@ -126,7 +126,7 @@ EACH_QUERY = pytest.mark.parametrize("name", QUERIES)
 @EACH_QUERY
 @pytest.mark.parametrize("mesh", sorted(MESHES))
 def test_answers_of_a_mesh_are_the_oracles_and_hold_together(name, mesh):
-    """The oracle decides of rays in whole numbers, we to rounding of the coordinates."""
+    """The oracle decides rays exactly, the package to the rounding of coordinates."""
     query, solid = QUERIES[name], solid_of(mesh)
     rows = query.rows(mesh, 300, 7)
 
@@ -145,7 +145,7 @@ def test_answers_of_a_mesh_are_the_oracles_and_hold_together(name, mesh):
 def test_any_ray_or_segment_is_answered_as_by_the_oracle(name, start, way, mesh):
     query, solid, start, way = QUERIES[name], solid_of(mesh), np.array([start]), np.array([way])
     if name == "cast" and (np.abs(way).max() < 1e-100 or solid.distance(start)[0] < 1e-14):
-        return  # whether it starts before or behind the face is a matter of rounding
+        return  # rounding decides whether it starts before or behind the face
     rows = start, way if name == "cast" else start + way
 
     query.is_right(query.ask(name, solid, rows), query.truth(mesh_of(mesh)), *rows)
@@ -156,7 +156,7 @@ def test_any_ray_or_segment_is_answered_as_by_the_oracle(name, start, way, mesh)
 @pytest.mark.parametrize("offset", [np.zeros(3), FAR], ids=["here", "far"])
 @pytest.mark.parametrize("count", [1, 9, 64])
 def test_answer_of_a_scene_is_the_least_over_its_parts(name, count, offset, is_turned):
-    """Each part asked alone by the oracle, in its own frame; the part that is named has the distance."""
+    """Compare with the oracle for each part in its own frame; the reported part has the distance."""
     query, scene = QUERIES[name], some_scene(count, is_turned=is_turned, offset=offset)
     rng = np.random.default_rng(10)
     starts = offset + rng.uniform(-6.0, 6.0, (120, 3))

@@ -1,4 +1,4 @@
-"""Rays through the public door: first hits of solids and scenes, against the oracle and against embreex."""
+"""Rays through the public API: first hits of solids and scenes, against the oracle and embreex."""
 
 import judging
 import numpy as np
@@ -34,7 +34,7 @@ def test_first_hits_agree_with_embreex(name, request):
     hit = Solid(vertices.astype(np.float32), faces).cast(origins, directions)
 
     missed = theirs["primID"] < 0
-    # In float32 they cannot tell at the rim: one ray in a thousand may differ.
+    # In float32 one ray in a thousand may differ at the rim.
     assert (missed != (hit.face_id == NO_FACE)).sum() <= 4
     both = ~missed & (hit.face_id != NO_FACE)
     length = np.linalg.norm(directions, axis=1)
@@ -47,7 +47,7 @@ def test_first_hits_agree_with_embreex(name, request):
 @pytest.mark.parametrize("name", [*CLOSED, "needles"])
 @pytest.mark.parametrize("offset", [np.zeros(3), FAR], ids=["here", "far"])
 def test_no_ray_escapes_from_inside(name, offset):
-    """Aimed at every corner, at the middle of every edge, and anywhere."""
+    """Aimed at every corner, the midpoint of every edge, and in random directions."""
     vertices, faces = mesh_of(name)
     solid = Solid(vertices + offset, faces)
     vertices = solid.mesh.vertices
@@ -61,7 +61,7 @@ def test_no_ray_escapes_from_inside(name, offset):
 
     assert (hit.face_id != NO_FACE).all()
     assert np.isfinite(hit.distance).all()
-    # Nothing is nearer than the surface.
+    # No hit is nearer than the surface.
     assert (hit.distance >= np.abs(solid.signed_distance(origins))[:, None] * (1.0 - 1e-9)).all()
 
 
@@ -142,7 +142,7 @@ def test_ray_away_from_everything_misses():
 
 
 def test_ray_within_a_side_hits_the_side_that_crosses_it():
-    """The face that it runs along is seen edge on, and not hit; the next is."""
+    """A face parallel to the ray is not hit; the next one is."""
     hit = solid_of("cube").cast((-1.0, 0.25, 1.0), (1.0, 0.0, 0.0))
 
     assert hit.distance == 1.0
@@ -163,7 +163,7 @@ def test_ray_from_afar_hits_what_it_aims_at(far):
 @pytest.mark.parametrize("far", [1e17, 1e60, 1e99])
 @pytest.mark.parametrize("count", [1, 2])
 def test_ray_from_any_distance_is_answered(far, count):
-    """Along an axis it hits; aslant, after so long a way, it may."""
+    """An axis-aligned ray hits; an oblique one may, at such a distance."""
     scene = Scene([Solid(*shapes.cube(2.0, (9.0 * row, 0, 0)), name=str(row)) for row in range(count)])
 
     distances = scene.cast_distance(
@@ -180,7 +180,7 @@ def test_ray_from_any_distance_is_answered(far, count):
 @pytest.mark.parametrize("far", [1e104, 1e200, 1.7e308])
 @pytest.mark.parametrize("count", [1, 2])
 def test_ray_from_farther_than_can_be_computed_with_answers_nan_and_the_others_go_on(far, count):
-    """Unless it goes away from everything."""
+    """Except rays that point away from all parts."""
     scene = Scene([Solid(*shapes.cube(2.0, (9.0 * row, 0, 0)), name=str(row)) for row in range(count)])
 
     hits = scene.cast(
@@ -193,7 +193,7 @@ def test_ray_from_farther_than_can_be_computed_with_answers_nan_and_the_others_g
 
 
 def test_sorted_rays_answer_as_they_do_one_by_one(monkeypatch):
-    """Large models have batches sorted; here a small one is made to count as large."""
+    """Batches for large models are sorted; here the limits are lowered for a small one."""
     monkeypatch.setattr(queries, "SORT_RAYS_FROM", 0)
     monkeypatch.setattr(queries, "SORT_RAYS_IN", 0)
     solid = Solid(*shapes.sphere(3))

@@ -1,4 +1,4 @@
-"""Scenes: the smallest answer over the parts, wherever they are put."""
+"""Scenes: the minimum over the parts, at any poses."""
 
 import re
 from dataclasses import replace
@@ -19,7 +19,7 @@ QUARTER = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
 
 
 def expected_of(parts, points):
-    """Signed distance of every part (P, N), by the oracle, asked in the part's own frame."""
+    """Signed distances of every part (P, N), by the oracle in the part's own frame."""
     answers = []
     for part in parts:
         own = part.pose.inverse.point(points)
@@ -29,7 +29,7 @@ def expected_of(parts, points):
 
 
 def assert_is_the_smallest_over_parts(scene, points):
-    """Signed distance, inside and unsigned distance, each from the parts' own by the oracle."""
+    """Compare signed distance, containment and unsigned distance with the oracle's results per part."""
     each = expected_of(scene.parts, points)
     # Poses are applied in double precision, which rounds coordinates once more.
     room = 1e-12 * np.abs(each).max() + 4e-15 * max(np.abs(points).max(), 1.0)
@@ -52,7 +52,7 @@ def test_answer_is_the_smallest_over_parts(count, is_turned):
     rng = np.random.default_rng(2)
     point_count = 100
     around = rng.uniform(-1.2, 1.2, (point_count, 3)) * (2.0 * count ** (1.0 / 3.0) + 1.0)
-    # Near surfaces too: a point of a part, and a little beside it.
+    # Include points near surfaces: a point of a part, slightly displaced.
     chosen = rng.integers(count, size=point_count)
     near = np.array(
         [parts[row].pose.point(parts[row].solid.mesh.vertices[[0, 1, 2]].mean(axis=0)) for row in chosen]
@@ -76,7 +76,7 @@ def test_answer_holds_together_in_the_frame_of_the_scene(count):
 
 @pytest.mark.parametrize("count", [9])
 def test_scene_answers_to_the_bit_what_the_nearest_part_does(count):
-    """At the identity pose nothing is converted, so that nothing may be rounded."""
+    """The identity pose needs no conversion, so that no rounding may occur."""
     rng = np.random.default_rng(4)
     solids = [
         Solid(*shapes.moved(KINDS[row % 4](), rng.uniform(-6.0, 6.0, 3)), name=f"{row}")
@@ -90,7 +90,7 @@ def test_scene_answers_to_the_bit_what_the_nearest_part_does(count):
 
 
 def test_solid_answers_the_same_after_it_joined_a_scene():
-    """A scene puts the arrays of its parts into memory of its own, which the parts then share."""
+    """A scene copies the arrays of its parts into its own memory, which the parts then share."""
     solid, points = Solid(*shapes.torus()), np.random.default_rng(5).uniform(-3.0, 3.0, (100, 3))
     before = solid.closest(points)
     first = Scene([solid, Solid(*shapes.cube(), name="other")])
@@ -111,11 +111,11 @@ PLACED, ROWS = Solid(*shapes.cube()), np.arange(12, dtype=np.int32)
 INNER, OUTER, NESTED = cube("inner", 0.5, (0, 0, 0)), cube("outer", 4.0, (0, 0, 0)), [[0, 0, 0.3], [0, 0, 0]]
 BESIDE = Solid(*shapes.moved(shapes.cube(), (1.0, 0.0, 0.0)), name="right")
 OVERLAPPING = Solid(*shapes.moved(shapes.cube(), (0.5, 0, 0)), name="b")
-SMALL_SCENES = {  # parts; points; signed distances; which part each is of; whether the distance has a sign
+SMALL_SCENES = {  # parts; points; signed distances; the part of each; whether distances are signed
     "one solid in several places": (
         [Part(f"{x}", PLACED, Pose(translation=(x, 0.0, 0.0)), ROWS) for x in (0.0, 3.0, 6.0)],
         [[0.5, 0.5, 0.5], [3.5, 0.5, 0.25], [8.0, 0.5, 0.5]], [-0.5, -0.25, 1.0], [0, 1, 2], True),
-    # Sign per part: a flattened file would have a double wall there, and half its signs wrong.
+    # The sign is per part: a flattened file would have a double wall there, and half its signs wrong.
     "parts that touch, whose common face is the surface": (
         [cube("left"), BESIDE], [[1.0 - 2**-30, 0.5, 0.5], [1.0, 0.5, 0.5], [1.0 + 2**-30, 0.5, 0.5]],
         [-(2**-30), 0.0, -(2**-30)], [0, 0, 1], True),
@@ -147,12 +147,12 @@ def test_small_scene_answers_as_is_known(name):
 
 
 def test_direction_and_limit_are_those_of_the_part_that_counts():
-    """The deepest part is farther than the limit: nothing within it, though another surface is near."""
+    """The deepest part is farther than the limit, which leaves no result although another surface is near."""
     scene, point = Scene([INNER, OUTER]), (0.0, 0.0, 0.3)
     hit = scene.closest(point)
     assert hit.gradient.tolist() == [0.0, 0.0, 1.0]
     assert scene.distance(point) == pytest.approx(0.05, rel=1e-12)
-    # One name, one meaning: of this hit 1.7 m would be another "distance" than the scene's.
+    # It would be 1.7 m here, different from the scene's distance.
     assert not hasattr(hit, "distance")
     assert scene.closest(point, max_distance=1.0).signed_distance == np.inf
     assert scene.closest(point, max_distance=1.75).signed_distance == -1.7
@@ -161,7 +161,7 @@ def test_direction_and_limit_are_those_of_the_part_that_counts():
 
 
 def test_every_part_that_holds_a_point_is_asked_for_its_depth():
-    """Sign grids of the parts tell who holds a point; a part that is missed makes the answer too shallow."""
+    """Sign grids find the parts that contain a point; a missed part makes the result too shallow."""
     solids = [
         Solid(shapes.torus()[0] @ shapes.rotation(row).T + 0.2 * row, shapes.torus()[1], name=f"{row}")
         for row in range(5)
@@ -193,7 +193,7 @@ def test_scenes_that_share_a_solid_move_apart():
 
 
 def test_one_part_far_from_its_own_origin_is_found_when_turned():
-    """Its box was looked for where the unturned part would be, and nothing was inside."""
+    """Regression: its box was placed as if the part were not rotated, and no point was inside."""
     scene = Scene([part_of(shapes.moved(shapes.cube(), (100.0, 0.0, 0.0)), pose=Pose(QUARTER))])
     centre = (-0.5, 100.5, 0.5)
     assert scene.signed_distance(centre) == -0.5
@@ -211,7 +211,7 @@ def test_bounds_hold_the_turned_parts():
 @pytest.mark.parametrize("is_turned", [True, False], ids=["turned", "shifted"])
 @pytest.mark.parametrize("count", [1, 9])
 def test_scene_far_from_the_origin_is_as_exact(count, is_turned):
-    """At 10 km a coordinate has 2e-12 m; with it, and no more, answers may differ."""
+    """At 10 km coordinates have a resolution of 2e-12 m, the only difference allowed."""
     offset = np.array([10_000.0, -7_000.0, 3_000.0])
     near = some_parts(count, is_turned=is_turned)
     far = [
@@ -225,7 +225,7 @@ def test_scene_far_from_the_origin_is_as_exact(count, is_turned):
 
 
 def test_mesh_far_from_the_origin_is_as_exact():
-    """Coordinates of the file themselves are large; a power of two apart, nothing at all is rounded."""
+    """The file's own coordinates are large; offset by a power of two, they are not rounded."""
     offset = np.array([8192.0, -4096.0, 16384.0])
     vertices, faces = shapes.octahedron()
     vertices = np.round(vertices * 1024.0) / 1024.0
@@ -302,7 +302,7 @@ def test_what_is_no_scene_is_refused(parts, options, message):
 
 
 def test_part_that_is_too_far_off_is_refused_wherever_it_comes_in():
-    # Was: only where it was moved there; of others a distance was told that was wrong.
+    # Regression: only moved parts were refused; other distances were wrong.
     scene = Scene(some_parts(2))
     far = replace(scene.parts[1], name="far", pose=Pose(translation=(0.0, 1e200, 0.0)))
     for come_in in (lambda: Scene([far]), lambda: scene.add(far)):

@@ -1,4 +1,4 @@
-"""Parts that come, go, hide, and answer a touch in another way."""
+"""Parts that are added, removed and hidden, and change their contact properties."""
 
 import gc
 import re
@@ -188,7 +188,7 @@ def test_removed_part_does_not_hold_on_to_the_scene():
 
 
 def test_faces_are_told_right_when_a_part_that_moved_is_the_only_one_left():
-    """The list of loose parts was once written over the faces of a scene's only part."""
+    """Regression: the list of dynamic parts was written over the faces of a scene's only part."""
     solid = Solid(*shapes.cube(), name="cube")
     points = np.random.default_rng(7).uniform(-1.0, 2.0, (100, 3))
     before = solid.closest(points).face_id

@@ -1,4 +1,4 @@
-"""A scene that somebody was interrupted in: Ctrl-C at any line, and what it answers from then on."""
+"""Scene changes interrupted at any line by KeyboardInterrupt, and the results of later queries."""
 
 import sys
 from functools import cache
@@ -59,7 +59,7 @@ CHANGES = {
 
 
 def interrupted_at(line, change, scene):
-    """Change *scene* and ask it, with Ctrl-C before the so many-th line of its modules; whether it came."""
+    """Change and query *scene*, interrupted before the *line*-th line executed; return whether it was."""
     left = line
 
     def watch(frame, event, _):
@@ -95,12 +95,12 @@ def answers(scene):
 
 @cache
 def solid_of(vertices, faces):
-    """A body of arrays, as bytes, that nobody else has."""
+    """A solid of arrays, given as bytes, that are not shared."""
     return Solid(np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int32).reshape(-1, 3))
 
 
 def made_anew(scene):
-    """The same parts, of their meshes alone."""
+    """New parts from the meshes alone."""
     parts = []
     for part in scene.parts:
         vertices, faces = part.solid.mesh.vertices.tobytes(), np.int32(part.solid.mesh.faces).tobytes()
@@ -128,7 +128,7 @@ def test_scene_is_as_its_parts_say_wherever_a_change_is_interrupted(name):
         contacts, true = tracker.tick(POINTS, 2 * 10**6, 2 * 10**6), anew.signed_distance(POINTS)
         assert (contacts["lower"] <= true + 1e-12).all(), line
         assert (true <= contacts["upper"] + 1e-12).all(), line
-        # And goes on so.
+        # Later changes work as well.
         scene.move("3", shifted(1.0, 7.0))
         scene.deform("2", bulged(scene, "2"))
         for told, true in zip(answers(scene), answers(made_anew(scene)), strict=True):

@@ -1,4 +1,4 @@
-"""Parts that move between questions: cheap, never torn, and to the bit what a scene made anew answers."""
+"""Parts that move between queries: cheap, atomic, and bitwise equal to a new scene."""
 
 import re
 
@@ -90,7 +90,7 @@ def test_loose_parts_that_stop_where_they_began_answer_as_at_first():
 
 
 def test_parts_of_one_frame_are_walked_right_after_some_of_them_left_it():
-    """Bodies of one mesh share the scene's frame: leaves of its tree are then nodes and blocks of parts."""
+    """Bodies of one mesh share the scene's frame: leaves of its tree are nodes and blocks of parts."""
     bodies = [shapes.moved(shapes.torus(n=16, m=8), (4.0 * (k % 4), 4.0 * (k // 4), 0.0)) for k in range(16)]
     bodies += [shapes.moved(shapes.tetrahedron(), (2.0 + 4.0 * k, 2.0, 0.0)) for k in range(3)]
     scene = Scene.from_mesh(*shapes.join(*bodies))
@@ -111,7 +111,7 @@ def test_parts_of_one_frame_are_walked_right_after_some_of_them_left_it():
 
 
 def test_bounds_are_those_of_the_vertices_however_parts_are_turned():
-    # Was: the box of a turned box, 179.3 mm for a ball of 153.6 mm.
+    # Regression: the box of a rotated box, 179.3 mm for a ball of 153.6 mm.
     rng = np.random.default_rng(5)
     vertices, faces = shapes.sphere(0.01)
     unused = np.vstack([vertices, [[9.0, 9.0, 9.0]]])
@@ -125,7 +125,7 @@ def test_bounds_are_those_of_the_vertices_however_parts_are_turned():
             lower, upper = scene.bounds
             assert np.allclose(lower, corners.min(axis=0), rtol=0, atol=1e-15)
             assert np.allclose(upper, corners.max(axis=0), rtol=0, atol=1e-15)
-            lower[:] = upper[:] = 7.0  # the caller's own
+            lower[:] = upper[:] = 7.0  # the caller's own copy
 
 
 def test_bounds_follow_parts_that_other_threads_move_and_remove():
@@ -210,7 +210,7 @@ def test_whole_scene_may_move_far(far):
 
 
 def test_turn_that_is_off_by_rounding_is_mended():
-    """Products of many turns drift; what is within the tolerance of a pose is taken as the nearest turn."""
+    """Products of many rotations accumulate error; within a pose's tolerance the nearest rotation is used."""
     scene = Scene(some_parts(3))
     matrix = np.eye(4)
     matrix[:3, :3] = shapes.rotation(3) @ (np.eye(3) + 2e-10 * np.arange(9).reshape(3, 3) / 8.0)
@@ -241,7 +241,7 @@ def test_poses_may_be_poses_matrices_lists_or_integers():
 
 
 def test_moves_in_single_precision_are_those_of_the_nearest_rotations():
-    """What a game engine multiplies is off by a millionth: it was refused as a shear."""
+    """Regression: matrices of game engines, with errors of 1e-6, were refused as shears."""
     scene, rng = Scene(some_parts(3)), np.random.default_rng(8)
     matrices = matrices_of(rng, 3).astype(np.float32)
     names = ["part 0", "part 1", "part 2"]

@@ -1,4 +1,4 @@
-"""Segments through the public door: shortest connections of solids and scenes, against the oracle."""
+"""Segments through the public API: shortest connections of solids and scenes, against the oracle."""
 
 import judging
 import numpy as np
@@ -56,10 +56,10 @@ TWO_FACES = np.arange(6).reshape(2, 3)
 
 
 def beside_a_needle(aspect, rng):
-    """A needle, another face, and a segment that is over neither: off the needle's short side, in its plane.
+    """A needle, another face, and a segment in the needle's plane, off its short side.
 
-    The segment's start is just so far from the needle's plane that what it is off the short side is lost in
-    the rounding of the needle's length; the other face is nearer than the needle, but farther than its plane.
+    The start's distance off the short side is lost in the rounding of the needle's length. The other face is
+    closer than the needle, but farther than the needle's plane.
     """
     tip, along = rng.uniform(-1.0, 1.0, (2, 3))
     needle = np.stack([tip, tip + along, tip + along + aspect * rng.normal(size=3)])
@@ -71,7 +71,7 @@ def beside_a_needle(aspect, rng):
     end = start + 0.1 * height * (along + 0.5 * rng.normal(size=3))
     corner = start + 2.0 * height * normal
     others = corner + 0.3 * (normal + 0.5 * rng.normal(size=(2, 3)))
-    needle = np.roll(needle, rng.integers(3), axis=0)  # any of its corners may be the first
+    needle = np.roll(needle, rng.integers(3), axis=0)  # with any corner first
     return np.stack([*needle, corner, *others]), start, end
 
 
@@ -88,7 +88,7 @@ def test_segment_beside_a_needle_is_as_far_as_the_oracle_says(aspect):
 
 
 def test_needle_does_not_win_by_its_plane():
-    # Was: the needle, at twice the distance.
+    # Regression: returned the needle, at twice the distance.
     vertices = [
         (0.07849448522167557, 0.2692870904853205, 0.1246227581057423),
         (-0.17192060773986734, -0.6243003491327406, 0.49717311574065326),
@@ -137,7 +137,7 @@ def test_segment_that_touches_has_distance_zero(start, end):
 
 @pytest.mark.parametrize("far", [1e3, 1e9, 1e20])
 def test_segment_that_ends_far_away_is_as_exact_near_the_part(far):
-    """Its rounding is that of its own coordinates."""
+    """Its error is the rounding of its own coordinates."""
     for asked in (solid_of("cube"), Scene([solid_of("cube"), Solid(*shapes.cube(1.0, (9, 9, 9)), name="b")])):
         beside = asked.closest_to_segments((-far, 0.5, 3.0), (far, 0.5, 3.0))
         away = asked.closest_to_segments((2.0, 0.5, 0.5), (far, 0.5, 0.5))
@@ -151,7 +151,7 @@ def test_segment_that_ends_far_away_is_as_exact_near_the_part(far):
 @pytest.mark.parametrize("asked", [solid_of("torus"), some_scene(3)], ids=["solid", "scene"])
 @pytest.mark.parametrize("count", [1, 100])
 def test_segment_with_an_end_that_cannot_be_computed_with_has_no_distance(asked, count):
-    """Ends were pulled in, each coordinate by itself: 1e100, or 0 where half a metre was right, was told."""
+    """Regression: clamping each coordinate of the ends gave 1e100, or 0 instead of half a metre."""
     near, far = [-1.0, -0.5, 0.1], [1e200, 1e150, 0.1]
     for start, end in ((near, far), (far, near), (far, far), ([1e200, 0.0, 0.0], [1e200, 1.0, 0.0])):
         hit = asked.closest_to_segments([start] * count, [end] * count)

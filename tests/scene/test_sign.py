@@ -1,4 +1,4 @@
-"""How inside is told for one body, and the sentence that says so."""
+"""The method that decides the sign for a body, and the message about it."""
 
 import re
 from itertools import pairwise
@@ -43,7 +43,7 @@ def scaled(mesh, size, place):
 
 
 def handle(half_width, end):
-    """The unit cube with a square pipe that grows from its top, bends, and ends above it or deep inside."""
+    """The unit cube with a square pipe that extends from its top, bends, and ends above it or deep inside."""
     square = half_width * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     x, y = square.T
     cube = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
@@ -73,7 +73,7 @@ def quartered(times, mesh):
 
 
 def with_bump(size, overlap):
-    """The unit cube and a small one beside it that reaches into its side."""
+    """The unit cube and a small one that reaches into its side."""
     return shapes.join(shapes.cube(), shapes.cube(size, (1.0 + 0.5 * size - overlap, 0.52, 0.53)))
 
 
@@ -190,7 +190,7 @@ def test_what_has_no_inside_has_distances_without_sign(name):
 
 @pytest.mark.parametrize("hole", ["outside", "cavity"])
 def test_cavity_of_a_body_with_a_small_hole_is_outside(hole):
-    """Taken apart, the outer shell would be full, and the cavity a solid or a sheet."""
+    """Separately, the outer shell would be full, and the cavity a solid or a sheet."""
     outside, cavity = shapes.sphere(1.0, 3), shapes.inside_out(shapes.sphere(0.5, 2))
     if hole == "outside":
         outside = without_a_face(outside)
@@ -221,7 +221,7 @@ def test_cube_inside_out_is_turned_and_says_so():
 @pytest.mark.parametrize("height", [0.0, 1e-12, 1e-9])
 @pytest.mark.parametrize("seed", range(6))
 def test_side_is_right_beside_a_thin_face_that_closes_a_junction(seed, height):
-    """A vertex on a sharp edge for one side only, and a face in the slit: its normal tells nothing."""
+    """A T-junction on a sharp edge, closed by a thin face whose normal is unreliable."""
     rng = np.random.default_rng(seed)
     vertices, faces = shapes.tetrahedron()
     vertices = vertices * [1.0, 1.0, 0.3] @ (shapes.rotation(seed) if seed else np.eye(3))
@@ -258,7 +258,7 @@ def test_thin_faces_are_said():
 def test_body_that_meets_itself_is_deepest_where_both_halves_are():
     solid = Solid(*CASES["two cubes that overlap"][0])
 
-    # Distance to the nearest face, though that face lies inside the other cube.
+    # Distance to the nearest face, although that face is inside the other cube.
     assert solid.signed_distance([0.75, 0.75, 0.75]) == -0.25
     assert solid.signed_distance([1.25, 1.25, 1.25]) == -0.25
     assert solid.contains([[0.25, 0.25, 0.25], [0.75, 0.75, 0.75], [1.9, 1.9, 0.4]]).tolist() == [
@@ -296,7 +296,7 @@ def test_body_that_nearly_meets_itself_keeps_its_normals(half_width, end):
 
 
 def test_far_point_is_never_inside():
-    # From 1e16 part sizes on, either side of the part is equally far to rounding.
+    # From 1e16 part sizes on, both sides of the part are equally far within rounding.
     solid = Solid(*shapes.cube())
     for distance in (1e9, 1e16, 1e20, 1e30, 1e90):
         points = distance * np.concatenate([np.eye(3), -np.eye(3), np.ones((1, 3))])

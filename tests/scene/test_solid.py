@@ -1,4 +1,4 @@
-"""One body, asked: every answer against the oracle, and against itself where nothing may change."""
+"""Queries of one body, compared with the oracle and with equivalent queries."""
 
 import judging
 import numpy as np
@@ -18,7 +18,7 @@ CLOSED = [*query_rows.CLOSED, "overlapping cubes"]
 
 @st.composite
 def points_around(draw, names):
-    """The name of a mesh, and a point: drawn from a face, a side and a height, so that it shrinks."""
+    """The name of a mesh and a point, built from face, side and height for shrinking."""
     name = draw(st.sampled_from(sorted(names)))
     vertices, faces = mesh_of(name)
     face = draw(st.integers(0, len(faces) - 1))
@@ -29,7 +29,7 @@ def points_around(draw, names):
     height = draw(st.sampled_from([0.0, 1e-12, 1e-9, 1e-6, 1e-3]) | st.floats(0.0, 10.0))
     way = np.array([draw(st.sampled_from([-1.0, 0.0, 1.0]) | st.floats(-1.0, 1.0)) for _ in range(3)])
     point = on_face + height * way
-    # The squares of lengths below 1e-150 leave float64, and with them the directions.
+    # Squared lengths below 1e-150 underflow in float64, which loses directions.
     return name, np.where(np.abs(point) < 1e-140, 0.0, point)
 
 
@@ -76,10 +76,10 @@ def test_many_signs_agree_with_the_winding_number(name):
 @pytest.mark.parametrize("name", ["torus", "octahedron", "hollow cube", "rod", "overlapping cubes"])
 @pytest.mark.parametrize("seed", [0, 2])
 def test_inside_and_sign_agree_everywhere(name, seed):
-    """The one looks into a grid of cells first, the other asks the surface.
+    """`contains` uses a grid of cells first, `signed_distance` the surface.
 
-    A torus, turned, once had a point 0.2 deep that was not inside: a face's plane and box passed its cell,
-    the face did not, and within a cell's diagonal nothing was found.
+    Regression: in a rotated torus a point at depth 0.2 was not inside. The plane and box of a face, but not
+    the face, met its cell, and no face was found within the cell's diagonal.
     """
     vertices, faces = mesh_of(name)
     solid = Solid(vertices @ shapes.rotation(seed).T, faces)
@@ -94,7 +94,7 @@ def test_inside_and_sign_agree_everywhere(name, seed):
 
 @pytest.mark.parametrize("first_corner", range(3))
 def test_distance_on_the_surface_is_a_plain_zero(first_corner):
-    """Not -0.0, which a caller may print, or divide by; and of another bit than what `closest` says."""
+    """A -0.0 would show in output and divisions, and differ in a bit from `closest`."""
     vertices, faces = mesh_of("cube")
     solid = Solid(vertices, np.roll(faces, first_corner, axis=1))
     points = np.random.default_rng(6).uniform(0.0, 1.0, (600, 3))
@@ -117,7 +117,7 @@ def test_moving_the_point_changes_the_distance_by_no_more(asked, step):
     solid, there = solid_of(name), point + np.array(step)
     change = abs(solid.signed_distance(there) - solid.signed_distance(point))
     if name == "overlapping cubes":
-        # Within another cube the nearest face is no boundary of the inside: only the distance is continuous.
+        # The nearest face inside another cube is not part of the boundary: only the distance is continuous.
         change = abs(solid.distance(there) - solid.distance(point))
     assert change <= np.linalg.norm(there - point) + judging.allowance(20.0, mesh_of(name)[0], point)
 
@@ -147,7 +147,7 @@ def test_moving_solid_and_point_together_changes_nothing(name):
 
 @pytest.mark.parametrize("name", sorted(MESHES))
 def test_order_of_faces_does_not_matter(name):
-    """Ties may name another face, never another distance."""
+    """Ties may give another face, never another distance."""
     vertices, faces = mesh_of(name)
     points = some_points(name, 300)
     shuffled = Solid(vertices, np.random.default_rng(11).permutation(faces))
@@ -186,7 +186,7 @@ def test_solid_says_what_it_is():
 
 
 def test_memory_is_counted_and_bounded():
-    """The figure promised for large meshes, with room for what small ones pay at least."""
+    """The documented limit for large meshes, plus the fixed cost of small ones."""
     solid = Solid(*shapes.torus(n=200, m=100))
     assert solid.memory_bytes >= solid.mesh.vertices.nbytes + solid.mesh.faces.nbytes
     assert solid.memory_bytes <= 300 * solid.mesh.face_count

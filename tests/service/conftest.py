@@ -1,4 +1,4 @@
-"""What tests of inputs by messages share."""
+"""Fixtures common to tests of inputs by messages."""
 
 import pytest
 from fake_service import QueueInlet
@@ -8,7 +8,7 @@ from proximity.service.inputs import inbox
 
 @pytest.fixture
 def inlet(monkeypatch):
-    """A queue where an input's address would be."""
+    """A queue that replaces the inlet of an input's address."""
     queue = QueueInlet()
     monkeypatch.setattr(inbox, "open_inlet", lambda address: queue)
     return queue

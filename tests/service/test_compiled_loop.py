@@ -1,4 +1,4 @@
-"""The loop: what it does by itself is what Python does, to the bit; time, messages, and scenes."""
+"""The compiled loop: bitwise agreement with Python, timing, messages and scene changes."""
 
 import itertools
 import os
@@ -59,7 +59,7 @@ def scene():
 
 @pytest.fixture(autouse=True)
 def _nothing_is_left():
-    """Mailboxes of writers that were killed stay until there is another one."""
+    """Remove mailboxes of killed writers, which would persist until the next writer."""
     yield
     for left in Path("/dev/shm").glob(f"proximity.test-{os.getpid()}-*"):
         left.unlink()
@@ -74,7 +74,7 @@ def contacts_of(scene, count=COUNT):
 
 
 class Poses:
-    """Messages of a hand that goes about the bracket, with all that sensors and senders do."""
+    """Messages of a hand that moves about the bracket, including errors of sensors and senders."""
 
     def __init__(self, scene, seed):
         self.rng = np.random.default_rng(seed)
@@ -85,7 +85,7 @@ class Poses:
         self.with_velocities = seed % 3 >= 1
 
     def messages(self, tick, now_ns):
-        """What comes before that tick: mostly one message; none, two, a part of the hand, or nonsense."""
+        """Messages before a tick: mostly one; or none, two, part of a hand, or invalid data."""
         chance = self.rng.random()
         for k in range(0 if chance < 0.1 else 2 if chance < 0.2 else 1):
             yield self.message(tick, now_ns - (2 - k) * MS // 4)
@@ -117,7 +117,7 @@ class Poses:
 
 
 class Parts:
-    """Messages of parts that move, turn, rest, fall silent, and are hidden, shown and deformed."""
+    """Messages of parts that move, rotate, rest, fall silent, and are hidden, shown and deformed."""
 
     def __init__(self, scene, seed):
         self.rng = np.random.default_rng(100 + seed)
@@ -127,7 +127,7 @@ class Parts:
         self.silent_until = 0
 
     def messages(self, tick, now_ns):
-        """Kinds and messages that come before that tick."""
+        """Kinds and messages before a tick."""
         if self.rng.random() < 0.02:
             self.silent_until = tick + int(self.rng.integers(80, 160))
         if tick >= self.silent_until and self.rng.random() < 0.4:
@@ -160,14 +160,14 @@ class Parts:
 
 
 class Measured:
-    """Messages of a sensor of distances, with all that sensors do."""
+    """Messages of a distance sensor, including its errors."""
 
     def __init__(self, seed):
         self.rng = np.random.default_rng(200 + seed)
         self.distances, self.speeds = self.rng.uniform(-0.01, 0.1, COUNT), self.rng.normal(0.0, 0.1, COUNT)
 
     def messages(self, tick, now_ns):
-        """What comes before that tick: mostly one message, of some fingers."""
+        """Messages before a tick: mostly one, of some of the fingers."""
         self.speeds += self.rng.normal(0.0, 0.01, COUNT)
         self.distances += 0.001 * self.speeds
         if self.rng.random() < 0.1:
@@ -196,7 +196,7 @@ class Measured:
 
 
 def frames_of(scene, seed, *, in_python, ticks=300, parts=None):
-    """Frames and report of a service that is driven by a clock; messages are the same each time."""
+    """Frames and report of a service on a manual clock, with the same messages in every run."""
     poses, frames, *of_parts = names()
     is_measured = scene is None
     feed, clock, taken = Measured(seed) if is_measured else Poses(scene, seed), ManualClock(BEGIN_NS), []
@@ -264,7 +264,7 @@ def test_frames_of_a_sensor_are_those_that_python_makes_to_the_bit(seed):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_frames_are_those_that_python_makes_to_the_bit(scene, seed):
-    """What the loop does by itself is what NumPy and the tracker do with the same messages."""
+    """The compiled loop gives the same frames as NumPy and the tracker."""
     (ones, theirs), (others, ours) = (frames_of(scene, seed, in_python=way) for way in (True, False))
 
     assert_same(ones, others)
@@ -277,7 +277,7 @@ def test_frames_are_those_that_python_makes_to_the_bit(scene, seed):
 
 
 class Served:
-    """A service in this process, and its two ends."""
+    """A service in this process, with a publisher and a subscriber."""
 
     def __init__(self, scene, poses, frames, **settings):
         self.over, self.poses, self.frames = threading.Event(), poses, frames
@@ -303,7 +303,7 @@ class Served:
         self.subscriber.close()
 
     def pose(self, positions):
-        """Publish a pose of now; its instant."""
+        """Publish a current pose; return its time."""
         message, now_ns = Message(POSES, COUNT), time.monotonic_ns()
         message.records["finger"], message.records["position"] = np.arange(COUNT), positions
         message.header["send_ns"] = message.records["pose_ns"] = now_ns
@@ -311,7 +311,7 @@ class Served:
         return now_ns
 
     def answer(self, positions):
-        """The first valid reading that is made of a pose; it is given again where a frame came too late."""
+        """Publish a pose until a valid reading is based on it; return that reading."""
 
         def look():
             pose_ns = self.pose(positions)
@@ -345,7 +345,7 @@ def by_udp(key=""):
 
 
 def holds(scene, reading):
-    """Whether bounds hold of all that a frame says is tracked and valid."""
+    """Test whether the bounds of all tracked fingers hold."""
     contacts = reading.contacts[(reading.contacts["flags"] & 1) != 0]
     true = scene.signed_distance(contacts["position"]) - 0.005
     return (contacts["lower"] <= true + 1e-12).all() and (true <= contacts["upper"] + 1e-12).all()
@@ -353,7 +353,7 @@ def holds(scene, reading):
 
 @pytest.mark.parametrize("ends", [by_shared_memory, by_udp, by_threads, by_ipv6])
 def test_pose_that_comes_wakes_it(scene, ends):
-    """Of a period of some seconds: the frame is there before a tick would have been due."""
+    """A frame follows the pose, well before the next tick of a period of seconds."""
     with Served(scene, *ends(), period=2.0, valid_for=8.0, stale_after=10.0) as served:
         for lift in (0.0, 0.01, 0.02):
             before_ns = int(served.subscriber.read().header["publish_ns"])
@@ -396,7 +396,7 @@ def test_names_are_described_and_a_scene_is_exchanged_between_two_frames(scene):
 
 
 def test_flood_of_garbage_and_forged_poses_makes_no_wrong_frame(scene, tmp_path):
-    """With a key what others send is counted; every valid frame is of true poses and within its bounds."""
+    """With a key, forged messages are counted; every valid frame has true poses and correct bounds."""
     key = tmp_path / "poses.key"
     write_key(str(key))
     poses, frames = by_udp(f"?key={key}")
@@ -426,7 +426,7 @@ def test_flood_of_garbage_and_forged_poses_makes_no_wrong_frame(scene, tmp_path)
 
 
 def test_count_of_lost_messages_does_not_overflow(scene):
-    """A run may begin with any number; as a count of those before it, it was below 0."""
+    """A run may begin with any number; its use as a count of lost messages once overflowed."""
     poses, frames = by_shared_memory()
     with Served(scene, poses, frames) as served:
         served.publisher.close()
@@ -451,7 +451,7 @@ def test_sender_that_ends_leaves_frames_late_then_stale_and_the_next_is_taken(sc
 
 
 class FullDisk:
-    """A log that takes ten frames."""
+    """A log that accepts ten frames."""
 
     def __init__(self):
         self.taken = 0
@@ -490,7 +490,7 @@ poses = "{poses}"
 
 
 def test_service_that_is_held_and_killed_says_nothing_wrong(scene, tmp_path):
-    """Held by SIGSTOP, and killed, three times: readings that may be used are in time, and bounds hold."""
+    """Across three cycles of SIGSTOP and kill, valid readings are in time, and their bounds hold."""
     (poses, frames), path = by_shared_memory(), tmp_path / "cell.toml"
     path.write_text(SCENE.format(frames=frames, poses=poses, part=MESHES / "bracket.stl"))
 
@@ -529,7 +529,7 @@ def test_service_that_is_held_and_killed_says_nothing_wrong(scene, tmp_path):
 
 
 class Polled:
-    """A recording that Python polls: at each instant the last of its poses that is past, if that is new."""
+    """Python version of playback: yields the last past pose of a recording, if new."""
 
     address, notes, is_over = "hand", (), False
 
@@ -558,7 +558,7 @@ class Polled:
     ("repeat", "latency", "ticks"), [(False, 0.002, None), (True, 0.0, 700), (True, 0.03, 900)]
 )
 def test_recording_that_the_loop_plays_is_what_python_polls(scene, repeat, latency, ticks):
-    """To the bit: at its own instants, again and again, with a lost finger and pauses of the machine."""
+    """Playback is bitwise equal, with repeats, a lost finger and pauses of the machine."""
     rng = np.random.default_rng(int(1e3 * latency))
     times_ns = np.cumsum(rng.integers(1, 9, 60)) * MS
     lower, upper = scene.bounds

@@ -1,4 +1,4 @@
-"""The description of a service: which messages come when, and what a subscriber makes of them."""
+"""The description of a service: when its messages are sent, and the subscriber's result."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def labels(count, hidden=()):
 
 
 def read_by(reader, describer, count, *, epoch=0, hidden=(), now=0):
-    """Let all messages that are due come; how many there were."""
+    """Deliver all due messages; return their number."""
     number = 0
     while (message := describer.message(epoch, now, labels(count, hidden))) is not None:
         reader.send(message)

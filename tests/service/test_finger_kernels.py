@@ -1,4 +1,4 @@
-"""What comes in and goes out each tick, in one call for all fingers."""
+"""Kernels that process input and output of all fingers in one call per tick."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ OLDEST_NS, LATEST_NS = 920, 1000
 
 
 def interpreted(kernel):
-    """The same, not compiled."""
+    """Return the uncompiled function of a kernel."""
     return getattr(kernel, "py_func", kernel)
 
 
@@ -21,7 +21,7 @@ HOW = pytest.mark.parametrize("how", [lambda kernel: kernel, interpreted], ids=[
 @HOW
 @pytest.mark.parametrize("columns", [1, 3])
 def test_newest_samples_follow_the_rules(how, columns):
-    """Of 700 fingers 500 are given, in any order."""
+    """Update 500 of 700 fingers, in random order."""
     rng = np.random.default_rng(columns)
     newest_ns, newest = rng.integers(900, 1100, 700), rng.random((700, columns))
     fingers, given_ns = rng.permutation(700)[:500], rng.integers(900, 1100, 500)

@@ -1,4 +1,4 @@
-"""A part that is held while it is served: its connections are frames of their own, with bounds that hold."""
+"""A tracked part in a service: its connections are published in separate frames with correct bounds."""
 
 import time
 
@@ -37,7 +37,7 @@ PATIENCE_S = 60.0
 
 
 def table():
-    """A ring that is held, with a lid on it, and three other parts."""
+    """A tracked ring with a lid on it, and three other parts."""
     scene = Scene(
         [
             Solid(*shapes.torus(0.03, 0.012, 40, 20), name="ring"),
@@ -64,7 +64,7 @@ def move(poses, instant_ns, velocity=np.nan, turning=np.nan):
 
 
 class Held:
-    """A held part beside the fingers' scene, tick by tick."""
+    """A tracked part next to the fingers' scene, stepped tick by tick."""
 
     def __init__(self, inlet, scene, *parts, **options):
         self.scene, self.inlet = scene, inlet
@@ -84,7 +84,7 @@ class Held:
 
 
 def wander(seed, count):
-    """Poses of a part that goes and turns at random."""
+    """Random poses of a moving and rotating part."""
     rng = np.random.default_rng(seed)
     place, turn = np.array([0.0, 0.0, 0.02]), np.eye(3)
     for _ in range(count):
@@ -146,7 +146,7 @@ def test_all_parts_are_where_they_were_at_the_instant_of_the_pose(inlet):
     assert contacts["signed_distance"][0] == pytest.approx(
         still.clearance("ring", "ball").distance, abs=1e-14
     )
-    assert held.scene.part("ball").pose.translation[0] == 0.09  # the scene has it where it was reported
+    assert held.scene.part("ball").pose.translation[0] == 0.09  # the scene has the reported pose
 
 
 def test_velocities_that_are_not_given_are_estimated(inlet):
@@ -225,7 +225,7 @@ def test_another_scene_and_a_removed_part_are_noticed(inlet):
 
 
 def test_readers_take_every_frame(inlet):
-    """Near, far, crossing, with and without velocities, and beyond the working range."""
+    """Cover near, far and crossing parts, with and without velocities, and beyond the working range."""
     scene, outlet = table(), KeepingOutlet()
     clock = ManualClock(NOW)
     moves = MovesInput("queue:", clock=clock.now_ns)
@@ -270,7 +270,7 @@ working_range = 0.5
 
 @pytest.fixture
 def served(tmp_path):
-    """Serve a scene file with a held part in a thread; yields subscriber, publishers and how to end it."""
+    """Serve a scene file with a tracked part in a thread; yield subscriber, publishers and stop function."""
     path, name = tmp_path / "cell.toml", tmp_path.name
     path.write_text(SCENE.format(name=name, file=MESHES / "assembly.step"))
     with (
@@ -283,7 +283,7 @@ def served(tmp_path):
 
 
 def reading_of(frames, is_it, again=lambda: None):
-    """The first reading that is so; *again* is called before each."""
+    """Return the first reading that meets the condition; *again* is called before each read."""
     ends = time.monotonic() + PATIENCE_S
     while True:
         again()

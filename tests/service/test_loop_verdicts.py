@@ -1,4 +1,4 @@
-"""The loop makes of messages what receivers in all languages do, see ``verdicts.py``."""
+"""The loop accepts and rejects messages like the receivers of all languages, see ``verdicts.py``."""
 
 import sys
 
@@ -29,7 +29,7 @@ OF_ORDER = {
         for step in row.steps
     )
 }
-"""Rows that tell of sessions and numbers, at whole milliseconds: those of a loop's ticks."""
+"""Rows about sessions and numbers at whole milliseconds, the ticks of the loop."""
 
 
 def poses(step, now):

@@ -1,4 +1,4 @@
-"""Scene files: what they may say, how mistakes are told, and what is made of them."""
+"""Scene files: valid contents, error messages, and the resulting settings."""
 
 import inspect
 import re
@@ -43,7 +43,7 @@ def folder(tmp_path):
 
 @pytest.fixture
 def read(folder):
-    """Read a scene file of that text, or bytes."""
+    """Read a scene file with the given text or bytes."""
 
     def read_text(text):
         path = folder / "cell.toml"
@@ -55,7 +55,7 @@ def read(folder):
 
 @pytest.fixture
 def refusal(read):
-    """What is said of a scene file of that text, behind the folder."""
+    """Error message for a scene file with the given text, without the folder."""
 
     def message_of(text):
         with pytest.raises(ServiceError) as refused:
@@ -173,7 +173,7 @@ def test_sample_reads_and_names_every_key():
 
 
 def test_sample_shows_the_defaults_where_it_says_so():
-    """What is commented out in [service] and [fingers] shows what holds without it."""
+    """Commented-out lines in [service] and [fingers] show the default values."""
     text = (MESHES / "demo.toml").read_text(encoding="utf-8").split("\n[[parts]]")[0]
     shown = Document(re.sub(r"(?m)^#(?=\w+ = )", "", text), "demo.toml").data
 
@@ -194,7 +194,7 @@ def vars_of(settings):
 
 SENSOR = '[input]\nsensor = "mailbox:sensor"\n'
 RECORDED = '[input]\nrecording = "hand.csv"\n'
-# A file, and how what is said of it begins: "\\n" ends a line, and names in braces stand for a table each.
+# A file, and the start of its error message: "\\n" ends a line; a name in braces is a table.
 MISTAKES = r"""
 rate = \n | 1: invalid TOML at column
 \n[service\nrate_hz = 1\n | 2: invalid TOML at column
@@ -382,7 +382,7 @@ def test_parts_of_several_files_are_named_and_placed(read):
     assert names == ["box", "turned", "cell/pin_left", "cell/pin_right", "cell/base", "cell/lid"]
     lower, upper = (corner.copy() for corner in scene.part("box").solid.bounds)
     np.testing.assert_array_equal(scene.part("turned").pose.translation, [1, 0, 0])
-    corner = [1.0 - upper[1] - 0.001, lower[0], lower[2]]  # a millimetre beside the turned box
+    corner = [1.0 - upper[1] - 0.001, lower[0], lower[2]]  # a millimetre from the turned box
     assert scene.signed_distance(corner) == pytest.approx(0.001, abs=1e-12)
     assert scene.closest(corner).part == 1
     for part in load(MESHES / "assembly.glb").parts:

@@ -1,4 +1,4 @@
-"""Bends that are told with poses: published as told, with the rate that successive ones show."""
+"""Bends given with poses: published unchanged, with their rate of change."""
 
 import math
 
@@ -12,21 +12,21 @@ from proximity.scene.scene import Scene
 from proximity.service import FingerPoses, Service, TrackedContacts
 from proximity.tracker.tracker import Tracker
 
-RATE = 2.0  # bends a second
+RATE = 2.0  # bends per second
 
 
 @pytest.fixture(scope="module")
 def answers():
-    """Of three fingers above a plate, rehearsed as the loop does."""
+    """Contacts of three fingers above a plate, rehearsed as in the loop."""
     made = TrackedContacts(Tracker(Scene([plate()]), fingers=3))
     made.rehearse()
     return made
 
 
 def told(answers, bends, *, paths=None, ticks=8, every=1):
-    """The contacts after some ticks; fingers bend at `RATE` from *bends* on, a pose each *every* ticks."""
+    """Contacts after some ticks; bends start at *bends* with rate `RATE`, one pose per *every* ticks."""
     poses = answers.new_samples()
-    answers.rehearse()  # forgets the test before
+    answers.rehearse()  # resets the state of previous calls
     for tick in range(ticks):
         pose = tick // every * every
         poses.positions[:], poses.pose_ns[:] = [[0.0, 0.0, 0.05 - 1e-4 * pose]] * 3, pose * MS
@@ -43,7 +43,7 @@ def test_bend_that_is_told_without_a_path_is_published_with_its_rate(answers, ev
     assert contacts["bend"][:2] == pytest.approx([0.1 + RATE * 1e-3 * pose, 0.5 + RATE * 1e-3 * pose])
     assert contacts["bend_rate"][:2] == pytest.approx([RATE, RATE])
     assert np.isnan(contacts[2]["bend"]) and np.isnan(contacts[2]["bend_rate"])
-    # Where it touches is not known by that: no path was followed.
+    # Without a path, the bend at contact is unknown.
     assert np.isnan(contacts["contact_bend"]).all()
     assert not (contacts["flags"] & (ContactFlag.ON_PATH | ContactFlag.CONTACT_FOUND)).any()
 
@@ -51,7 +51,7 @@ def test_bend_that_is_told_without_a_path_is_published_with_its_rate(answers, ev
 def test_bend_that_an_input_tells_reaches_the_published_contact(answers):
     def tell(_, now_ns):
         poses = FingerPoses(3)
-        poses.positions[:] = [[0.02 * finger, 0.0, 0.05] for finger in range(3)]  # at one place: a lost hand
+        poses.positions[:] = [[0.02 * finger, 0.0, 0.05] for finger in range(3)]  # one point: a lost hand
         poses.pose_ns[:] = now_ns
         poses.bends = np.full(3, 0.1 + RATE * 1e-9 * now_ns)
         return poses

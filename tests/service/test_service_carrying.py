@@ -1,4 +1,4 @@
-"""Parts that move between their messages: where they are at a tick, and bounds that hold for that."""
+"""Parts that move between messages: extrapolated poses at each tick, and bounds that remain correct."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def scene():
 
 
 def rotation(angles):
-    """Turned about a vector by its length: the exponential of its cross product, as a series."""
+    """Rotation matrix of a rotation vector: the exponential of its cross product, as a series."""
     x, y, z = angles
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turn, term = np.eye(3), np.eye(3)
@@ -38,13 +38,13 @@ def rotation(angles):
 
 
 def world_from_box(now_ns):
-    """Where the box truly is."""
+    """The true pose of the box."""
     seconds = 1e-9 * (now_ns - NOW)
     return rotation(TURNING * seconds), VELOCITY * seconds
 
 
 def told(pose_ns, velocity=VELOCITY, turning=TURNING):
-    """A message of where the box is."""
+    """A message with the box's pose."""
     message = Message(MOVES, 1)
     message.records["name"], message.records["pose_ns"] = b"box", pose_ns
     message.records["rotation"], message.records["translation"] = world_from_box(pose_ns)
@@ -53,7 +53,7 @@ def told(pose_ns, velocity=VELOCITY, turning=TURNING):
 
 
 def distances(pose_ns):
-    """True signed distances of the fingertips, each at the instant of its pose."""
+    """True signed distances of the fingertips, each at the time of its pose."""
     true = []
     for tip, instant in zip(TIPS, pose_ns, strict=True):
         turn, shift = world_from_box(instant)
@@ -62,7 +62,7 @@ def distances(pose_ns):
 
 
 class Served(SteppedLoop):
-    """A loop that is fed with moves, tick by tick."""
+    """A loop with moving parts, stepped tick by tick."""
 
     def __init__(self, inlet):
         self.inlet, self.scene = inlet, scene()
@@ -71,18 +71,18 @@ class Served(SteppedLoop):
         super().__init__(TrackedContacts(tracker, self.source), NOW)
 
     def tick_at(self, now_ns, pose_ns):
-        """The contacts of a tick with fingers at rest, seen at these instants."""
+        """Contacts of a tick with fingers at rest and the given pose times."""
         return self.tick(now_ns, hands_at(TIPS, pose_ns, np.zeros((len(TIPS), 3))))
 
     def assert_at(self, now_ns):
-        """The box is where it truly is at that instant."""
+        """Check that the box is at its true pose."""
         turn, shift = world_from_box(now_ns)
         np.testing.assert_allclose(self.part("box")["rotation"].reshape(3, 3), turn, atol=1e-12)
         np.testing.assert_allclose(self.part("box")["translation"], shift, atol=1e-12)
 
 
 def assert_holds(contacts, pose_ns):
-    """What is said of each finger is so, at its pose and when the controller acts."""
+    """Check the bounds of each finger at its pose time and at the predicted time."""
     true, then = distances(pose_ns), distances(contacts["predicted_ns"])
     assert (contacts["lower"] <= true + ROUNDING).all() and (true <= contacts["upper"] + ROUNDING).all()
     assert (contacts["predicted_lower"] <= then + ROUNDING).all()
@@ -109,7 +109,7 @@ def test_bounds_hold_at_every_tick_between_messages_however_old_they_are(inlet, 
 
 
 def test_bounds_of_fingers_of_other_instants_are_wider_and_hold(inlet):
-    """Parts are where they are at the newest pose; of a finger that was seen before, less is known."""
+    """Parts are placed at the newest pose time; bounds of fingers with older poses are wider."""
     served = Served(inlet)
     inlet.put(told(NOW - 20 * MS))
     pose_ns = np.array([NOW - 15 * MS, NOW - MS, NOW - 40 * MS])
@@ -127,7 +127,7 @@ def test_bounds_of_fingers_of_other_instants_are_wider_and_hold(inlet):
 
 
 def test_part_that_nothing_more_is_told_of_makes_frames_late_and_bounds_wider(inlet):
-    """The one who tells dies; the part goes on, no faster than was told."""
+    """After the sender dies, the part may continue at its last speed at most."""
     served = Served(inlet)
     for ms in range(0, 400, 10):
         now_ns = NOW + ms * MS
@@ -175,7 +175,7 @@ def test_part_that_is_taken_out_while_it_moves_leaves_the_others_to_go_on(inlet)
 
 
 def test_part_is_carried_no_longer_than_it_is_believed_whatever_a_finger_says_of_its_instant(inlet):
-    """Poses may be some milliseconds ahead of the tick, when the part does not stand still yet."""
+    """Poses may be some milliseconds ahead of the tick, before the part stops."""
     served = Served(inlet)
     inlet.put(told(NOW))
     served.tick_at(NOW + 99 * MS, NOW + 103 * MS)
@@ -187,7 +187,7 @@ def test_part_is_carried_no_longer_than_it_is_believed_whatever_a_finger_says_of
 def test_finger_that_is_not_predicted_is_free_for_no_time_beside_a_part_of_another_instant(inlet):
     served = Served(inlet)
     inlet.put(told(NOW - 20 * MS))
-    poses = hands_at(TIPS, [NOW - 15 * MS, NOW - MS, NOW - 40 * MS])  # the first: no velocity is known
+    poses = hands_at(TIPS, [NOW - 15 * MS, NOW - MS, NOW - 40 * MS])  # the first: unknown velocity
 
     contacts = served.tick(NOW, poses)
 
@@ -196,7 +196,7 @@ def test_finger_that_is_not_predicted_is_free_for_no_time_beside_a_part_of_anoth
 
 
 def silent(inlet):
-    """Served parts: nothing more is told of the box, which turned."""
+    """A loop with a rotating box that received no further messages."""
     served = Served(inlet)
     inlet.put(told(NOW))
     for ms in (0, 150, 300):
@@ -206,18 +206,18 @@ def silent(inlet):
 
 
 class Watched:
-    """By how much upper bounds were wider at the last tick than those of the tracker, which are exact."""
+    """Widening of the upper bounds in the last tick, relative to the tracker's exact ones."""
 
     def __init__(self, served):
         self.served = served
 
     def tick(self, ms):
-        """Of fingers of the same instant, and two of earlier ones."""
+        """Run a tick with one current pose and two older ones."""
         contacts = self.served.tick_at(NOW + ms * MS, NOW + ms * MS - np.arange(len(TIPS)) * MS)
         self.wider = contacts["upper"] - contacts["signed_distance"]
 
     def is_sure(self, ms):
-        """Whether a frame is in time, and its bounds are the tracker's."""
+        """Test whether a tick is in time with the tracker's own bounds."""
         self.tick(ms)
         return not self.wider.any() and not self.served.is_late
 
@@ -230,7 +230,7 @@ def test_silent_part_that_is_taken_out_makes_nothing_late_and_no_bound_wider(inl
     assert watched.is_sure(310) and watched.is_sure(3000)
     assert served.source.notes == [
         "queue:: 1 parts stood still: no move for 100 ms"
-    ]  # nobody wanted to move it any more
+    ]  # no message has moved it since
 
     served.scene.add(box)
     assert not watched.is_sure(3010) and served.is_late
@@ -248,7 +248,7 @@ def test_hidden_part_is_carried_on_and_others_go_on_to_widen_bounds(inlet):
     served.scene.hide("box")
     watched.tick(10)
 
-    np.testing.assert_allclose(watched.wider, (0.0, 0.0001, 0.0002), atol=1e-9)  # by the speed of the other
+    np.testing.assert_allclose(watched.wider, (0.0, 0.0001, 0.0002), atol=1e-9)  # at the other's speed
     np.testing.assert_allclose(served.part("box")["translation"], (0.09, 0, 0), atol=1e-12)
 
 
@@ -264,7 +264,7 @@ def test_silent_part_that_is_hidden_and_shown_widens_bounds_only_where_it_is_sho
 
 
 def test_bounds_hold_of_a_turning_part_that_is_made_larger(inlet):
-    """It turns about its origin: what is farther from there goes faster."""
+    """The speed grows with the distance from the origin, the centre of rotation."""
     served = Served(inlet)
     inlet.put(told(NOW, velocity=0.0))
     pose_ns = NOW + np.array([10, 0, 10]) * MS

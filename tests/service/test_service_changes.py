@@ -1,4 +1,4 @@
-"""Parts that are hidden, shown, removed, added and deformed while they are served, as messages tell."""
+"""Parts that messages hide, show, remove, add and deform while they are served."""
 
 import os
 import shutil
@@ -35,7 +35,7 @@ def changes(*actions):
 
 
 def named(name):
-    """A message that hides the part of that name in bytes."""
+    """A message that hides the part with a name in bytes."""
     message = changes(("", PartAction.HIDE))
     message.records["name"] = name
     return message
@@ -51,7 +51,7 @@ def addition(name="lid", file="box.stl", **fields):
 
 
 def deformation(name, vertices):
-    """A message that puts all vertices of a part elsewhere."""
+    """A message that replaces all vertices of a part."""
     message = Message(DEFORMATIONS, -(-len(vertices) // 64))
     records = message.records
     records["name"], records["vertex_count"] = name.encode(), len(vertices)
@@ -177,7 +177,7 @@ def test_messages_behind_one_that_takes_long_wait_for_it(inlet):
 
 
 class FakeAnswers:
-    """Answers about a scene that is handed over at once."""
+    """Contacts of a scene, passed on without delay."""
 
     def __init__(self, tracker, moves=None, changes=None):
         self.tracker, self.moves, self.changes, self.count = tracker, moves, changes, 1
@@ -185,7 +185,7 @@ class FakeAnswers:
 
 @pytest.fixture
 def changer(monkeypatch, tmp_path):
-    """Carries out requests on a scene of two parts; *served* shows what is served."""
+    """Apply requests to a scene of two parts; *served* is the published scene."""
     monkeypatch.setattr(scene_changes, "TrackedContacts", FakeAnswers)
     monkeypatch.setattr(
         scene_changes, "make_tracker", lambda settings, scene, count: SimpleNamespace(scene=scene)
@@ -207,7 +207,7 @@ def changer(monkeypatch, tmp_path):
 
 
 def asked(inlet, message):
-    """The request that a message becomes."""
+    """The request parsed from a message."""
     changing = source()
     inlet.put(message)
     changing.apply(scene("a", "b"))

@@ -1,7 +1,7 @@
-"""Faults of the whole: a service in a process of its own, shared memory, and what readers then see.
+"""System faults: a service in a separate process with shared memory, observed by readers.
 
-Each test kills, starves, feeds with nonsense or edits a service that `start_service` runs. Parts of it have
-their own tests; here is what only shows when all are together.
+Each test kills, starves, edits or sends invalid data to a service run by `start_service`. The components have
+their own tests; these cover only effects of their combination.
 """
 
 import os
@@ -32,7 +32,7 @@ VALID_NS = 20_000_000
 PATIENCE = 60.0
 RADIUS = 0.007
 RECOVERS_WITHIN_NS = 2 * SECOND
-"""100 ms is what is asked for; the machine that tests run on may be busy."""
+"""The requirement is 100 ms; the test machine may be loaded."""
 SCENE = """\
 [service]
 rate_hz = 1000
@@ -50,17 +50,17 @@ ABOVE = np.array([[0.05, 0.03, 0.15], [0.06, 0.03, 0.15], [0.07, 0.03, 0.15]])
 
 
 def name_of(what):
-    """An address in shared memory that nobody else has."""
+    """A unique address in shared memory."""
     return f"shm://faults-{os.getpid()}-{time.time_ns()}/{what}"
 
 
 def kept(reading):
-    """A reading that later ones do not overwrite."""
+    """Copy a reading, so that later ones do not overwrite it."""
     return replace(reading, header=reading.header.copy(), contacts=reading.contacts.copy())
 
 
 def seen(subscriber, is_so, check=lambda reading: None):
-    """The first new reading of which that is so; each that comes before is checked."""
+    """Return the first new reading that meets the condition, checking each earlier one."""
 
     def look():
         reading = subscriber.wait(0.1)
@@ -75,12 +75,12 @@ def is_ok(reading):
 
 
 class Watching:
-    """Reads in a thread, as a controller would, and notes what is used as valid and should not be."""
+    """Read in a thread like a controller; record readings that are valid but should not be."""
 
     def __init__(self, subscriber):
         self.subscriber = subscriber
-        self.states = []  # as they changed: state, session
-        self.first = {}  # by session: instant of the first valid reading
+        self.states = []  # changes of (state, session)
+        self.first = {}  # by session: time of the first valid reading
         self.wrongly_valid = self.used = 0
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run)
@@ -111,9 +111,9 @@ class Watching:
 
 
 def test_service_killed_and_started_anew_is_read_again_and_every_frame_is_accounted_for(tmp_path):
-    """Killed and started anew: readers go from OK by LATE to STALE, and to OK again without being touched.
+    """After a kill and restart, readers go from OK to LATE, STALE and back to OK without intervention.
 
-    Of the second run, all that was published is in the log, and was received or counted as lost.
+    Every frame published by the second run is in the log, and was received or counted as lost.
     """
     for name in ("bracket.stl", "hand.csv"):
         shutil.copy(MESHES / name, tmp_path)
@@ -149,7 +149,7 @@ def test_service_killed_and_started_anew_is_read_again_and_every_frame_is_accoun
     np.testing.assert_array_equal(headers["sequence"], np.arange(published))
     assert report["log_written"] == published and report["log_lost"] == 0
     assert reading.header["sequence"] == published - 1
-    # The mailbox of the dead still had its newest frame.
+    # The mailbox of the killed service still had its newest frame.
     assert (other.counts.received + other.counts.lost, other.counts.flawed.total()) == (published + 1, 0)
     assert report["publish_failures"] == {address: 0}
 
@@ -162,12 +162,12 @@ def test_service_killed_and_started_anew_is_read_again_and_every_frame_is_accoun
 
 
 class Feeding:
-    """Says in a thread 250 times a second where fingers are; a test makes them wrong."""
+    """Publish finger poses from a thread at 250 Hz; tests make them invalid."""
 
     def __init__(self, address):
         self.future_ns = 0
         self.positions = ABOVE.copy()
-        self.good = set()  # instants of poses that were true
+        self.good = set()  # times of true poses
         self._publisher = open_publisher(address)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run)
@@ -197,7 +197,7 @@ class Feeding:
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
-    """A service that is fed live, for all tests that leave it alive."""
+    """A service with live input, common to all tests that do not end it."""
     folder = tmp_path_factory.mktemp("served")
     shutil.copy(MESHES / "bracket.stl", folder)
     path, said = folder / "cell.toml", []
@@ -211,7 +211,7 @@ def served(tmp_path_factory):
 
 @pytest.fixture
 def subscriber(served):
-    """A reader that has seen the hand."""
+    """A reader that has received the hand."""
     with open_subscriber(served.address) as opened:
         seen(opened, is_ok)
         yield opened
@@ -289,7 +289,7 @@ def test_killed_readers_disturb_neither_the_service_nor_others(served, subscribe
             reader.kill()
     after = seen(subscriber, is_ok).header
 
-    # A reader has 64 frames of room, and they come for certain where it is not kept from reading.
+    # The reader buffers 64 frames, all of which arrive if it is not kept from reading.
     assert after["session"] == before["session"] and after["sequence"] > before["sequence"]
     assert subscriber.counts.flawed.total() == 0 and served.service.is_running
 

@@ -1,4 +1,4 @@
-"""Fingers in gloves: from a calibration's file, the knuckle's pose and counts to the bend at contact."""
+"""Gloved fingers: from calibration file, knuckle pose and encoder counts to the bend at contact."""
 
 import math
 import shutil
@@ -41,7 +41,7 @@ def folder(tmp_path):
 
 @pytest.fixture
 def gloves_of(folder):
-    """What the service knows of two fingers by a scene file with that [glove]."""
+    """Fingertip paths of two fingers, from a scene file with the given [glove] text."""
 
     def read(text, count=2):
         (folder / "cell.toml").write_text(SCENE + text)
@@ -52,7 +52,7 @@ def gloves_of(folder):
 
 @pytest.fixture(scope="module")
 def ways(tmp_path_factory):
-    """What the service knows of two fingers."""
+    """Fingertip paths of two fingers."""
     folder = tmp_path_factory.mktemp("ways")
     shutil.copy(MESHES / "box.stl", folder)
     glove_files.write(folder / "glove.json")
@@ -61,7 +61,7 @@ def ways(tmp_path_factory):
 
 
 def poses(bend=math.nan, counts=math.nan, **fields):
-    """A message of two fingers in one place."""
+    """A message of two fingers at the same pose."""
     message = Message(GLOVE_POSES, 2)
     records = message.records
     records["finger"], records["pose_ns"] = [0, 1], NOW
@@ -95,7 +95,7 @@ def test_counts_become_bend_fingertip_and_path(gloves_of, inlet):
 
 
 def test_glove_tells_the_tracker_where_its_finger_will_touch(gloves_of, inlet):
-    """The plane of the paper, put where the hand is."""
+    """The paper's plane, transformed to the hand."""
     vertices, faces = shapes.box((-0.3, -0.2, -0.3), (0.3, -0.045, 0.3))
     scene = Scene([solid((vertices @ TURN.T + KNUCKLE, faces), "plane")])
     answers = TrackedContacts(Tracker(scene, fingers=2))
@@ -139,7 +139,7 @@ def test_what_cannot_be_is_a_finger_that_is_not_tracked(gloves_of, inlet, fields
 @settings(max_examples=200, deadline=None, derandomize=True)
 @given(data=st.data())
 def test_whatever_numbers_come_nothing_is_raised(ways, data):
-    """Not even a warning, which is an error here: the loop has no time for either."""
+    """Not even a warning, which is an error in tests."""
     numbers = st.sampled_from(
         [0.0, 0.5, -1.0, 1e-300, 1e155, 1.7e308, -1.7e308, math.nan, math.inf, -math.inf]
     )

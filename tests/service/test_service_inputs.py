@@ -18,7 +18,7 @@ NOW = 5000 * MS
 
 
 def recording(times_ms, *, first=100.0):
-    """One finger whose x is the instant in s."""
+    """One finger whose x is the time in s."""
     times = np.asarray(times_ms, np.float64)
     positions = np.zeros((len(times), 1, 3))
     positions[:, 0, 0] = times / 1000
@@ -33,7 +33,7 @@ class Played(SteppedLoop):
         super().__init__(TrackedContacts(tracker), NOW, RecordingInput(recording, **options))
 
     def at(self, instants_ms):
-        """What each tick is given anew: (x in ms, pose's instant in ms), or None."""
+        """New pose of each tick: (x in ms, pose time in ms), or None."""
         memory, given = self.service._memory, []
         for instant in instants_ms:
             row, start_ns = self.row
@@ -44,7 +44,7 @@ class Played(SteppedLoop):
 
     @property
     def row(self):
-        """The last row that was played, and the instant of the first; None before."""
+        """The last row played, and the time of the first; None before."""
         playing = self.service._loop.recording
         return (int(playing["row"]), int(playing["start_ns"])) if playing["has_begun"] else (None, None)
 
@@ -74,7 +74,7 @@ def test_poses_are_as_old_as_the_latency_when_they_come():
 
 
 AWAY = (pytest.approx(np.nan, nan_ok=True), 41)
-"""Of the recordings below: the hand goes away a step after their end, 31 ms; back 100 ms later."""
+"""After the recordings below: the hand is removed at 41 ms and returns 100 ms later."""
 
 
 def test_recording_that_is_repeated_lets_the_hand_go_away_and_begins_anew():
@@ -92,7 +92,7 @@ def test_recording_that_is_repeated_keeps_its_beat_through_rounds_slept_through(
 
 
 def started(count, origin="input"):
-    """The newest samples of so many fingers, none of which has come; they are too old after 100 ms."""
+    """Initial samples of *count* fingers, stale after 100 ms."""
     newest = NewestSamples(FingerPoses(count), 100 * MS, origin)
     newest.start(NOW)
     return newest
@@ -100,7 +100,7 @@ def started(count, origin="input"):
 
 @pytest.mark.parametrize("jump", [0.002, 0.1])
 def test_way_from_the_end_of_a_recording_to_its_beginning_is_no_velocity(jump):
-    """No finger has gone it: the tracker starts anew, and predicts no more than top speed allows."""
+    """The tracker restarts instead of using that displacement, and predicted speeds stay within limits."""
     rows = 30
     positions = np.zeros((rows, 1, 3))
     positions[:, 0, 2] = np.linspace(1.0, 1.0 + jump, rows)
@@ -155,7 +155,7 @@ OTHER_CLOCK = (
     ],
 )
 def test_first_pose_that_cannot_be_used_is_told_with_its_address_and_a_remedy(ahead_ms, sentence, caplog):
-    """The service once said nothing of them until its end, and never that they were too old."""
+    """The service once reported them only at its end, and never reported that they were too old."""
     newest = started(1, "shm://poses")
     newest.update(hands_at([[0, 0, 0]], NOW), NOW)
     for tick in range(3):
@@ -185,7 +185,7 @@ def test_what_was_told_once_and_is_not_any_more_becomes_unknown():
         and (newest.samples.paths == 1).all()
         and (newest.samples.bends == 1).all()
     )
-    assert newest.samples.velocities is not first.velocities  # a copy: the input goes on writing
+    assert newest.samples.velocities is not first.velocities  # a copy: the input reuses its arrays
 
     newest.update(hands_at(np.zeros((2, 3)), NOW + 1), NOW + 1)
     assert np.isnan(newest.samples.velocities).all()
@@ -213,7 +213,7 @@ def test_finger_that_is_lost_is_lost_at_once_whatever_its_instant(unknown, axis,
 
     newest.update(lost, NOW + 1)
     assert not np.isfinite(newest.samples.positions).all()
-    assert newest.samples.pose_ns.tolist() == [NOW]  # of the last that was known
+    assert newest.samples.pose_ns.tolist() == [NOW]  # of the last known pose
     assert (newest.future, newest.backwards) == (0, 0)
 
     newest.update(hands_at([[2, 2, 2]], NOW - 1), NOW + 2)
@@ -232,7 +232,7 @@ def test_poses_may_be_five_milliseconds_ahead(future_ns, is_taken):
 
 @pytest.mark.parametrize("pose_ns", [NOW + 500 * MS, NOW - 1])
 def test_sample_that_was_left_out_is_not_given_again(pose_ns):
-    """Whoever tells of one finger at a time gives all of them each time."""
+    """A source that updates one finger at a time passes all fingers each time."""
     newest, given = started(2), hands_at(np.zeros((2, 3)), NOW, velocities=np.zeros((2, 3)))
     given.bends = np.zeros(2)
     newest.update(given, NOW)
@@ -249,7 +249,7 @@ def test_sample_that_was_left_out_is_not_given_again(pose_ns):
 
 
 def test_hand_whose_fingers_are_all_at_one_place_is_lost_and_counted(caplog):
-    """The left hand is sent as (0, 0, 0) while it is lost; the right one goes on."""
+    """The left hand is reported as (0, 0, 0) while lost; the right one is unaffected."""
     newest = started(10, "shm://poses")
     tips = np.arange(30.0).reshape(10, 3)
     lost = tips.copy()

@@ -1,4 +1,4 @@
-"""Frames to a log, by another thread: all of them, in order, or counted."""
+"""Frames logged by another thread: all of them, in order, or counted as lost."""
 
 import threading
 
@@ -15,7 +15,7 @@ PATIENCE = 20.0  # s
 
 
 class KeepingLog:
-    """Keeps what is appended; *gate* lets it go on, *failing* are the appends that it refuses."""
+    """Keep appended frames; *gate* blocks appends, *failing* are the numbers of appends that fail."""
 
     def __init__(self, failing=(), gate=None, failing_close=False):
         self.frames, self.count, self.failing, self.gate = [], 0, failing, gate
@@ -36,7 +36,7 @@ class KeepingLog:
 
 
 class LogWriter(FrameLogThread):
-    """A log's thread, and what puts frames into its mailbox in place of a loop."""
+    """The log's thread, with a writer to its mailbox in place of a loop."""
 
     count = 0
 
@@ -65,7 +65,7 @@ def test_all_frames_are_appended_in_order():
 
 
 def test_frame_is_appended_without_waiting_for_the_next():
-    """A crash loses no more than what is being written."""
+    """A crash loses at most the frame being written."""
     log = KeepingLog()
     writer = LogWriter(log, 16)
     for number in range(50):
@@ -75,7 +75,7 @@ def test_frame_is_appended_without_waiting_for_the_next():
 
 
 def test_disk_that_stands_still_delays_nobody_and_what_finds_no_room_is_counted():
-    """The newest are kept, in order; one that is being written stays as well."""
+    """The newest frames are kept in order, as is the one being written."""
     gate = threading.Event()
     log = KeepingLog(gate=gate)
     writer = LogWriter(log, 16, depth=4)

@@ -1,4 +1,4 @@
-"""The loop on a clock that is set: when ticks come, what frames say, and what happens when one is late."""
+"""The loop on a manual clock: tick times, frame contents, and late ticks."""
 
 import json
 import threading
@@ -28,7 +28,7 @@ FAREWELL = [State.STOPPING] * 3
 
 
 def flagged(answers, flags):
-    """Let the first finger have more flags from the next tick on."""
+    """Add flags to the first finger from the next tick on."""
     fill = answers.fill
 
     def fill_with_flags(contacts, poses, now_ns):
@@ -75,7 +75,7 @@ def test_answer_of_three_periods_and_a_half_skips_three_deadlines_and_hurries_af
         during=lambda tick: clock.spend(7 * MS // 2) if tick == 2 else None, ticks=6, clock=clock
     )
 
-    # The third tick began at 3 ms and ended at 6.5: the deadlines at 4, 5 and 6 ms are gone.
+    # The third tick began at 3 ms and ended at 6.5 ms, past the deadlines at 4, 5 and 6 ms.
     assert [(now - START) // MS for *_, now in answers.seen] == [1, 2, 3, 7, 8, 9]
     assert report.missed == 3
     assert [int(header["missed"]) for header in outlet.headers[:6]] == [0, 0, 3, 3, 3, 3]
@@ -127,7 +127,7 @@ def test_no_tick_waits_for_contacts_that_python_makes():
     service.run(tick_count=2000, stop=has_ticked)
 
     assert has_ticked.is_set() and waits.ticks >= 1
-    assert not outlet.records[0]["flags"].any()  # nothing was known yet
+    assert not outlet.records[0]["flags"].any()  # no contact was known yet
 
 
 def test_header_tells_times_period_epoch_and_count():
@@ -165,7 +165,7 @@ HOUR = 3600_000 * MS
 
 
 def both(now_ns, *, left=0.1, right=0.1, right_ns=None):
-    """Poses of two fingers now; nan: not there."""
+    """Poses of two fingers now; nan means untracked."""
     return hands_at([[left, 0, 0], [right, 0, 0]], [now_ns, now_ns if right_ns is None else right_ns])
 
 
@@ -186,12 +186,12 @@ def both(now_ns, *, left=0.1, right=0.1, right_ns=None):
     ids=["none yet", "lost", "one too old", "clock ahead", "clock behind", "clock put back", "the same"],
 )  # fmt: skip
 def test_state_follows_from_the_poses_that_come(poll, states, refused):
-    """None: whatever it is meanwhile. A clock that jumps ends in STALE, and recovers when it is right."""
+    """None allows any state. A clock that jumps leads to STALE, and recovers when it is right."""
     count = sum(times for times, _ in states)
 
     report, outlet, answers, _ = serve(poll, ticks=count, valid_for=1.0)
 
-    assert len(answers.seen) == count  # at the full rate all the same
+    assert len(answers.seen) == count  # still at the full rate
     expected = [state for times, state in states for _ in range(times)]
     assert [told for told, state in zip(outlet.states, expected, strict=False) if state is not None] == [
         state for state in expected if state is not None
@@ -217,7 +217,7 @@ def test_pose_that_comes_while_a_tick_is_kept_from_running_is_not_from_the_futur
 
 def test_state_goes_from_late_to_stale_as_the_only_pose_grows_old():
     _, outlet, answers, _ = serve(lambda poll, now_ns: steady(poll, now_ns) if poll == 0 else None, ticks=110)
-    # The pose is of the first tick: valid for 20 ms, worth something for 100.
+    # The first tick's pose is valid for 20 ms and becomes stale after 100 ms.
     assert outlet.states[:110] == [State.OK] * 21 + [State.LATE] * 80 + [State.STALE] * 9
     assert np.isfinite(answers.seen[100][0]).all() and np.isnan(answers.seen[101][0][:, 0]).all()
 
@@ -243,7 +243,7 @@ def test_poses_from_the_future_or_going_back_are_left_out_and_counted():
 
     report, _, answers, _ = serve(poll, ticks=5)
 
-    # Kept: 1 ms, 2 + 4 ms; from the future: 3 + 6; going back: 4 - 1 and 5, both before 6 ms.
+    # Kept: 1 ms, 2 + 4 ms. Rejected: 3 + 6 as future; 4 - 1 and 5 as backwards, both before 6 ms.
     assert [positions[0, 0] for positions, *_ in answers.seen] == pytest.approx([0.1, 0.2, 0.2, 0.2, 0.2])
     assert report.future == 2 and report.backwards == 4
 
@@ -362,7 +362,7 @@ def test_waits_that_are_skipped_leave_frames_as_old_as_they_were():
     )
     ended = time.monotonic_ns()
 
-    assert clock.skipped_ns > 4.9e9 - (ended - began)  # 5 s of ticks, less what they took
+    assert clock.skipped_ns > 4.9e9 - (ended - began)  # 5 s of ticks, less their duration
     ticked = [now for *_, now in answers.seen]
     assert np.diff(ticked).min() > 9 * MS
     for header, records in zip(outlet.headers[:500], outlet.records[:500], strict=True):
@@ -440,7 +440,7 @@ def test_memory_does_not_grow_with_ticks():
             sizes.append(tracemalloc.get_traced_memory()[0])
 
     class Blind(FakeAnswers):
-        """Keeps nothing of what it saw."""
+        """Keep no record of calls."""
 
         def fill(self, contacts, poses, now_ns):
             self.seen.clear()
@@ -466,5 +466,5 @@ def test_memory_does_not_grow_with_ticks():
         tracemalloc.stop()
 
     assert outlet.count == 3204
-    # The smallest object more a tick would be 48 kB; other threads of the test run keep some.
+    # The smallest object per tick would add 48 kB; other threads of the test run allocate some memory.
     assert abs(sizes[1] - sizes[0]) < 16_000

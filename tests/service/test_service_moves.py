@@ -1,4 +1,4 @@
-"""Parts that move while they are served, as messages tell."""
+"""Parts moved by messages while they are served."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def scene(*names):
 
 
 def moves(**translations):
-    """A message that shifts parts; their rotations may be changed in its records."""
+    """A message that translates parts; tests change its other fields."""
     message = Message(MOVES, len(translations))
     message.records["pose_ns"] = NOW
     message.records["name"] = [name.encode() for name in translations]
@@ -30,7 +30,7 @@ def moves(**translations):
 
 
 def stepped(parts, source):
-    """A loop with one finger and these parts, which the source moves."""
+    """A loop with one finger and parts moved by the source."""
     return SteppedLoop(TrackedContacts(Tracker(parts, fingers=1, radius=0.0), source), NOW)
 
 
@@ -52,7 +52,7 @@ def test_parts_are_moved_and_told_how_fast(inlet):
     np.testing.assert_allclose(parts.part("b").pose.rotation, shapes.rotation(3), atol=1e-15)
     assert parts.part("b").velocity.tolist() == [1, 2, 3]
     assert parts.part("b").angular_velocity.tolist() == [4, 5, 6]
-    assert parts.part("a").velocity.tolist() == [0, 0, 0]  # not known: at rest
+    assert parts.part("a").velocity.tolist() == [0, 0, 0]  # unknown: at rest
     assert source.notes == []
 
 
@@ -66,7 +66,7 @@ def test_messages_are_applied_in_order(inlet):
     assert places(parts) == {"a": [3, 0, 0], "b": [2, 0, 0]}
 
 
-BROKEN = {  # field and value of the part in the middle, and why it cannot be moved
+BROKEN = {  # invalid field and value of the middle part, and the reason
     "unknown": ("name", b"nobody", "no part is named 'nobody'; the scene has 'a', 'b', 'c'"),
     "no text": ("name", b"\xff\xfe", "no part is named"),
     "scaled": ("rotation", 2.0 * np.eye(3), "part 'b': a pose's rotation is not orthonormal"),
@@ -137,7 +137,7 @@ def test_message_that_names_one_part_300_times_is_refused_at_once(inlet, caplog)
 
 
 def test_move_without_a_translation_is_refused_and_one_without_the_rest_only_shifts(inlet):
-    """A record began as zeros: a part whose translation was left out went to the origin."""
+    """Records once began as zeros: a part without a translation moved to the origin."""
     parts, source = scene("a", "b"), MovesInput("queue:")
     inlet.put(moves(a=(1, 0, 0), b=(2, 0, 0)))
     source.take(parts, NOW)
@@ -154,7 +154,7 @@ def test_move_without_a_translation_is_refused_and_one_without_the_rest_only_shi
 
 
 def test_rotations_in_single_precision_are_made_exact(inlet):
-    """What a game engine sends is off by a ten-millionth; a scene takes a billionth."""
+    """Rotations of game engines are off by 1e-7; scenes accept 1e-9."""
     parts, source = scene("a"), MovesInput("queue:")
     message = moves(a=(0, 0, 0))
     message.records["rotation"] = shapes.rotation(5).astype(np.float32)
@@ -196,7 +196,7 @@ def test_tick_sees_the_moves_that_have_arrived(inlet):
 
 
 def moving(pose_ns=NOW, speed=0.5):
-    """A message of a part *a* that moves and a part *b* at rest."""
+    """A message of a moving part *a* and a part *b* at rest."""
     message = moves(a=(1, 0, 0), b=(2, 0, 0))
     message.records["pose_ns"] = pose_ns
     message.records["velocity"][0] = (speed, 0, 0)
@@ -215,13 +215,13 @@ def test_part_of_which_nothing_more_is_told_is_not_believed_to_go_on(inlet):
     loop.tick(NOW + 100 * MS)
     assert loop.part("a")["velocity"].tolist() == [0, 0, 0]
     where = [loop.part(name)["translation"].tolist() for name in "ab"]
-    assert where == [[1.05, 0, 0], [2, 0, 0]]  # where it was when it was believed last
+    assert where == [[1.05, 0, 0], [2, 0, 0]]  # its last pose within the time limit
     assert source.notes == ["queue:: 1 parts stood still: no move for 100 ms"]
     assert loop.is_late
 
     loop.tick(NOW + 300 * MS)
     assert [loop.part(name)["translation"].tolist() for name in "ab"] == where
-    assert len(source.notes) == 1 and ": 1 " in source.notes[0]  # said once
+    assert len(source.notes) == 1 and ": 1 " in source.notes[0]  # reported once
 
     inlet.put(moving(pose_ns=NOW + 310 * MS, speed=0.0))
     loop.tick(NOW + 310 * MS)
@@ -263,7 +263,7 @@ def test_move_of_an_instant_that_cannot_be_is_left_out_and_counted(inlet, pose_n
 
 
 def test_part_with_a_name_of_64_bytes_is_moved(inlet):
-    """The guide said 63."""
+    """The guide stated 63."""
     name = "x" * 64
     parts, source = scene(name), MovesInput("queue:")
     inlet.put(moves(**{name: (0, 0, 1)}))
@@ -312,7 +312,7 @@ def test_edited_scene_is_not_told_a_velocity_that_has_ended(inlet):
     inlet.put(moving())
     loop.tick(NOW)
     loop.service.replace(TrackedContacts(Tracker(scene("b"), fingers=1), source))
-    loop.tick(NOW + 200 * MS)  # a is not there any more
+    loop.tick(NOW + 200 * MS)  # a has been removed
     assert not loop.is_late
 
     loop.service.replace(TrackedContacts(Tracker(scene("a", "b"), fingers=1), source))

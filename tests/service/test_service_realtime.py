@@ -1,4 +1,4 @@
-"""What the system is asked for: given, refused with a sentence, or not to be had; and given back."""
+"""System settings for real time: granted, refused with a message or unavailable; and restored."""
 
 import ctypes
 import gc
@@ -16,7 +16,7 @@ ON_LINUX = sys.platform.startswith("linux")
 
 
 class FakeSystem:
-    """Stands for os and the C library: keeps what was asked, and refuses what is in *refused*."""
+    """Replace os and the C library: record calls, and fail those in *refused*."""
 
     def __init__(self, monkeypatch, refused=(), cores=(0, 1, 2), is_unlimited=True):
         self.calls, self.refused, self.cores = [], refused, set(cores)
@@ -92,7 +92,7 @@ def test_what_is_not_permitted_is_a_sentence_and_nothing_to_give_back(monkeypatc
 
 
 def test_memory_of_the_future_is_left_alone_where_it_is_limited(monkeypatch):
-    """Otherwise what is asked for later could not be given at all."""
+    """Otherwise later allocations could fail."""
     system = FakeSystem(monkeypatch, is_unlimited=False)
     with RealTime() as real_time:
         assert system.calls[0] == ("mlockall", 5)
@@ -107,7 +107,7 @@ def test_process_with_one_core_stays_there_anyway(monkeypatch):
 
 
 def test_system_without_such_things_is_no_error(monkeypatch):
-    """As on Windows: no such functions, and no C library to ask."""
+    """Windows has neither these functions nor this C library."""
     for name in ("sched_setscheduler", "sched_getscheduler", "sched_getaffinity", "sched_setaffinity"):
         monkeypatch.delattr(os, name, raising=False)
 

@@ -1,4 +1,4 @@
-"""The whole of it: the sample hand at the sample part, served in real time and as fast as it goes."""
+"""End-to-end runs: the sample hand at the sample part, in real time and as fast as possible."""
 
 import threading
 import time
@@ -61,7 +61,7 @@ def test_every_frame_of_a_second_is_received_or_counted_as_lost(hand):
             reading = subscriber.wait(0.1)
             states.add(reading.state)
             if before is None and subscriber.counts.received == 1:
-                before = int(reading.header["sequence"])  # a late subscriber does not know of those
+                before = int(reading.header["sequence"])  # unknown to a late subscriber
             if reading.is_valid and reading.now_ns > reading.header["valid_until_ns"]:
                 late_and_valid += 1
         thread.join(PATIENCE)
@@ -72,7 +72,7 @@ def test_every_frame_of_a_second_is_received_or_counted_as_lost(hand):
     report = service.report
     assert not thread.is_alive()
     assert State.STOPPING in states and late_and_valid == 0
-    # The last pose comes a second after the first tick; ticks that were missed had no frame.
+    # The last pose comes a second after the first tick; missed ticks have no frame.
     assert 1001 <= report.ticks + report.missed <= 1000 * lasted
     assert before + counts.received + counts.lost == report.ticks + 3
     assert counts.received > 0 and counts.flawed.total() == 0
@@ -98,7 +98,7 @@ def test_recording_as_fast_as_it_goes_is_answered_as_the_scene_is(hand):
     assert report.ticks == 2001 and report.missed == 0
     contacts = np.array([records for _, records in frames[: report.ticks]])
     is_tracked = (contacts["flags"] & ContactFlag.TRACKED) != 0
-    # Each frame has the poses of an instant of the recording, and exact distances from there.
+    # Each frame has the poses of one time of the recording, and exact distances for them.
     taken = np.isfinite(hand.positions[: len(contacts)]).all(axis=2)
     np.testing.assert_array_equal(contacts["position"][taken], hand.positions[: len(contacts)][taken])
     np.testing.assert_array_equal(is_tracked, taken)
@@ -109,13 +109,13 @@ def test_recording_as_fast_as_it_goes_is_answered_as_the_scene_is(hand):
 
 
 def ticks_on(service, count=5):
-    """Wait until a service has ticked so often again."""
+    """Wait for *count* more ticks."""
     expected = service.report.ticks + count
     until(lambda: service.report.ticks >= expected, PATIENCE)
 
 
 def test_parts_that_move_come_and_go_while_they_are_served(hand):
-    """Another thread edits the scene; the epoch of each frame tells which parts are meant."""
+    """Another thread edits the scene; the epoch of each frame identifies its parts."""
     scene, log = bracket(), KeepingLog()
     (ball,) = proximity.load(MESHES / "sphere.stl").parts
     ball = replace(ball, name="ball", pose=Pose(translation=(0, 0, 0.5)))

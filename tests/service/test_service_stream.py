@@ -1,4 +1,4 @@
-"""Poses that come as messages: over a real mailbox, and in every wrong way over a queue."""
+"""Poses from messages: over a real mailbox, and with every kind of error over a queue."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ NOW = 7000 * MS
 
 
 def poses(positions, pose_ns=NOW, *, fingers=None, kind=POSES):
-    """A message with these poses, of the first fingers where not said."""
+    """A message with these poses, by default of the first fingers."""
     message = Message(kind, len(positions))
     records = message.records
     records["finger"] = np.arange(len(positions)) if fingers is None else fingers
@@ -29,7 +29,7 @@ def stream(count=2):
 
 
 def measured(distances, measured_ns=NOW, *, fingers=None):
-    """A message with these distances, of the first fingers where not said."""
+    """A message with these distances, by default of the first fingers."""
     message = Message(MEASURED, len(distances))
     message.records["finger"] = np.arange(len(distances)) if fingers is None else fingers
     message.records["measured_ns"], message.records["signed_distance"] = measured_ns, distances
@@ -45,7 +45,7 @@ EACH_INPUT = pytest.mark.parametrize("what", INPUTS)
 
 
 def received(what, count, address="queue:", clock=lambda: NOW):
-    """An input of that kind, and what makes its messages."""
+    """An input of that kind, and a function that makes its messages."""
     make, samples, is_measured = INPUTS[what]
     source = MessageInput(address, count, clock=clock, is_measured=is_measured)
     return Newest(source, samples(count), NOW), make
@@ -97,7 +97,7 @@ def test_fingers_that_are_not_served_are_counted_and_the_others_taken(inlet, cap
 
 @EACH_INPUT
 def test_sample_that_was_refused_is_not_given_again_with_those_of_other_fingers(inlet, what):
-    """It once became a pose when its instant came, half a second after it was refused."""
+    """A refused future sample was once published half a second later, when its time came."""
     source, make = received(what, 2)
     inlet.put(make([9.0], NOW + 500 * MS, fingers=[0]))
     for ms in range(700):
@@ -190,7 +190,7 @@ def test_flood_takes_a_few_messages_of_a_tick_and_no_more(inlet):
 
 
 def test_newest_pose_counts_however_many_came_since_the_tick_before(inlet):
-    """Of a hand told 1000 times a second and served 20 times the oldest that waited were served, all late."""
+    """At 1000 messages per second and 20 ticks, the oldest queued ones were once served, all late."""
     source = stream(1)
     for tick in range(5):
         for number in range(50):
@@ -211,7 +211,7 @@ def test_address_that_fails_is_counted_and_said_once(inlet, caplog):
 
 
 class ForeignSender:
-    """A sender on another machine, whose clock is ahead of ours, 10 ms between messages."""
+    """A sender on another machine, whose clock is ahead, with 10 ms between messages."""
 
     def __init__(self, monkeypatch):
         self.queue, self.now, self.session = QueueInlet(shares_clock=False), NOW, 1
@@ -220,7 +220,7 @@ class ForeignSender:
         self.source = Newest(MessageInput("queue:", 1, clock=lambda: self.now), FingerPoses(1), NOW)
 
     def send(self, transit=MS):
-        """The age, ms, that a pose is said to have, 2 ms old when it was sent; None: it is not taken."""
+        """Reported age, ms, of a pose that was 2 ms old when sent; None if rejected."""
         self.now += 10 * MS
         sent = self.now + self.ahead - transit
         message = poses(np.zeros((1, 3)), sent - 2 * MS)
@@ -235,8 +235,8 @@ def test_instants_of_another_machine_are_told_on_our_clock(monkeypatch):
 
     ages = [sender.send(transit) for transit in (3 * MS, MS, 4 * MS, MS, MS, MS, 4 * MS, MS)]
 
-    # Nothing is believed before the other clock was seen to run for 50 ms. Of the way, what exceeds the
-    # fastest is seen, and 1 ms is allowed for it.
+    # Poses are accepted once the other clock has been observed for 50 ms. The transit time in excess of the
+    # fastest is measured, and 1 ms is added for the fastest.
     assert ages[:5] == [None] * 5
     assert ages[5:] == pytest.approx([2 + 1, 2 + 3 + 1, 2 + 1], abs=0.05)
 
@@ -267,7 +267,7 @@ def test_poses_that_become_late_for_good_are_not_taken_for_new_ones_of_another_c
 
 @pytest.mark.parametrize("ahead", [-(2**63) - NOW + 1, 2**63 - NOW - 1000 * MS])
 def test_sender_whose_clock_is_beyond_all_measure_is_left_out(monkeypatch, ahead):
-    """Its instants, and how far they are from ours, do not fit into 64 bits together."""
+    """Its times and their offset from the local clock do not fit into 64 bits."""
     sender = ForeignSender(monkeypatch)
     sender.ahead = ahead
     told = [sender.send(transit=0) for _ in range(20)]

@@ -1,4 +1,4 @@
-"""Measured distances as contacts: nothing is made up, and what follows from them is right."""
+"""Measured distances as contacts: unmeasured values stay unknown, derived values are correct."""
 
 import math
 
@@ -16,7 +16,7 @@ KNOWN = ContactFlag.TRACKED | ContactFlag.SIGNED | ContactFlag.IN_RANGE
 
 
 def measured(distances, measured_ns=NOW, error=0.0001, **fields):
-    """Measurements of as many fingers as there are distances."""
+    """Measurements with a distance per finger."""
     samples = Measurements(len(distances))
     samples.distances[:, 0], samples.pose_ns[:] = distances, measured_ns
     for name, value in told(distances, measured_ns, error, **fields).items():
@@ -41,12 +41,12 @@ def message(distances, measured_ns=NOW, **fields):
 
 
 def answer(distance, now_ns=NOW, *, latency=0.001, **fields):
-    """The contact of one finger, measured once."""
+    """The contact of one finger after one measurement."""
     return filled(SensedContacts(1, latency=latency), measured([distance], **fields), now_ns)[0]
 
 
 def approach(answers, distance_at, times_ms, *, error=0.0, lag_ms=0.0):
-    """Contacts of one finger measured at these times, answered a little later."""
+    """Contacts of one finger measured at these times and computed *lag_ms* later."""
     for time_ms in times_ms:
         samples = measured([distance_at(time_ms / 1000)], NOW + round(time_ms * MS), error)
         yield filled(answers, samples, NOW + round((time_ms + lag_ms) * MS))[0].copy()
@@ -135,7 +135,7 @@ def test_speed_of_approach_is_estimated_from_distances():
         distance = 0.03 - 0.2 * 0.001 * k
         assert contact["time_to_contact"] == pytest.approx(distance / 0.2, rel=1e-8)
         assert contact["time_to_contact_lower"] == pytest.approx(distance / 0.2, rel=1e-8)
-        # At the tick, 1 ms after the measurement, and 5 ms on.
+        # At the tick, 1 ms after the measurement, and 5 ms later.
         expected = distance - 0.2 * 0.006
         assert contact["predicted_distance"] == pytest.approx(expected, abs=1e-4)
         assert contact["predicted_lower"] <= expected <= contact["predicted_upper"]
@@ -145,7 +145,7 @@ def test_speed_of_approach_is_estimated_from_distances():
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("error", "width"), [(3e-4, 0.004), (2e-3, 0.012), (None, 0.020)])
 def test_predicted_bounds_hold_however_far_off_the_sensor_says_it_is(error, width, seed):
-    """Each distance is off by all that is told, one way or the other; None: up to 5 cm, each another."""
+    """Each distance is off by its stated error, up or down; None: a random error up to 5 cm each."""
     rng = np.random.default_rng(seed)
     amplitude, phase = 0.02, rng.uniform(0, 6)
     omega = math.sqrt(119.0 / amplitude)
@@ -185,7 +185,7 @@ def test_same_measurement_again_changes_no_speed():
 
     assert again["approach_speed"] == contacts[-1]["approach_speed"]
     assert again["age_ns"] == 6 * MS
-    # The prediction is for later: seen from the same measurement.
+    # The prediction is for a later time, from the same measurement.
     assert again["predicted_distance"] == pytest.approx(0.03 - 0.2 * 0.010, abs=2e-4)
 
 
@@ -206,10 +206,10 @@ def test_speed_before_it_is_known_is_thought_the_highest():
 @pytest.mark.parametrize(
     ("distance", "speed", "time", "free"),
     [
-        (0.01, 0.0, np.inf, 0.25),  # stands still
-        (0.01, -0.1, np.inf, 0.25),  # goes away
+        (0.01, 0.0, np.inf, 0.25),  # at rest
+        (0.01, -0.1, np.inf, 0.25),  # receding
         (0.05, 0.1, np.inf, 0.25),  # beyond the horizon
-        (0.0001, -0.1, np.inf, 0.0),  # may touch already
+        (0.0001, -0.1, np.inf, 0.0),  # possibly in contact
         (0.0, 0.1, 0.0, 0.0),
         (-0.002, -0.1, 0.0, 0.0),
         (0.0102, 0.1, 0.102, 0.100),
@@ -226,14 +226,14 @@ def test_time_to_contact(distance, speed, time, free):
 def test_bend_at_contact_follows_from_bend_rate_and_time():
     contact = answer(0.01, approach_speed=0.1, bend=0.3, bend_rate=2.0)
     assert contact["contact_bend"] == pytest.approx(0.3 + 2.0 * 0.1)
-    assert contact["contact_bend_error"] == np.inf  # not known how far it is off
+    assert contact["contact_bend_error"] == np.inf  # unknown error
 
 
 @pytest.mark.parametrize(
     "fields",
     [
-        {"bend": 0.3, "bend_rate": -2.0, "approach_speed": 0.1},  # stretches
-        {"bend": 0.3, "bend_rate": 2.0, "approach_speed": -0.1},  # goes away
+        {"bend": 0.3, "bend_rate": -2.0, "approach_speed": 0.1},  # extends
+        {"bend": 0.3, "bend_rate": 2.0, "approach_speed": -0.1},  # receding
         {"bend": 0.3, "bend_rate": 8.0, "approach_speed": 0.1},  # beyond a fist
         {"bend": 0.3, "bend_rate": np.nan, "approach_speed": 0.1},
     ],
@@ -262,7 +262,7 @@ def test_normals_and_surfaces_that_cannot_be_are_unknown(inlet):
 
 
 def test_place_that_is_known_by_half_is_unknown_and_costs_no_frame(inlet):
-    """A reader would refuse the frame, and with it all other fingers."""
+    """A reader would refuse the frame, with all other fingers."""
     source, outlet = MessageInput("queue:", 4, is_measured=True), KeepingOutlet()
     places = [(1, 2, 3), (1, np.nan, 3), (1, 2, np.inf), (np.nan,) * 3]
     inlet.put(message([0.1] * 4, position=places))
@@ -281,7 +281,7 @@ def test_place_that_is_known_by_half_is_unknown_and_costs_no_frame(inlet):
 
 @pytest.mark.parametrize("speed", [-1e300, 3.1])
 def test_speed_that_a_sensor_cannot_have_measured_is_not_believed_and_costs_no_frame(speed):
-    """It once left an error without end, from which a prediction for now was not a number."""
+    """It once caused an infinite error, and then a prediction of nan."""
     answers = SensedContacts(1, latency=0.0)
     filled(answers, measured([0.1], NOW - MS, approach_speed=speed), NOW - MS)
 

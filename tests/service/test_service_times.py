@@ -62,7 +62,7 @@ def test_bin_holds_its_duration_and_is_a_32nd_wide_at_most(duration):
 
 def test_bins_touch_each_other_and_cover_all():
     expected = 0
-    # One duration a bin: the lower end of the next one follows the upper end of the last.
+    # Check one duration per bin: bins are contiguous.
     while expected <= LARGEST_NS:
         ((lower, upper, _),) = filled([expected]).rows()
         assert lower == expected

@@ -1,4 +1,4 @@
-"""Serving a scene file: what is published, how it stops, what an edit does, and the service as a process."""
+"""Serving a scene file: published frames, shutdown, edits, and the service as a process."""
 
 import logging
 import os
@@ -55,7 +55,7 @@ poses = "mailbox:{name}/poses"
 
 
 def wait_until(is_so, what):
-    """Poll, so that a loaded machine only makes the test slower."""
+    """Poll, so that a loaded machine only slows the test."""
     ends = time.monotonic() + PATIENCE_S
     while not is_so():
         assert time.monotonic() < ends, f"waited in vain until {what}"
@@ -64,7 +64,7 @@ def wait_until(is_so, what):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder with parts, where edits are looked for more often than people need."""
+    """A folder with parts, with a short interval between checks for edits."""
     for name in ("box.stl", "sphere.stl", "hand.csv"):
         shutil.copy(MESHES / name, tmp_path)
     monkeypatch.setattr(scene_service, "LOOK_S", 0.02)
@@ -73,7 +73,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def scene_path(folder):
-    """A scene with addresses of this test's own."""
+    """A scene with addresses unique to the test."""
     path = folder / "cell.toml"
     path.write_text(SCENE.format(name=folder.name))
     return path
@@ -81,7 +81,7 @@ def scene_path(folder):
 
 @pytest.fixture
 def served(scene_path):
-    """Serve the scene in a thread; the test sees what is published and said, and stops it."""
+    """Serve the scene in a thread, with its frames and messages; stop it at the end."""
     said = []
     (address,) = scene_service.read_scene_file(scene_path).service.publish
     with (
@@ -96,7 +96,7 @@ def served(scene_path):
 
 
 def hold(publisher, tips):
-    """Say where fingertips are now."""
+    """Publish fingertip positions."""
     message = Message(POSES, len(tips))
     message.records["finger"] = np.arange(len(tips))
     message.records["pose_ns"] = time.monotonic_ns()
@@ -110,7 +110,7 @@ ABOVE = [[0.01, 0.01, 0.2], [0.02, 0.02, 0.2]]
 
 
 def reading_where(served, is_so, what):
-    """The first new reading of which that is so; poses are held all the while."""
+    """Return the first new reading that meets the condition, while poses are published."""
     readings = []
 
     def is_met():
@@ -149,14 +149,14 @@ def test_poses_come_in_and_contacts_go_out(served):
 
 
 def test_gloved_fingers_are_served_with_their_contact(scene_path, folder, request):
-    """Their calibration is a file beside the scene; the finger bends down on the box."""
+    """The calibration is a file next to the scene; the finger bends down onto the box."""
     glove_files.write(folder / "glove.json")
     scene_path.write_text(scene_path.read_text() + '[glove]\ncalibration = "glove.json"\n')
     served = request.getfixturevalue("served")
     top = 0.2  # m above the floor, with the box somewhere below
     message = Message(GLOVE_POSES, 2)
     message.records["finger"] = [0, 1]
-    turned = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]  # out of the back of the hand is up
+    turned = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]  # the back of the hand faces up
 
     def is_told():
         message.records["pose_ns"] = time.monotonic_ns()
@@ -249,7 +249,7 @@ def test_edit_that_needs_a_restart_is_refused_with_its_line(scene_path, before, 
 
 
 class FakeService:
-    """Notes what replaces what."""
+    """Record replacements of contacts."""
 
     def __init__(self):
         self.replaced = []
@@ -260,7 +260,7 @@ class FakeService:
 
 @pytest.fixture
 def looking(scene_path):
-    """The looking for edits without a loop: a test decides when it looks."""
+    """The check for edits without a loop, run by the test."""
     settings = scene_service.read_scene_file(scene_path)
     files = PartFiles()
     service, said = FakeService(), []
@@ -282,7 +282,7 @@ def test_edit_is_taken_when_two_looks_have_seen_the_same(looking):
     looking.look(1)
     assert looking.replaced == []
 
-    edit(looking.path, "budget = 40", "budget = 400")  # another one in between
+    edit(looking.path, "budget = 40", "budget = 400")  # another edit in between
     looking.look(1)
     assert looking.replaced == []
 
@@ -301,7 +301,7 @@ def test_edit_that_needs_a_restart_changes_nothing(looking):
 
 
 def test_part_that_is_replaced_by_one_of_the_same_date_and_size_is_taken(looking, folder):
-    """Unpacked from an archive where all files have one date; then renamed into its place."""
+    """Both files have the date of an archive; the new one replaces the old by renaming."""
     old, new = folder / "box.stl", folder / "box.new"
     data = bytearray(old.read_bytes())
     data[-14:-2] = np.float32([1.0, 2.0, 3.0]).tobytes()  # the last corner
@@ -367,7 +367,7 @@ def test_signal_ends_it_with_a_word(scene_path, folder):
 
 
 def test_signal_that_is_ignored_stays_ignored(scene_path, monkeypatch):
-    """As of a program that was started by nohup."""
+    """As in a program started by nohup."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         report = serve(scene_path, tick_count=40, begun=lambda beginning: os.kill(os.getpid(), signal.SIGHUP))
@@ -381,14 +381,14 @@ def test_signal_that_is_ignored_stays_ignored(scene_path, monkeypatch):
     ("name", "value"), [("seconds", float("nan")), ("seconds", "1"), ("tick_count", -1), ("tick_count", 1.5)]
 )
 def test_limits_that_cannot_be_reached_are_refused(scene_path, name, value):
-    """A thread died with a traceback, and the service went on for ever."""
+    """A thread once died with a traceback, and the service never stopped."""
     expected = {"seconds": "a number of seconds", "tick_count": "a whole number"}[name]
     with pytest.raises(ArgumentError, match=rf"^{name} is .*, expected {expected} of 0 or more$"):
         serve(scene_path, **{name: value})
 
 
 def test_it_ends_after_some_seconds_also_while_an_edit_is_being_made(scene_path, monkeypatch):
-    """To read a large part may take minutes."""
+    """Reading a large part may take minutes."""
     monkeypatch.setattr(scene_service, "LOOK_S", 0.01)
     monkeypatch.setattr(scene_service, "ANNOUNCE_AFTER_S", 0.01)
     is_over = threading.Event()
@@ -458,7 +458,7 @@ def test_overrides_hold_and_go_on_to_hold_after_an_edit(scene_path, folder):
 
 
 class CountedEnd:
-    """Either end of a transport of this test; a third one that is open is refused."""
+    """Either end of a test transport; opening a third end fails."""
 
     opened = 0
     shares_clock, is_keyed, refused = True, False, 0
@@ -497,7 +497,7 @@ def test_what_cannot_be_made_gives_all_addresses_back(scene_path, counted):
 
 
 def test_listener_that_fails_ends_nothing(scene_path, caplog):
-    """As a terminal that was closed: neither the loop, nor the looking for edits."""
+    """Neither the loop nor the check for edits fails, as with a closed terminal."""
 
     def fail(sentence):
         said.append(sentence)
@@ -531,7 +531,7 @@ def test_listener_that_takes_its_time_delays_no_tick(scene_path):
         seen.append(sentence)
 
     with scene_service.warnings_of_loop_to(say):
-        poses_failed.warning("first")  # would wait here
+        poses_failed.warning("first")  # would block here
         poses_failed.warning("second")
         assert seen == []
         may_go_on.set()
@@ -551,7 +551,7 @@ print(json.dumps({"event": "ended", "ticks": 7}), flush=True)
 
 @pytest.fixture
 def child():
-    """Hold a process that says what a service would say, without being one."""
+    """Start a process that prints like a service."""
     held = []
 
     def start(code, timeout=PATIENCE_S, say=lambda sentence: None):
@@ -576,7 +576,7 @@ def test_child_s_report_is_what_stop_returns(child):
 
 
 def test_listener_that_fails_does_not_stop_the_service(child):
-    """What nobody reads would fill the pipe, and then the service would wait."""
+    """Unread output would fill the pipe and block the service."""
     code = BEGUN + "for _ in range(5000): print('proximity:', 60 * 'edited', file=sys.stderr)\n" + ENDED
     service = child(code, say=lambda sentence: 1 / 0)
     assert service.stop(timeout=PATIENCE_S) == {"ticks": 7}
@@ -639,7 +639,7 @@ def test_override_of_none_is_what_the_file_says(scene_path, folder):
 
 
 def test_service_in_its_own_process_serves_is_edited_and_stops(scene_path, folder):
-    """Everything at once, since a process takes seconds to start."""
+    """One test for all of it, since a process takes seconds to start."""
     recorded(scene_path, "repeat = true\nfit = true\n")
     said, log, address = [], folder / "run.frames", f"udp://127.0.0.1:{free_port()}"
 
@@ -688,7 +688,7 @@ def test_service_stops_when_its_parent_is_killed(scene_path, folder):
 
 @pytest.mark.parametrize("transport", ["udp", "shm"])
 def test_parts_are_added_hidden_and_removed_while_they_are_served(scene_path, folder, request, transport):
-    """Both ends see the same parts: names come with the epoch of the frames that count them."""
+    """Both ends have the same parts: names carry the epoch of the frames that use them."""
     if transport == "shm" and sys.platform != "linux":
         pytest.skip("shared memory is for Linux")
     if transport == "udp":
@@ -707,7 +707,7 @@ def test_parts_are_added_hidden_and_removed_while_they_are_served(scene_path, fo
 
         def until_parts_are(message, *names, hidden=()):
             def is_so():
-                changes.publish(message)  # again: what is lost is told anew
+                changes.publish(message)  # lost messages are repeated
                 subscriber.wait(0.05)
                 known = subscriber.description
                 return subscriber.part_names == names and known.hidden_parts == hidden

@@ -1,4 +1,4 @@
-"""The five objects of the contact prediction in the paper, and at which bend a finger touches each."""
+"""The five objects of the paper's contact prediction, and the bend at which a finger touches each."""
 
 import numpy as np
 import shapes
@@ -6,7 +6,7 @@ from ticking import solid
 
 
 def half_space(normal, offset):
-    """A large block below the plane normal · x = offset, of points (x, y, z)."""
+    """A large block below the plane normal · x = offset, for points (x, y, z)."""
     n = np.append(np.asarray(normal, float) / np.linalg.norm(normal), 0.0)
     turn = np.stack([n, (-n[1], n[0], 0.0), (0.0, 0.0, 1.0)], axis=1)
     vertices, faces = shapes.box((-0.1, -0.3, -0.1), (0.0, 0.3, 0.1))
@@ -14,7 +14,7 @@ def half_space(normal, offset):
 
 
 def disc(radius, center, count=2000):
-    """A long prism about z that is a disc for a finger in the plane z = 0; its corners lie on the circle."""
+    """A long prism about z, a disc to a finger in the plane z = 0; its vertices lie on the circle."""
     angle = 2.0 * np.pi * np.arange(count) / count
     ring = np.stack([center[0] + radius * np.cos(angle), center[1] + radius * np.sin(angle)], axis=1)
     low, high = (np.column_stack([ring, np.full(count, z)]) for z in (-0.05, 0.05))
@@ -36,4 +36,4 @@ THINGS = {
     "plane y = -45": (half_space((0, 1), -0.045), 0.174204922),
     "plane x+y = -20 sqrt 2": (half_space((1, 1), -0.020), 0.374750685),
 }
-"""Of the reference: the thing, and the bend at which the pad of a bending finger touches it."""
+"""Reference values: the object, and the bend at which the pad of a bending finger touches it."""

@@ -1,4 +1,4 @@
-"""A page of `proximity view` in headless Chromium, with an emulated headset where one is asked for."""
+"""Pages of `proximity view` in headless Chromium, with an optional emulated headset."""
 
 import contextlib
 import json
@@ -24,12 +24,12 @@ HEADSET = (
 )
 PATIENCE = float(
     os.environ.get("PROXIMITY_PATIENCE", "90")
-)  # s: drawn in software, on a machine that does more
+)  # s: software rendering on a loaded machine
 SIZE = {"width": 960, "height": 600}
 
 
 def browser_path():
-    """Where a browser is; skips the test where there is none, and fails it in continuous integration."""
+    """Find a browser; without one skip the test, or fail it in continuous integration."""
     for name in BROWSERS:
         found = shutil.which(name)
         if found:
@@ -42,7 +42,7 @@ def browser_path():
 
 @contextlib.contextmanager
 def browser():
-    """Chromium, drawing in software; Playwright's own browsers are never downloaded."""
+    """Chromium with software rendering; Playwright's own browsers are never downloaded."""
     path = browser_path()
     driver = pytest.importorskip("playwright.sync_api", reason="playwright drives the tests of the page")
     with driver.sync_playwright() as playwright:
@@ -52,7 +52,7 @@ def browser():
 
 
 class Viewing:
-    """`proximity view` in a process of its own."""
+    """`proximity view` in a separate process."""
 
     def __init__(self, *words):
         command = [sys.executable, "-m", "proximity", "view", *map(str, words)]
@@ -68,7 +68,7 @@ class Viewing:
         self.url = json.loads(line)["url"]
 
     def stop(self):
-        """End it, and wait."""
+        """End the process and wait for it."""
         self.process.stdin.close()
         assert self.process.wait(30) == 0
         self.process.stdout.close()
@@ -81,7 +81,7 @@ class Viewing:
 
 
 class Page:
-    """A page that was opened, and what it has complained of."""
+    """An open page and the errors it reported."""
 
     def __init__(self, running, url, *, has_headset=False):
         self.context = running.new_context(viewport=SIZE, device_scale_factor=1, accept_downloads=True)
@@ -98,11 +98,14 @@ class Page:
         self.page.goto(url, wait_until="commit", timeout=1e3 * PATIENCE)
 
     def ask(self, script, given=None):
-        """What an expression of JavaScript gives."""
+        """Evaluate a JavaScript expression."""
         return self.page.evaluate(script, given)
 
     def until(self, script, given=None, patience=PATIENCE):
-        """Wait until an expression is true; what it gives. Its own loop: the page's policy forbids eval."""
+        """Poll until an expression is true and return its value.
+
+        Polls from Python: the page's policy forbids eval.
+        """
         ends = time.monotonic() + patience
         while True:
             found = self.page.evaluate(script, given)
@@ -115,19 +118,19 @@ class Page:
             time.sleep(0.03)
 
     def ready(self):
-        """Wait until parts are shown and frames come."""
+        """Wait until the parts are shown and frames arrive."""
         self.until("!!(window.page && page.parts.isLoaded && page.reading.header)")
         return self
 
     def picture(self, name):
-        """Keep a picture, where they are asked for: in the folder that PROXIMITY_PICTURES names."""
+        """Save a screenshot to the folder PROXIMITY_PICTURES, if set."""
         folder = os.environ.get("PROXIMITY_PICTURES")
         if folder:
             Path(folder).mkdir(parents=True, exist_ok=True)
             self.page.screenshot(path=str(Path(folder) / f"{name}.png"), timeout=60_000)
 
     def contacts(self):
-        """Fingers that are known: finger, position, distance, whether exact."""
+        """Known fingers: number, position, distance and whether it is exact."""
         return self.ask(
             "((reading) => reading.contacts.filter((each) => each.isKnown && reading.state !== 'LATE')"
             ".map(({ finger, position, distance, isExact: exact }) =>"
@@ -136,7 +139,7 @@ class Page:
         )
 
     def exact(self, count=1):
-        """Fingers of which the exact distance is known, as many as said at least."""
+        """Wait for exact distances of at least *count* fingers; return these fingers."""
         ends = time.monotonic() + PATIENCE
         while len(found := [each for each in self.contacts() if each["exact"]]) < count:
             assert time.monotonic() < ends, f"never {count} exact distances: {self.contacts()}"
@@ -147,6 +150,6 @@ class Page:
         return self
 
     def __exit__(self, kind, error, trace):
-        """Close it; nothing may have gone wrong in it."""
+        """Close the page and check that it reported no error."""
         self.context.close()
         assert error is not None or self.complaints == []

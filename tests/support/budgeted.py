@@ -1,4 +1,4 @@
-"""The walk with a budget as tests call it: models of plain meshes, guarded memory, named answers."""
+"""Budgeted traversal for tests: models of plain meshes, guarded memory, named results."""
 
 from typing import NamedTuple
 
@@ -31,7 +31,7 @@ UNLIMITED = 2**40
 
 
 class Answer(NamedTuple):
-    """What a walk knows when it stops: squared distances in the scene's scaled frame."""
+    """Result of a traversal; squared distances in the scene's scaled frame."""
 
     best_sq: float
     slot: int
@@ -40,14 +40,14 @@ class Answer(NamedTuple):
 
 
 def start_of(model):
-    """The reference to walk all of a model from, and the row in whose frame it is."""
+    """The node reference that covers the whole model, and the row of its frame."""
     scene = len(model.parts) - 1
     part = 0 if scene == 1 else scene
     return int(model.parts["root"][part]), part
 
 
 def guarded_room():
-    """Room for a walk, and the whole array of which it is the middle."""
+    """A workspace, and the array with guards around it."""
     whole = np.full(WORKSPACE_SIZE + 2 * GUARD, UNTOUCHED, np.float32)
     return whole[GUARD:-GUARD], whole
 
@@ -56,7 +56,7 @@ WORKSPACE, WHOLE = guarded_room()
 
 
 def walk(model, point, budget, best_sq=np.inf, slot=NO_SLOT, *, tolerance=0.0, exact_within=0.0):
-    """Ask, and check what holds for every walk: it wrote in its room only, and spent some, not too much."""
+    """Run a traversal; check that it wrote within its workspace only and that its work is in 1..budget."""
     arrays = arrays_of(model)
     found = nearest_with_budget(
         arrays,
@@ -76,7 +76,7 @@ def walk(model, point, budget, best_sq=np.inf, slot=NO_SLOT, *, tolerance=0.0, e
 
 
 def without_budget(model, point, best_sq=np.inf, slot=NO_SLOT):
-    """Squared distance and slot from the walk without a budget."""
+    """Squared distance and slot by the traversal without a budget."""
     arrays = arrays_of(model)
     part = int(part_of_slot(model.words, model.parts, slot)) if slot >= 0 else NO_PART
     stacks = np.empty(STACKS_SIZE, np.float32)
@@ -87,13 +87,13 @@ def without_budget(model, point, best_sq=np.inf, slot=NO_SLOT):
 
 
 def known(model, point, slot):
-    """Squared distance to the triangle at *slot*, in the scene's scaled frame: a warm start."""
+    """Squared distance to the triangle at *slot*, in the scene's scaled frame, as a warm start."""
     part = int(part_of_slot(model.words, model.parts, slot))
     return float(known_sq(arrays_of(model), part, slot, tuple(map(float, point))))
 
 
 def block_count(model):
-    """Leaves of all parts."""
+    """Number of blocks of all parts."""
     return int(model.parts["block_count"][:-1].sum())
 
 
@@ -102,7 +102,7 @@ MINUTE_BESIDE_LARGE = ["1e-15", "1e-18", "1e-21", "1e-22", "1e-24", "1e-30", "1e
 
 
 def placed(mesh, pose):
-    """The mesh in the scene's frame, for the oracle."""
+    """Transform a mesh to the scene's frame, for the oracle."""
     return mesh[0] @ pose.rotation.T + pose.translation, mesh[1]
 
 
@@ -118,14 +118,14 @@ def scattered(sizes, reach, seed, subdivisions=1):
 
 
 def as_one_file(sizes):
-    """Meshes beside each other, and the frame they share."""
+    """Meshes side by side, and their common frame."""
     meshes = [shapes.moved(shapes.sphere(1.0, 2), (2.5 * i, 0, 0)) for i in range(sizes)]
     corners = np.concatenate([mesh[0] for mesh in meshes])
     return meshes, common_frame(corners.min(axis=0), corners.max(axis=0))
 
 
 def scene_named(name):
-    """A model, and the same as one mesh."""
+    """A model, and the same geometry as one mesh."""
     frame = None
     if name == "ball":
         meshes, poses = [shapes.sphere(1.0, 3)], [Pose()]
@@ -148,7 +148,7 @@ def scene_named(name):
 
 
 def points_at(mesh, rng, count):
-    """Points on faces, near them, in their midst, off them, and a million sizes away."""
+    """Points on and near faces, among them, off them, and a million sizes away."""
     corners = mesh[0][mesh[1][rng.integers(0, len(mesh[1]), count)]]
     weights = rng.dirichlet(np.ones(3), count)
     weights[::4] = np.eye(3)[0]
@@ -163,7 +163,7 @@ def points_at(mesh, rng, count):
 
 
 def by_hand(node_count, children):
-    """A one-part model of nodes whose boxes all hold the origin; leaves are empty."""
+    """A one-part model of nodes whose boxes all contain the origin; leaves are empty."""
     nodes = np.zeros((node_count, NODE_STRIDE), np.float32)
     nodes[:, :24], nodes[:, 24:48] = -1.0, 1.0
     nodes.view(np.int32)[:, NODE_CHILDREN : NODE_CHILDREN + LANES] = children
@@ -175,7 +175,7 @@ def by_hand(node_count, children):
 
 
 def eightfold(depth):
-    """All nodes have eight children, down to one empty leaf that all share."""
+    """A tree whose nodes have eight children each, down to one empty leaf that all share."""
     count = (8**depth - 1) // 7
     children = 1 + 8 * np.arange(count)[:, None] + np.arange(LANES)
     children[children >= count] = ~0

@@ -1,4 +1,4 @@
-"""A certificate whose times are made up, for tests of what is told of it: nothing is measured."""
+"""A certificate with invented times, for tests of its reports."""
 
 import numpy as np
 import shapes
@@ -20,13 +20,13 @@ def ball_subject(radius=0.05, subdivisions=2, **settings):
 
 
 def timing(name, microseconds, counts=True):
-    """Ticks that take from 1 µs on, evenly, up to so long."""
+    """Tick times that rise evenly from 1 µs to *microseconds*."""
     times = np.linspace(1e3, 1e3 * microseconds, TICKS).astype(np.int64)
     return MotionTiming(name, 5, times.copy(), times + 500, times, 600, SHARES, counts)
 
 
 def loop(compute_us=100, late_us=20, ticks=TICKS, missed=0, period=0.001):
-    """A loop whose ticks all took, and were late, alike."""
+    """A report of a loop with equal compute times and lateness in every tick."""
     report = Report(round(1e9 * period), ticks=ticks, missed=missed, notes=["core: stays on <1>"])
     for _ in range(ticks):
         report.compute.record(round(1e3 * compute_us))

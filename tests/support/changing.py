@@ -1,4 +1,4 @@
-"""Threads that ask while another changes what they ask."""
+"""Concurrent readers of an object that another thread changes."""
 
 import threading
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def seen_while(change: Callable[[], None], ask: Callable[[], Any], count: int = 2) -> list[list[Any]]:
-    """Return what each of *count* threads was answered until *change* had ended, and once afterwards."""
+    """Return the values each of *count* threads read until *change* ended, and one read after it."""
     is_done = threading.Event()
 
     def changed() -> None:

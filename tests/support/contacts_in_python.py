@@ -1,4 +1,4 @@
-"""What the loop does with parts that move, again in NumPy: its frames are these, to the bit."""
+"""NumPy version of the loop's handling of moving parts; its frames match bit for bit."""
 
 import numpy as np
 
@@ -9,11 +9,11 @@ from proximity.service.inputs.part_prediction import HOLD_NS, VisibleParts, turn
 DOWN, UP = 1.0 - 1e-12, 1.0 + 1e-12
 TRACKED, PREDICTED, EXACT, BOUNDED, FOUND = (
     np.uint32(ContactFlag[name]) for name in ("TRACKED", "PREDICTED", "EXACT", "BOUNDED", "CONTACT_FOUND")
-)  # NumPy numbers: an operation with an IntFlag takes ten times as long
+)  # NumPy integers: operations with an IntFlag take ten times as long
 
 
 class ContactsInPython(TrackedContacts):
-    """Contacts of a tracker whose parts are moved by messages, made by Python in every tick."""
+    """Contacts of a tracker whose parts move by messages, computed by Python in every tick."""
 
     is_ticked_by_loop = False
     _moving = None
@@ -37,7 +37,7 @@ class ContactsInPython(TrackedContacts):
 
 
 class MovingParts:
-    """Parts with a velocity, put at one instant after another."""
+    """Parts with velocities, placed at successive times."""
 
     def __init__(self, scene, reported):
         visible = VisibleParts(scene)
@@ -55,7 +55,7 @@ class MovingParts:
         self.is_silent, self._all_stand = np.zeros(len(parts), bool), not parts
 
     def put(self, scene, now_ns, samples):
-        """Put the parts where they are at the newest instant of a finger; the silent where they were last."""
+        """Move parts to the newest pose time of the fingers; silent parts stay at their last pose."""
         if self._all_stand:
             return
         is_there = np.isfinite(samples.positions).all(axis=1)
@@ -71,7 +71,7 @@ class MovingParts:
         scene.move_many(self._names, matrices, self._velocities * goes, self._turning * goes)
 
     def widen(self, contacts):
-        """Make bounds hold for parts that stand where they are at another instant than the finger's."""
+        """Widen bounds by the motion of parts between the finger's time and their own."""
         found = ~self.is_hidden
         if not found.any():
             return
@@ -88,7 +88,7 @@ class MovingParts:
         is_off = error_then > 0.0
         flags[is_off & ((flags & EXACT) != 0)] ^= EXACT | BOUNDED
         flags[is_off] &= ~FOUND
-        contacts["contact_bend_error"][is_off] += np.inf  # what is nan stays so
+        contacts["contact_bend_error"][is_off] += np.inf  # nan stays nan
         speed = np.linalg.norm(contacts["velocity"][is_off], axis=1) + speeds.max()
         free = np.maximum(contacts["lower"][is_off], 0.0) * DOWN / speed
         free[(flags[is_off] & PREDICTED) == 0] = 0.0

@@ -1,4 +1,4 @@
-"""The drum's controller as a program of its own, compared with what the package's answered."""
+"""Compare the drum's controller in C, as a program, with the package's controller."""
 
 import struct
 import subprocess
@@ -26,7 +26,7 @@ NANOMETRE = 1e-9
 
 
 def build(folder, settings=None, options=SANITIZERS):
-    """A program that answers events by the controller in C."""
+    """Compile a program that answers events by the controller in C."""
     write_controller([Glove()], folder, settings or ControllerSettings())
     target = folder / "driver"
     sources = [folder / name for name in SOURCES]
@@ -35,7 +35,7 @@ def build(folder, settings=None, options=SANITIZERS):
 
 
 class Events:
-    """What the controller meets, and what Python's answered."""
+    """Events for the controller, and the answers of the controller in Python."""
 
     def __init__(self, shares_clock=True, key=None, position=0.0):
         begin = struct.pack("<BB32sd", shares_clock, key is not None, key or bytes(32), position)
@@ -53,7 +53,7 @@ class Events:
         self.expected.append(answer)
 
     def answers(self, program, folder):
-        """The bytes that a program answers."""
+        """Return the bytes that a program answers."""
         events, answers = folder / "events", folder / "answers"
         events.write_bytes(self.data)
         done = subprocess.run(
@@ -64,7 +64,7 @@ class Events:
 
 
 def answer_of(controller, action, state):
-    """What the package's controller answered, as the driver writes it."""
+    """Pack the package's controller's answer in the driver's format."""
     words = (
         STATES.index(action.state), int(action.mode), int(controller.trust), controller.known.fault,
         int(state), controller.frames.dropped, controller.frames.awaited, 0,
@@ -73,7 +73,7 @@ def answer_of(controller, action, state):
 
 
 def compare(found, expected):
-    """States are equal, positions within a nanometre, all else within its rounding."""
+    """Check that states are equal, positions within a nanometre, other values within rounding."""
     assert len(found) == len(expected)
     for name in WORDS:
         off = np.flatnonzero(found[name] != expected[name])

@@ -1,4 +1,4 @@
-"""The controller in C around a plant of its own, which is no part of the package."""
+"""The controller in C connected to a simulated plant that is not part of the package."""
 
 import math
 import subprocess
@@ -11,7 +11,7 @@ from compiling_c import c_compiler
 from proximity.decaff.drum.drum_model import GEARS, Motor
 
 PLANT = Path(__file__).with_name("clients") / "drum_in_plant.c"
-POWERED, UNPOWERED = 1.0, 1.25  # mJ, that no hit may have
+POWERED, UNPOWERED = 1.0, 1.25  # mJ, limits of the energy of a hit
 WRITE = """
 import sys
 from proximity.decaff.controller.chip_sources import write_controller
@@ -22,7 +22,7 @@ write_controller([Glove()], sys.argv[1], ControllerSettings(drum=DRUMS[sys.argv[
 
 
 def built(folder, gear, root=PLANT.parents[3], options=("-O2",)):
-    """A program of a gear's drum, with the controller of the checkout *root*."""
+    """Compile a program of a gear's drum with the controller of the checkout *root*."""
     folder.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-W", "ignore", "-c", WRITE, folder, gear]
     subprocess.run(command, check=True, cwd=root, env={"PYTHONPATH": str(root)}, stderr=subprocess.DEVNULL)
@@ -45,17 +45,17 @@ def built(folder, gear, root=PLANT.parents[3], options=("-O2",)):
 
 
 def said(program, *words):
-    """The lines of a program, as words."""
+    """Run a program; return its output as words per line."""
     done = subprocess.run([program, *map(str, words)], check=True, capture_output=True, text=True)
     return [line.split() for line in done.stdout.splitlines()]
 
 
 def hits(program, seed, count):
-    """Energies of all hits of so many seeded presses, mJ: with power, and without."""
+    """Energies of all hits of *count* seeded presses, mJ: powered, and unpowered."""
     rows = np.array(said(program, "episodes", seed, count), np.float64)
     return rows[rows[:, 0] == 0.0, 1], rows[rows[:, 0] == 1.0, 1]
 
 
 def hazards(program):
-    """What became of the known ones, by name."""
+    """Result of each known hazard, by name."""
     return {name: float(numbers[0]) for name, *numbers in said(program, "hazards", 1)}

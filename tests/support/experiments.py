@@ -48,14 +48,14 @@ trials = 4
 
 
 def write_design(folder, text=SMALL):
-    """Write a design, and return its path."""
+    """Write a design; return its path."""
     path = folder / "design.toml"
     path.write_text(text, encoding="utf-8")
     return path
 
 
 def simulate(design, folder, name, make=Observer):
-    """Do the rest of a simulated participant's session; return its rows."""
+    """Run the remaining trials of a simulated participant's session; return its rows."""
     slot = place(design, read_visits(design, folder), name, Observer.name, folder)[0]
     observer = make(design, slot)
     run_visit(design, folder, name, observer, observer)

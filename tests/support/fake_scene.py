@@ -1,4 +1,4 @@
-"""A scene of formulas for the tests of the command line: a sphere of radius 10 mm about the origin."""
+"""An analytic scene for command-line tests: a sphere of radius 10 mm about the origin."""
 
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -21,7 +21,7 @@ class FakeRepairs:
 
 
 class FakeScene:
-    """One sphere, with formulas for what the command line asks."""
+    """One sphere, with formulas for the queries of the command line."""
 
     def __init__(self, *, has_inside=True, name="ball"):
         diagnosis = SimpleNamespace(
@@ -63,7 +63,7 @@ class FakeScene:
 
     @property
     def bounds(self):
-        """The box of the parts."""
+        """Return the bounding box of the parts."""
         corners = np.concatenate([part.pose.point(part.solid.mesh.vertices) for part in self.parts])
         return corners.min(axis=0), corners.max(axis=0)
 
@@ -87,7 +87,7 @@ class FakeScene:
         )
 
     def cast(self, origins, directions, *, workers=1):
-        """Rays along -z only: enough to see what is passed on."""
+        """Intersect rays along -z only, enough to test what is passed on."""
         is_hit = (np.hypot(origins[:, 0], origins[:, 1]) < RADIUS) & (directions[:, 2] < 0.0)
         top = np.sqrt(np.where(is_hit, RADIUS**2 - origins[:, 0] ** 2 - origins[:, 1] ** 2, np.nan))
         point = np.column_stack((np.where(is_hit, origins[:, 0], np.nan), origins[:, 1], top))
@@ -102,7 +102,7 @@ class FakeScene:
         )
 
     def closest_to_segments(self, starts, ends, *, workers=1):
-        """The nearest of the two ends stands for the segment."""
+        """Use the nearer end point of each segment."""
         nearest = np.where((abs(starts) <= abs(ends)).all(axis=-1)[:, None], starts, ends)
         hits = self.closest(nearest)
         return SimpleNamespace(

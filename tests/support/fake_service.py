@@ -1,4 +1,4 @@
-"""What a service is tested with: a clock that is set, scripted inputs and answers, outlets that keep."""
+"""Fakes for tests of the service: a manual clock, scripted inputs and contacts, recording outlets."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ TRACKED = ContactFlag.TRACKED
 
 
 class ManualClock:
-    """Time passes when it is slept or spent; *oversleeps* are taken one a sleep."""
+    """A clock that advances by sleeping and `spend`; each sleep takes one of *oversleeps*."""
 
     skipped_ns = 0
 
@@ -36,7 +36,7 @@ class ManualClock:
 
 
 class ScriptedInput:
-    """Gives what *poll* returns, called with the number of the poll and the instant; None: nothing."""
+    """Return the result of *poll*, called with the poll number and the time; None for no samples."""
 
     notes = ()
     address = "script:"
@@ -57,9 +57,9 @@ class ScriptedInput:
 
 
 class FakeAnswers:
-    """Says of each finger that has a position: tracked, and its x as distance.
+    """Report each finger that has a position as tracked, at a distance equal to its x.
 
-    *during* is called in each tick with its number.
+    *during* is called with the number of each tick.
     """
 
     source = Source.GEOMETRY
@@ -72,7 +72,7 @@ class FakeAnswers:
         self.notes = []
         self.during = during
         self.ticks = self.rehearsals = 0
-        self.seen = []  # positions, instants, now of each tick
+        self.seen = []  # (positions, pose_ns, now_ns) of each tick
         self.is_closed = False
 
     def new_samples(self):
@@ -100,7 +100,7 @@ class FakeAnswers:
 
 
 class KeepingOutlet:
-    """Keeps copies of all that is sent, or refuses the messages whose numbers are *refused*."""
+    """Keep copies of all messages, or refuse those whose numbers are in *refused*."""
 
     def __init__(self, refused=()):
         self.sent, self.count, self.refused = [], 0, refused
@@ -133,7 +133,7 @@ def publisher(outlet, address="keeping:"):
 
 
 def hands_at(positions, pose_ns, velocities=None):
-    """Hands of these arrays; one instant, or one a finger."""
+    """Finger poses from arrays; *pose_ns* is common or per finger."""
     poses = FingerPoses(len(positions))
     poses.positions[...] = positions
     poses.pose_ns[...] = pose_ns
@@ -149,7 +149,7 @@ def steady(poll, now_ns):
 def serve(
     poll=steady, *, during=lambda tick: None, ticks=10, clock=None, over_after=None, answers=None, **settings
 ):
-    """Run a service of two fingers on fakes; report, outlet, answers and clock."""
+    """Run a service of two fingers on fakes; return report, outlet, contact source and clock."""
     clock = clock or ManualClock()
     outlet = KeepingOutlet()
     answers = answers or FakeAnswers(during=during)
@@ -159,7 +159,7 @@ def serve(
 
 
 class SteppedLoop:
-    """A service whose ticks are made one by one, each with the poses that it is given, or of *pose_input*."""
+    """A service stepped tick by tick, with poses given per tick or taken from *pose_input*."""
 
     def __init__(self, source, begin_ns, pose_input=None):
         self.outlet, self.clock, self.poses = KeepingOutlet(), ManualClock(begin_ns), None
@@ -167,25 +167,25 @@ class SteppedLoop:
         self.service = Service(source, given, [publisher(self.outlet)], period=0.001, clock=self.clock)
 
     def tick(self, now_ns, poses=None):
-        """The contacts of a tick."""
+        """Run one tick and return its contacts."""
         self.clock.now, self.poses = now_ns, poses
         self.service.step(now_ns)
         return self.outlet.records[-1]
 
     @property
     def is_late(self):
-        """Whether of a part that moved nothing more is reported."""
+        """Test whether the reports of a moving part stopped."""
         return bool(self.service._loop.is_late)
 
     def part(self, name):
-        """Where a part is for the loop, and its velocities."""
+        """The pose and velocities of a part in the loop."""
         source = self.service._sources.current
         frames, names = source._model[2], source.contacts.tracker.scene.snapshot().names
         return frames[names.index(name)]
 
 
 class QueueInlet:
-    """A transport's receiving end that gives what was put into it, in order."""
+    """The receiving end of a transport that returns the messages put into it, in order."""
 
     def __init__(self, shares_clock=True):
         self.shares_clock, self.refused = shares_clock, 0
@@ -193,7 +193,7 @@ class QueueInlet:
         self.queue, self.is_closed = [], False
 
     def put(self, message, session=1, sequence=None):
-        """Seal a message and let it wait; numbered one after the other where not said."""
+        """Seal a message and queue it; the default sequence is the next number."""
         self.sequence = getattr(self, "sequence", -1) + 1 if sequence is None else sequence
         self.queue.append(message.seal(session, self.sequence).copy())
 
@@ -215,14 +215,14 @@ class QueueInlet:
 
 
 class Newest:
-    """The newest samples of an input, as a service keeps them; nothing is too old for ten seconds."""
+    """The newest samples of an input as a service keeps them, with a maximum age of ten seconds."""
 
     def __init__(self, source, samples, now_ns):
         self.source, self.newest = source, NewestSamples(samples, 10_000 * MS)
         self.newest.start(now_ns)
 
     def poll(self, now_ns):
-        """The newest samples; None where nothing came."""
+        """The newest samples; None without new ones."""
         came = [self.newest.update(samples, now_ns) for samples in self.source.poll(now_ns)]
         return self.newest.samples if came else None
 
@@ -232,13 +232,13 @@ class Newest:
 
 
 def filled(source, samples, now_ns):
-    """The contacts that a source makes of samples."""
+    """Contacts that a source computes from samples."""
     contacts = np.zeros(source.count, CONTACT)
     source.fill(contacts, samples, now_ns)
     return contacts
 
 
 def polled(source, now_ns):
-    """The only samples that an input gives; None where it gives none."""
+    """The single samples record of a poll; None if there is none."""
     (samples,) = tuple(source.poll(now_ns)) or (None,)
     return samples

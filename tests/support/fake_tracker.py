@@ -1,6 +1,6 @@
-"""A tracker by formulas, for the tests of recordings: it asks the scene exactly and predicts nothing clever.
+"""A tracker by formulas, for tests of recordings: exact distances from the scene, simple predictions.
 
-*spoil* is called with the contacts of each tick and its number, and may change them.
+*spoil* is called with the contacts and the number of each tick, and may change them.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ from proximity.message import CONTACT, ContactFlag
 
 
 class FakeTracker:
-    """Exact within the working range, skipped beyond it; the velocity is the difference of two poses."""
+    """Exact within the working range, skipped beyond; the velocity is the difference of two poses."""
 
     def __init__(
         self,

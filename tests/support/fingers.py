@@ -1,4 +1,4 @@
-"""A finger followed by the motion kernels, pose after pose."""
+"""A finger tracked by the motion kernels, pose by pose."""
 
 import numpy as np
 
@@ -9,14 +9,14 @@ LIMITS = (motion.MAX_SPEED, motion.MAX_ACCELERATION)
 
 
 class Finger:
-    """One row between two others, which must stay as they are."""
+    """A motion row between two guard rows."""
 
     def __init__(self):
         self.motions = np.full((3, motion.ESTIMATES), 7, motion.ESTIMATE)
         self.motions[1] = 0
 
     def see(self, t_ns, position, *, velocity=None, limits=LIMITS):
-        """The bits that a pose gives."""
+        """Flags returned for a pose."""
         x, y, z = (float(value) for value in position)
         if velocity is None:
             return motion.observe(self.motions, 1, int(t_ns), x, y, z, *limits)
@@ -27,7 +27,7 @@ class Finger:
         return [self.see(t_ns, position) for t_ns, position in zip(times_ns, positions, strict=True)]
 
     def after(self, h, limits=LIMITS):
-        """Displacement *h* seconds after the pose, and its bound."""
+        """Predicted displacement *h* seconds after the pose, and its error bound."""
         *step, rho = motion.predict(self.motions[1, 0], float(h), *limits)
         return np.array(step), rho
 

@@ -1,4 +1,4 @@
-"""Meshes as programs have them in memory, sound and broken ones."""
+"""Sound and broken meshes as programs have them in memory."""
 
 import numpy as np
 import shapes
@@ -28,7 +28,7 @@ NAMED = {
 
 
 def torn(name, seed):
-    """A mesh with faces missing, turned and doubled, and corners that are nearly equal."""
+    """A mesh with missing, reversed and duplicate faces, and nearly equal vertices."""
     rng = np.random.default_rng(seed)
     vertices, faces = shapes.soup(*NAMED[name])
     vertices = vertices + rng.choice([0.0, 1e-9, 1e-7], vertices.shape) * rng.standard_normal(vertices.shape)

@@ -1,4 +1,4 @@
-"""Calibrations of gloves for tests, as a careful hand would measure them."""
+"""Calibrations of gloves for tests, as careful measurement would give."""
 
 from datetime import UTC, datetime, timedelta
 
@@ -9,14 +9,14 @@ from proximity.decaff.glove.glove import Glove
 from proximity.decaff.glove.transmission import Cable
 
 HAND = Glove(cable=Cable(hand_pulley=0.0205, backlash=0.15e-3))
-"""The glove as it is: its pulley and cable are not quite as designed."""
+"""The true glove: its pulley and cable differ slightly from the design."""
 BENDS = np.linspace(0.0, 1.0, 7)
 MOUNTED = 0.031
-"""rad that the drum's encoder is off its geometry."""
+"""Offset of the drum's encoder from the geometry, rad."""
 
 
 def write(path, *, days_ago=1.0, **changes):
-    """A calibration in a file; its path."""
+    """Write a calibration to a file; return its path."""
     values = {
         "made": datetime.now(UTC) - timedelta(days=days_ago),
         "counts": HAND.counts(BENDS),

@@ -1,4 +1,4 @@
-"""What Python keeps of work that is done again and again."""
+"""Memory growth of repeated work in Python."""
 
 import gc
 import tracemalloc
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 
 def traced_growth(work: Callable[[], object], rounds: int = 3) -> int:
-    """Bytes that `work` leaves behind: the least of several rounds, as threads of the run keep some too."""
+    """Bytes that `work` leaves allocated: the minimum of several rounds, as other threads allocate too."""
     grown = []
     tracemalloc.start()
     try:
@@ -14,7 +14,7 @@ def traced_growth(work: Callable[[], object], rounds: int = 3) -> int:
             gc.collect()
             before = tracemalloc.get_traced_memory()[0]
             work()
-            if gc.isenabled():  # where it is off, cycles stay and count
+            if gc.isenabled():  # with collection off, cycles count as growth
                 gc.collect()
             grown.append(tracemalloc.get_traced_memory()[0] - before)
     finally:

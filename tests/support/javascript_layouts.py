@@ -1,4 +1,4 @@
-"""Layouts of messages for JavaScript, read from their text and compared with NumPy's."""
+"""Message layouts for JavaScript, parsed from source text and compared with NumPy's."""
 
 import json
 import re
@@ -7,12 +7,12 @@ from proximity.message.javascript_layout import TEXT, VIEWS
 
 
 def constant(text, name):
-    """A constant of an ES module of layouts, as JSON has it."""
+    """Parse a constant of an ES module of layouts as JSON."""
     return json.loads(re.search(rf"export const {name} = (.*?);\n(?=export|$)", text, re.S)[1])
 
 
 def assert_is_where_numpy_has_it(record, dtype):
-    """Compare every field of a record of ``RECORDS`` with that of a NumPy type."""
+    """Compare every field of a record of ``RECORDS`` with the same field of a NumPy type."""
     assert record["size"] == dtype.itemsize
     assert list(record["fields"]) == list(dtype.names)
     for field, (part, offset) in ((key, dtype.fields[key][:2]) for key in dtype.names):

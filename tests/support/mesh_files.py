@@ -1,4 +1,4 @@
-"""Files of every format, written by formula for tests; imports nothing from the package.
+"""Mesh files of every format, generated for tests; imports nothing from the package.
 
 Polygons are lists of vertex rows of any length; every function returns the bytes of the file.
 """
@@ -59,7 +59,7 @@ def ply_ascii(vertices, polygons) -> bytes:
 
 
 def ply_binary(vertices, polygons, order="<", count=("uchar", "B")) -> bytes:
-    """Binary PLY of either byte order; *count*: the type of the lengths of its lists, in PLY and struct."""
+    """Binary PLY of either byte order; *count*: the type of list lengths, in PLY and struct notation."""
     layout = "binary_little_endian" if order == "<" else "binary_big_endian"
     rows = b"".join(struct.pack(f"{order}{count[1]}{len(p)}i", len(p), *p) for p in polygons)
     return (
@@ -70,7 +70,7 @@ def ply_binary(vertices, polygons, order="<", count=("uchar", "B")) -> bytes:
 
 
 def gltf_document(meshes, nodes, **extra) -> tuple[dict, bytes]:
-    """A glTF header and its buffer; *meshes* are lists of (vertices, faces), one pair a primitive."""
+    """A glTF header and its buffer; *meshes* are lists of (vertices, faces), one pair per primitive."""
     blob, views, accessors, entries = b"", [], [], []
     for mesh in meshes:
         primitives = []
@@ -135,7 +135,7 @@ def threemf_model(objects, items, unit=' unit="millimeter"') -> str:
 
 
 def threemf(model, name="3D/3dmodel.model", **others) -> bytes:
-    """3MF archive of a model, and of others beside it by the stems of their names."""
+    """3MF archive of a model, with other models in the same folder by their file stems."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(name, model)

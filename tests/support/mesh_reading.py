@@ -1,4 +1,4 @@
-"""Writing a file of a test, reading it, and what is looked at in what was read."""
+"""Write a mesh file, read it, and compare the result."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from proximity.formats.contents import DialectError
 
 
 def write(folder, name, data):
-    """The path of a file with that content, bytes or text."""
+    """Write a file, bytes or text; return its path."""
     path = folder / name
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(data if isinstance(data, bytes) else data.encode())
@@ -21,7 +21,7 @@ def read(folder, name, data, **options):
 
 
 def refusal(path, **options):
-    """What the refusal of a file says after its path."""
+    """Error message for a refused file, without its path."""
     with pytest.raises(MeshFormatError) as caught:
         formats.read_geometries(path, **options)
     assert not isinstance(caught.value, DialectError)
@@ -34,10 +34,10 @@ def volume(geometry):
 
 
 def world(geometry):
-    """Vertices where the file places them."""
+    """Vertices in the file's common frame."""
     return geometry.pose.point(geometry.vertices)
 
 
 def corners(geometry):
-    """Corners of all faces where the file places them, in its order."""
+    """Corners of all faces in the file's common frame, in file order."""
     return world(geometry)[geometry.faces]

@@ -1,4 +1,4 @@
-"""Models of plain meshes, as kernels take them."""
+"""Models of plain meshes in the form that kernels use."""
 
 import numpy as np
 from part_arrays import part_arrays
@@ -13,40 +13,40 @@ from proximity.scene.solid_arrays import part_model
 
 
 def arrays_of(model):
-    """The arrays of a model, as kernels pass them on."""
+    """The arrays of a model, as passed between kernels."""
     return ModelArrays(model.reals, model.words, model.frames, model.parts)
 
 
 def model_of_one(mesh, frame: LocalFrame | None = None):
-    """The model of one part, its faces as they are: nothing is welded, dropped or turned."""
+    """A one-part model with the faces unchanged: no welding, removal or reorientation."""
     faces = np.ascontiguousarray(mesh[1], dtype=np.int32)
     vertices = np.ascontiguousarray(mesh[0], dtype=np.float64)
     return part_model(vertices, faces, np.full_like(faces, -1), frame)
 
 
 def piece_of(mesh, frame: LocalFrame | None = None):
-    """The arrays of such a part."""
+    """The arrays of the part of `model_of_one`."""
     return part_arrays(model_of_one(mesh, frame), 0)
 
 
 def welded_model_of(vertices, faces):
-    """The model of one part whose corners at one place are one, and whose faces know their neighbours."""
+    """A one-part model with welded corners and face adjacency."""
     mesh = TriangleMesh(vertices, faces)
     topology = build_topology(mesh)
     return part_model(corners_of(mesh, topology), topology.corner_ids, topology.neighbors)
 
 
 def folded_faces_of(solid):
-    """The faces of a solid near which the winding number decides, in order."""
+    """Faces of a solid near which the winding number decides the sign, in order."""
     piece = part_arrays(solid.snapshot(), 0)
     bits = np.unpackbits(piece.folded[:, None], axis=1, bitorder="little")
     return np.sort(piece.bvh.slot_faces.reshape(-1, 8)[bits == 1])
 
 
 def model_of(*meshes, poses=None, frame=None, is_fused=False):
-    """The model of meshes at poses, as they lie where none are given.
+    """A model of meshes at poses, by default the identity.
 
-    *is_fused*: in one frame, so that they are walked as one tree.
+    *is_fused*: use a common frame, so that they are traversed as one tree.
     """
     if is_fused:
         vertices = np.concatenate([vertices for vertices, _ in meshes])

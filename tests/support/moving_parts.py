@@ -1,4 +1,4 @@
-"""A finger that rests on a part that moves: hand, pad, drum and servo, and frames of a service at 1 kHz."""
+"""A finger resting on a moving part: hand, pad, drum and servo, with frames of a service at 1 kHz."""
 
 from dataclasses import dataclass
 
@@ -12,9 +12,9 @@ from proximity.decaff.simulated_drums import DrumPlant
 from proximity.message import ContactFlag, Mode, State, Surface
 
 PATH = FingerPath(Glove())
-WALL = PATH.position(0.5)  # m, where the part is before it moves
-RATE, MASS, STIFFNESS, DAMPING = 3000.0, 0.010, 300.0, 3.0  # Hz; of finger and hand, PAPER.md section 6.1
-INTENT = 4e-3  # m beyond the part, that the hand wants to be
+WALL = PATH.position(0.5)  # m, initial position of the part
+RATE, MASS, STIFFNESS, DAMPING = 3000.0, 0.010, 300.0, 3.0  # Hz; finger and hand, PAPER.md section 6.1
+INTENT = 4e-3  # m, target of the hand beyond the part
 TRACKED = ContactFlag.TRACKED | ContactFlag.EXACT | ContactFlag.SIGNED
 NS = 1_000_000_000
 LATENCY = 0.003  # s, of frames
@@ -22,22 +22,22 @@ LATENCY = 0.003  # s, of frames
 
 @dataclass(frozen=True)
 class Situation:
-    """How a part moves, and what is to be seen."""
+    """The motion of a part, and the expected behaviour."""
 
     name: str
     offset: (
-        object  # function of seconds to m: of the part, from where it was; greater goes away from the finger
+        object  # offset of the part in m as a function of seconds; positive moves away from the finger
     )
     tilt: object = staticmethod(lambda time: 0.0 * time)  # of the surface's normal, rad
 
 
 def ramp(distance, speed, begin=0.5):
-    """Offsets of a part that moves by a distance at a speed."""
+    """Offset of a part that moves by a distance at a constant speed."""
     return lambda time: np.clip((time - begin) * speed, 0.0, abs(distance)) * np.sign(distance)
 
 
 def turned(time):
-    """How far a plate has turned: a sixth of a turn a second, to and fro."""
+    """Angle of a plate that swings by 0.3 rad at 0.5 Hz from 0.5 s on, rad."""
     return 0.3 * np.sin(2.0 * np.pi * 0.5 * np.maximum(time - 0.5, 0.0))
 
 
@@ -53,16 +53,16 @@ SITUATIONS = {
 
 
 def shown(situation, seconds=1.5, *, hand=lambda time: STIFFNESS, surface=Surface.RIGID, limits=None):
-    """What becomes of part, drum, finger, force and target, a row a sample; the hand follows what leaves.
+    """Simulate part, drum, finger, force and target, a row per sample; the hand follows a receding part.
 
-    *hand* is its stiffness, N/m, at a time in seconds.
+    *hand* is its stiffness, N/m, as a function of time in seconds.
     """
     controller, plant = FingerController(PATH, RATE, limits=limits), DrumPlant(PATH)
     record = frame(1).records[0]
     record["flags"], record["mode"], record["surface"] = TRACKED, Mode.POSITION, surface
     record["stiffness"], record["damping"] = 400.0, 0.2
     finger, speed, rows, action, mark = WALL - 0.03, 0.0, [], None, None
-    poses = []  # of link and time, until they are sent
+    poses = []  # (link, time) pairs until they are sent
     for sample in range(int(seconds * RATE)):
         time = sample / RATE
         now_ns = NS + round(1e9 * time)
@@ -91,7 +91,7 @@ def shown(situation, seconds=1.5, *, hand=lambda time: STIFFNESS, surface=Surfac
 
 
 def write(record, situation, time, pose_ns, link):
-    """Write what a service says of that pose; a finger that is inside touches where it is."""
+    """Write a service's record for that pose; a finger that is inside touches at its own position."""
     step, tilt = 1e-5, float(situation.tilt(time))
     part = WALL + float(situation.offset(time))
     speed = float(situation.offset(time + step) - situation.offset(time - step)) / (2.0 * step)

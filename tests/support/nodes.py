@@ -1,4 +1,4 @@
-"""Nodes for tests of what is asked of one."""
+"""Nodes for tests of single-node kernels."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from proximity.kernels.tree.builder import face_boxes
 
 
 def node_of(contents):
-    """A node of up to eight boxes around points (B, K, 3), made as the builder makes them."""
+    """A node of up to eight boxes around points (B, K, 3), made by the builder's functions."""
     node = np.zeros(NODE_STRIDE, np.float32)
     node[:24], node[24:48] = np.inf, -np.inf
     for lane, points in enumerate(contents):

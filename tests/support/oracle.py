@@ -1,12 +1,12 @@
-"""Slow answers that the fast ones are judged by. Imports nothing from the package.
+"""Brute-force reference results. Imports nothing from the package.
 
-Every face is looked at. Distances are computed in `numpy.longdouble` (64 bits of mantissa on x86) with
-compensated cross products, so that needles and faces without area are right as well; crossings and wide
-solid angles are computed in whole numbers. Bounding spheres and sides, with a margin for rounding, only spare
-the careful formulas those faces that cannot matter.
+Every face is tested. Distances are computed in `numpy.longdouble` (64 bits of mantissa on x86) with
+compensated cross products, which keeps slivers and faces without area accurate; crossings and wide solid
+angles are computed in integers. Bounding spheres and side tests, with a margin for rounding, only skip faces
+that cannot affect the result.
 
-Conventions are the package's: metres, faces counter-clockwise seen from outside, signed distance negative
-inside, `(..., 3)` points give answers of shape `(...)`; "nothing" is face -1, distance inf, point nan.
+The conventions are the package's: metres, faces counter-clockwise seen from outside, signed distance negative
+inside, `(..., 3)` points give results of shape `(...)`; no result is face -1, distance inf, point nan.
 Coordinates may lie between about 1e-100 and 1e100.
 """
 
@@ -18,10 +18,10 @@ import numpy as np
 import whole_numbers
 
 NO_FACE = -1
-PAIR_COUNT = 200_000  # pairs of query and face looked at together; bounds the memory
+PAIR_COUNT = 200_000  # pairs of query and face per block; bounds the memory
 ROUNDING = 2.0**-52
 LONG = np.longdouble
-SPLITTER = LONG(2) ** ((np.finfo(LONG).nmant + 2) // 2) + 1  # halves a number so that products are exact
+SPLITTER = LONG(2) ** ((np.finfo(LONG).nmant + 2) // 2) + 1  # splits a number; the halves' products are exact
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,16 +36,16 @@ class Closest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits:
-    """Where rays meet the surface; S is the leading shape of the rays."""
+    """Intersections of rays with the surface; S is the leading shape of the rays."""
 
     distance: np.ndarray  # S, to the first hit
     face_id: np.ndarray  # S int64, the lowest among equals
-    crossing_count: np.ndarray  # S int64, times out minus times in: the winding number, if the mesh is closed
+    crossing_count: np.ndarray  # S int64, exits minus entries: the winding number of a closed mesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Witnesses:
-    """The two ends of the shortest connections; S is the leading shape of the segments."""
+    """Ends of the shortest connections; S is the leading shape of the segments."""
 
     distance: np.ndarray  # S, 0 where the segment crosses the surface
     point_on_segment: np.ndarray  # S + (3,)
@@ -54,7 +54,7 @@ class Witnesses:
 
 
 def closest(vertices, faces, points):
-    """Nearest points of the surface, right to rounding of the coordinates on faces of any shape."""
+    """Closest points of the surface, accurate to the rounding of the coordinates for faces of any shape."""
     corners = _corners(vertices, faces)
     points = np.asarray(points, dtype=np.float64)
     flat = points.reshape(-1, 3)
@@ -76,13 +76,13 @@ def closest(vertices, faces, points):
 
 
 def closest_exact(vertices, faces, point):
-    """Squared distance of one point as a fraction, without any rounding (slow: a few dozen faces)."""
+    """Exact squared distance of one point as a fraction (slow: a few dozen faces)."""
     scale, (origin,), triangles = whole_numbers.whole_numbers([point], _corners(vertices, faces))
     return min(whole_numbers.triangle_distance_sq(origin, *triangle) for triangle in triangles) / scale**2
 
 
 def winding_number(vertices, faces, points):
-    """Sum of the solid angles of all faces over 4 pi; on a face itself that face adds half a turn or nothing.
+    """Sum of the solid angles of all faces over 4 pi; a face that contains the point adds half a turn or 0.
 
     Source: van Oosterom & Strackee 1983, "The solid angle of a plane triangle".
     """
@@ -104,9 +104,9 @@ def winding_number(vertices, faces, points):
 def ray(vertices, faces, origins, directions):
     """First hit and signed crossings of rays, decided without rounding.
 
-    A ray through an edge or a corner hits every face there, and crosses exactly one of them. Faces that the
-    ray runs along are not hit; their neighbours are. A hit at the origin itself counts as the first hit, but
-    not as a crossing.
+    A ray through an edge or a corner hits every face there, and crosses exactly one of them. Faces parallel
+    to the ray are not hit; their neighbours are. A hit at the origin itself counts as the first hit, but not
+    as a crossing.
     """
     corners = _corners(vertices, faces)
     origins, directions = _together(origins, directions)
@@ -129,7 +129,7 @@ def ray(vertices, faces, origins, directions):
 
 
 def segment_distance(vertices, faces, starts, ends):
-    """Shortest connections between segments and the surface; distance 0 where they cross."""
+    """Shortest connections between segments and the surface; distance 0 if they cross."""
     corners = _corners(vertices, faces)
     starts, ends = _together(starts, ends)
     flat_starts, flat_ends = starts.reshape(-1, 3), ends.reshape(-1, 3)
@@ -176,14 +176,14 @@ def torus(points, major_radius, minor_radius):
 
 
 def capsule(points, start, end, radius):
-    """Signed distance to all that lies within *radius* of a segment."""
+    """Signed distance to a capsule of *radius* around a segment."""
     points, start, along = np.asarray(points), np.asarray(start), np.subtract(end, start)
     fraction = np.clip((points - start) @ along / (along @ along), 0.0, 1.0)
     return np.linalg.norm(points - start - fraction[..., None] * along, axis=-1) - radius
 
 
 def root(square):
-    """Square root of a fraction, correctly rounded but for ties of sixty digits."""
+    """Square root of a fraction, correctly rounded except for ties of sixty digits."""
     with localcontext() as context:
         context.prec, context.Emin, context.Emax = 60, -(10**6), 10**6
         return float((Decimal(square.numerator) / Decimal(square.denominator)).sqrt())
@@ -216,7 +216,7 @@ def _blocks(query_count, face_count):
 
 
 def _near_pairs(corners, starts, ends):
-    """Queries (segments, or points as segments of no length) with the faces that may be their nearest."""
+    """Candidate pairs of queries (points are segments of zero length) and faces that may be closest."""
     centers = 0.5 * (corners.min(axis=1) + corners.max(axis=1))
     radii = np.linalg.norm(corners - centers[:, None], axis=-1).max(axis=1)
     finite = np.isfinite(starts).all(axis=1) & np.isfinite(ends).all(axis=1)
@@ -250,14 +250,14 @@ def _length(u):
 
 
 def _product_error(x, y, product):
-    """What rounding took from *product*. Source: Dekker 1971."""
+    """Rounding error of *product*. Source: Dekker 1971."""
     x_high, y_high = (SPLITTER * each - (SPLITTER * each - each) for each in (x, y))
     x_low, y_low = x - x_high, y - y_high
     return ((x_high * y_high - product) + x_high * y_low + x_low * y_high) + x_low * y_low
 
 
 def _cross(u, v):
-    """Cross product with every component right to its own rounding, however nearly parallel the two are."""
+    """Cross product with every component accurate to its own rounding, even for nearly parallel vectors."""
     components = []
     for i, j in ((1, 2), (2, 0), (0, 1)):
         plus, minus = u[..., i] * v[..., j], u[..., j] * v[..., i]
@@ -267,7 +267,7 @@ def _cross(u, v):
 
 
 def _point_segment(p, a, b):
-    """Distance, nearest point and weight of *b*, measured from the nearer end."""
+    """Distance, closest point and weight of *b*, measured from the nearer end."""
     along = b - a
     length_sq = np.where(_dot(along, along) > 0, _dot(along, along), 1)
     from_a = np.clip(_dot(p - a, along) / length_sq, 0, 1)[:, None]
@@ -279,7 +279,7 @@ def _point_segment(p, a, b):
 
 
 def _point_triangle(p, a, b, c):
-    """Distance, nearest point and barycentric weights: the foot on the plane, or the best of three edges."""
+    """Distance, closest point and barycentric weights: the foot on the plane, or the best of three edges."""
     best, point, weights = np.full(len(p), np.inf, LONG), np.empty_like(p), np.empty_like(p)
     corners = (a, b, c)
     for i, j in ((0, 1), (1, 2), (2, 0)):
@@ -301,7 +301,7 @@ def _point_triangle(p, a, b, c):
 
 
 def _segment_triangle(p, q, a, b, c):
-    """Distance and both witness points of segments *pq* that do not pass through the face."""
+    """Distance and both witness points of segments *pq* that do not cross the face."""
     options = []
     for end in (p, q):
         found, there, _ = _point_triangle(end, a, b, c)
@@ -321,7 +321,7 @@ def _segment_triangle(p, q, a, b, c):
 
 
 def _between_lines(p, q, a, b):
-    """Distance and feet of the common perpendicular of two segments; inf where it misses one of them."""
+    """Distance and feet of the common perpendicular of two segments; inf if a foot is outside its segment."""
     normal = _cross(q - p, b - a)
     size = _length(normal)
     crossing = np.where(size > 0, size, 1)
@@ -334,7 +334,7 @@ def _between_lines(p, q, a, b):
 
 
 def _half_solid_angles(a, b, c):
-    """Half the solid angles, right to rounding; and where they are so wide that they are not."""
+    """Half the solid angles, accurate to rounding, and a mask of wide ones that are not."""
     lengths = [_length(corner) for corner in (a, b, c)]
     volume = _dot(np.cross(a, b), c)
     product = lengths[0] * lengths[1] * lengths[2]
@@ -343,7 +343,7 @@ def _half_solid_angles(a, b, c):
 
 
 def _may_hit(origin, direction, a, b, c):
-    """False where the line certainly misses the face, whatever the rounding."""
+    """False if the line certainly misses the face despite rounding."""
     a, b, c = a - origin, b - origin, c - origin
     with np.errstate(invalid="ignore"):
         edges = ((b, c), (c, a), (a, b))

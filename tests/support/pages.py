@@ -1,4 +1,4 @@
-"""The text of the README and of the pages of the documentation."""
+"""Text of the README and the documentation pages."""
 
 from project import ROOT
 

@@ -1,4 +1,4 @@
-"""Drums of the reference values: one motor of the 20 W class, 12.2, 48.8 and 122 turns in all on a hand."""
+"""Drums of the reference values: a 20 W motor with gear ratios of 12.2, 48.8 and 122."""
 
 from proximity.decaff.drum.drum_model import Drum, Gear, Motor
 from proximity.decaff.glove.glove import Glove
@@ -12,7 +12,7 @@ MOTOR = Motor(
 
 
 def paper_drum(ratio: float, **settings: float) -> Drum:
-    """Return that motor behind a gear without losses, whose teeth carry 100 N at the fingertip."""
+    """Return that motor with a lossless gear whose teeth carry 100 N at the fingertip."""
     return Drum(LEVER, MOTOR, Gear(f"{ratio:.3g}:1", ratio, torque=100.0 * LEVER), **settings)
 
 
@@ -24,9 +24,9 @@ GEAR12, GEAR49, GEAR122 = (
 PAPER_DRUMS = {"gear12": GEAR12, "gear49": GEAR49, "gear122": GEAR122}
 PAPER_GLOVE = Decaff(GEAR49)
 PAPER_DESIGN = Glove(motor=MOTOR, gear=GEAR49.gear)
-PAPER_DEVICE = Link(mass=0.020, damping=0.05)  # link and rotor that a coupled wall hangs on the finger
+PAPER_DEVICE = Link(mass=0.020, damping=0.05)  # link and rotor by which a coupled wall loads the finger
 
 
 def steady_force(hand, depth, wall_stiffness):
-    """Force at rest of a hand that means a depth, on a wall that gives way, N."""
+    """Static force on a compliant wall, for a hand whose target is *depth* inside, N."""
     return depth / (1.0 / hand.series_stiffness + 1.0 / wall_stiffness)

@@ -1,4 +1,4 @@
-"""The arrays of one part of a model, numbered from zero."""
+"""The arrays of one part of a model, renumbered from zero."""
 
 from typing import NamedTuple
 
@@ -29,7 +29,7 @@ class PartArrays(NamedTuple):
 
 
 def part_arrays(model, row):
-    """Copies of a part's arrays."""
+    """Copy a part's arrays."""
     part, frame, bvh = model.parts[row], model.frames[row], model.bvh(row)
     counts = int(part["grid_x"]), int(part["grid_y"]), int(part["grid_z"])
     grid_words = -(-int(np.prod(counts)) // 16) if part["grid"] != NO_GRID else 0

@@ -1,6 +1,6 @@
-"""Solids made of unit cubes: whether two share volume, and how far one must move to be free, are counted.
+"""Solids of unit cubes, whose overlap and separation displacement are computed exactly by cell.
 
-Their faces lie in common planes more often than not.
+Their faces are often coplanar.
 """
 
 from dataclasses import dataclass
@@ -17,19 +17,19 @@ TURNS = (
     np.array([[2, 3, 6], [3, -6, 2], [6, 2, -3]]),
     np.array([[1, -4, 8], [4, -7, -4], [8, 4, 1]]),
 )
-"""Whole-number matrices that keep angles."""
+"""Integer matrices that preserve angles."""
 
 
 @dataclass(frozen=True, eq=False)
 class Polycube:
-    """Cells of a grid that are filled, as rows of their lowest corners, and the surface around them."""
+    """Filled grid cells, as rows of their lowest corners, and their surface."""
 
     cells: np.ndarray  # (C, 3) int64
     mesh: Mesh
 
 
 def polycube(rng: np.random.Generator) -> Polycube:
-    """Draw a box, a prism over connected cells, or connected cells; some with surfaces of large triangles."""
+    """Choose a box, a prism over connected cells, or connected cells; some surfaces have large triangles."""
     kind = rng.integers(3)
     if kind == 0:
         size = rng.integers(1, 5, 3)
@@ -65,7 +65,7 @@ def without_diagonals(filled: np.ndarray) -> np.ndarray:
 
 
 def free_from(first: Polycube, second: Polycube, offset: np.ndarray, direction: np.ndarray) -> float:
-    """How far the first, displaced by *offset*, moves along a direction until it is free."""
+    """Distance that the first, displaced by *offset*, moves along a direction until it is free."""
     apart = (second.cells[None] - first.cells[:, None]).reshape(-1, 3) - offset
     begin, end = np.full(len(apart), -np.inf), np.full(len(apart), np.inf)
     for axis in range(3):
@@ -84,19 +84,19 @@ def free_from(first: Polycube, second: Polycube, offset: np.ndarray, direction: 
 
 
 def overlap(first: Polycube, second: Polycube, offset: np.ndarray, shrink: float = 0.0) -> bool:
-    """Whether they share volume, the first displaced by *offset*; *shrink*: so much less wide than a cell."""
+    """Test whether they share volume, the first displaced by *offset* and all cells narrower by *shrink*."""
     apart = np.abs(second.cells[None] - first.cells[:, None] - offset)
     return bool((apart < 1.0 - shrink).all(axis=-1).any())
 
 
 def distance(first: Polycube, second: Polycube, offset: np.ndarray) -> float:
-    """The distance between both, the first displaced by *offset*; 0 where they touch or overlap."""
+    """Distance between both, the first displaced by *offset*; 0 if they touch or overlap."""
     gaps = np.abs(second.cells[None] - first.cells[:, None] - offset) - 1.0
     return float(np.linalg.norm(np.maximum(gaps, 0.0), axis=-1).min())
 
 
 def depth_in(solid: Polycube, points: np.ndarray) -> np.ndarray:
-    """How far points are inside; -1 where they are outside, 0 on the surface."""
+    """Depth of points inside; -1 outside, 0 on the surface."""
     a, b, c = np.moveaxis(solid.mesh[0][solid.mesh[1]], 1, 0)
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     # Each triangle is half of a rectangle of the surface.

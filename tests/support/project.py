@@ -1,4 +1,4 @@
-"""Where the project, its sample parts and its tests are."""
+"""Paths of the project, its sample parts and its tests."""
 
 from pathlib import Path
 
@@ -12,4 +12,4 @@ RECORDED_HANDS = [
     SHARED_DATA / "hands" / f"{name}.csv" for name in ("grab", "hand-splay", "two-hands", "waiting", "wave")
 ]
 IMPORT_PATHS = [str(SUPPORT), str(SUPPORT / "messages"), str(TRIALS), str(ROOT)]
-"""What programs started by tests need on PYTHONPATH."""
+"""PYTHONPATH for programs started by tests."""

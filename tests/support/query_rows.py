@@ -1,4 +1,4 @@
-"""Meshes and scenes, and points, rays and segments to ask of them."""
+"""Meshes and scenes, with points, rays and segments to query them."""
 
 from functools import cache
 
@@ -32,7 +32,7 @@ def rod():
 
 
 def overlapping_cubes():
-    """Two cubes that share a corner's volume, as one mesh: the surface meets itself."""
+    """Two cubes that overlap at a corner, as one self-intersecting mesh."""
     return shapes.join(shapes.cube(1.0, (0.0, 0.0, 0.0)), shapes.cube(1.0, (0.6, 0.5, 0.4)))
 
 
@@ -43,7 +43,7 @@ def tray():
 
 
 def scattered_triangles():
-    """Eighty triangles of any shape anywhere."""
+    """Eighty triangles of random shapes and positions."""
     rng = np.random.default_rng(5)
     corners = rng.uniform(-1.0, 1.0, (80, 1, 3)) + rng.normal(size=(80, 3, 3)) * rng.choice(
         [1e-3, 0.3], (80, 1, 1)
@@ -67,7 +67,7 @@ OPEN = {
     "Moebius strip": lambda: shapes.strip(16, half_turns=1),
     "scattered triangles": scattered_triangles,
 }
-# Closed, but the one has corners that are as good as one, and the other meets itself.
+# Closed, but the needles have nearly equal vertices, and the cubes intersect.
 MESHES = CLOSED | OPEN | {"needles": needles, "overlapping cubes": overlapping_cubes}
 FAR = np.array([10_000.0, -7_000.0, 3_000.0])
 
@@ -95,12 +95,12 @@ def some_scene(count, *, is_turned=True, offset=(0.0, 0.0, 0.0), seed=1):
 
 
 def some_points(name, count, seed=7):
-    """Far, around, near and on the surface, at corners and edges too."""
+    """Points far from, around, near and on the surface, including edges and corners."""
     return points_near(*mesh_of(name), count, seed)
 
 
 def points_near(vertices, faces, count, seed=7):
-    """As `some_points`, of any mesh."""
+    """Points as of `some_points`, for any mesh."""
     rng = np.random.default_rng(seed)
     size = np.ptp(vertices, axis=0).max()
     weights = rng.dirichlet((1.0, 1.0, 1.0), count)
@@ -112,7 +112,7 @@ def points_near(vertices, faces, count, seed=7):
 
 
 def some_rays(name, count, seed=7):
-    """From around and within, aimed at faces, edges and corners, or past them."""
+    """Rays from around and inside, aimed at faces, edges and corners, or past them."""
     vertices, faces = mesh_of(name)
     rng = np.random.default_rng(seed)
     weights = rng.dirichlet((1.0, 1.0, 1.0), count)
@@ -125,7 +125,7 @@ def some_rays(name, count, seed=7):
 
 
 def some_segments(name, count, seed=7):
-    """Long and short ones, around, along, through and within."""
+    """Long and short segments around, along, across and inside the surface."""
     vertices, faces = mesh_of(name)
     rng = np.random.default_rng(seed)
     corners = vertices[faces[rng.integers(len(faces), size=count)]]
@@ -135,7 +135,7 @@ def some_segments(name, count, seed=7):
     starts = (corners * weights[:, :, None]).sum(axis=1)
     starts += rng.choice([0.0, 1e-9, 1e-3, 0.3, 2.0], (count, 1)) * rng.normal(size=(count, 3))
     ways = rng.choice([1e-12, 1e-6, 0.1, 1.0, 10.0], (count, 1)) * rng.normal(size=(count, 3))
-    # Some run along an edge of a face: parallel to what they are nearest to.
+    # Some run along an edge of a face, parallel to their closest feature.
     along = rng.random(count) < 0.25
     ways[along] = (corners[:, 1] - corners[:, 0])[along]
     return starts, starts + ways

@@ -1,4 +1,4 @@
-"""Whether sampled walls are stable, known by roots and by another discretisation, that of SciPy."""
+"""Stability of sampled walls by roots, and by a second discretisation, SciPy's."""
 
 import numpy as np
 from scipy.signal import cont2discrete
@@ -7,12 +7,12 @@ from proximity.decaff.drum.sampled_mass import characteristic, maximum_stiffness
 
 
 def is_stable(device, stiffness, damping):
-    """Whether disturbances die out, by the roots."""
+    """Test whether disturbances decay, by the roots."""
     return spectral_radius(characteristic(device, stiffness, damping)) < 1.0
 
 
 def stiffness_limit(device, damping):
-    """Stiffness up to which walls of some dampings, (...), are stable, N/m, by halving; 0 where none is."""
+    """Largest stable stiffness for wall dampings (...), N/m, by bisection; 0 if none is stable."""
     damping = np.asarray(damping, np.float64)
     low, high = np.zeros(damping.shape), np.full(damping.shape, 1.1 * maximum_stiffness(device).stiffness)
     for _ in range(60):
@@ -23,13 +23,13 @@ def stiffness_limit(device, damping):
 
 
 def stepped(mass, period, delay_samples, damping, stiffness, wall_stiffness, wall_damping):
-    """Matrices of the loop from sample to sample, by SciPy's own discretisation; stacked over the walls.
+    """State matrices of the sampled loop by SciPy's discretisation, stacked over the walls.
 
     *damping* and *stiffness* are the mass's own.
     """
     motion = np.array([[0.0, 1.0], [-stiffness / mass, -damping / mass]])
     a, b = cont2discrete((motion, np.array([[0.0], [1.0 / mass]]), np.eye(2), np.zeros((2, 1))), period)[:2]
-    # Position, speed, and the last positions: force from those d and d + 1 samples ago.
+    # State: position, speed, past positions. The force comes from positions d and d + 1 samples ago.
     loop = np.zeros((*np.shape(wall_stiffness), delay_samples + 3, delay_samples + 3))
     loop[..., :2, :2] = a
     loop[..., 2, 0] = 1.0
@@ -42,6 +42,6 @@ def stepped(mass, period, delay_samples, damping, stiffness, wall_stiffness, wal
 
 
 def stepped_radius(*numbers):
-    """Largest eigenvalue of `stepped`: below one, disturbances die out."""
+    """Spectral radius of `stepped`; below one, disturbances decay."""
     *own, stiffness, damping = numbers
     return np.abs(np.linalg.eigvals(stepped(*own, *np.broadcast_arrays(stiffness, damping)))).max(axis=-1)

@@ -1,4 +1,4 @@
-"""Scenes for the tests of what changes between questions, and the questions that are asked of them."""
+"""Scenes for tests of changes between queries, and the queries."""
 
 import judging
 import numpy as np
@@ -22,7 +22,7 @@ def some_pose(rng, spread):
 
 
 def some_parts(count, seed=1, *, is_turned=True):
-    """Parts of several kinds and sizes, some of them fine, thrown into a cube; they overlap."""
+    """Parts of several kinds and sizes, some of them fine, at random positions in a cube; they overlap."""
     rng = np.random.default_rng(seed)
     spread = 2.0 * count ** (1.0 / 3.0)
     parts = []
@@ -40,7 +40,7 @@ def some_questions(rng, count, spread=6.0):
 
 
 def answers(scene, points, others):
-    """All that can be asked of a scene."""
+    """Run every query of a scene."""
     return [
         scene.closest(points),
         scene.signed_distance(points),
@@ -60,7 +60,7 @@ def assert_answers_alike(scene, other, points, others):
 
 
 def assert_right_by_brute_force(scene, points):
-    """Signed distances of the parts that are not hidden, each by the oracle; the smallest counts."""
+    """Compare signed distances with the oracle's minimum over the visible parts."""
     each = np.full((len(scene.parts), len(points)), np.inf)
     for row, part in enumerate(scene.parts):
         if not part.is_hidden:
@@ -77,5 +77,5 @@ def assert_right_by_brute_force(scene, points):
 
 
 def anew(scene):
-    """A scene made of the parts as they are now."""
+    """Make a scene of the current parts."""
     return Scene(scene.parts)

@@ -1,4 +1,4 @@
-"""Small meshes made by formula: functions that return (vertices (V, 3) float64, faces (F, 3) int64).
+"""Small meshes by formula: functions that return (vertices (V, 3) float64, faces (F, 3) int64).
 
 Faces wind counter-clockwise seen from outside. Lengths have no unit. Imports nothing from the package.
 """
@@ -26,7 +26,7 @@ def tetrahedron() -> Mesh:
 
 
 def cube(size=1.0, center=(0.5, 0.5, 0.5)) -> Mesh:
-    """A cube of 8 vertices and 12 faces; vertex number is x + 2 y + 4 z; by default [0, 1]³."""
+    """A cube of 8 vertices and 12 faces, [0, 1]³ by default; vertex number is x + 2 y + 4 z."""
     corners = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)], dtype=np.float64)
     return np.asarray(center, dtype=np.float64) + (corners - 0.5) * size, _CUBE_FACES.copy()
 
@@ -44,7 +44,7 @@ def open_box() -> Mesh:
 
 
 def hollow_cube(size=3.0, cavity_size=1.0, center=(0.0, 0.0, 0.0)) -> Mesh:
-    """A cube with a cubic cavity in its middle: one body, two shells, volume size³ - cavity_size³."""
+    """A cube with a cubic cavity at its centre: one body, two shells, volume size³ - cavity_size³."""
     return join(cube(size, center), inside_out(cube(cavity_size, center)))
 
 
@@ -56,7 +56,7 @@ def octahedron(radius=1.0) -> Mesh:
 
 
 def sphere(radius=1.0, subdivisions=3) -> Mesh:
-    """An icosahedron, each face cut into four *subdivisions* times; every vertex is at *radius*."""
+    """An icosahedron whose faces are quartered *subdivisions* times; every vertex is at *radius*."""
     g = (1 + 5**0.5) / 2
     vertices = np.array(
         [[-1, g, 0], [1, g, 0], [-1, -g, 0], [1, -g, 0], [0, -1, g], [0, 1, g],
@@ -73,7 +73,7 @@ def sphere(radius=1.0, subdivisions=3) -> Mesh:
 
 
 def quartered(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    """Each face cut into four at the middles of its edges."""
+    """Cut each face into four at the midpoints of its edges."""
     edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
     pairs, inverse = np.unique(edges, axis=0, return_inverse=True)
     middle = len(vertices) + inverse.reshape(-1, 3)  # of edge k
@@ -98,7 +98,7 @@ def torus(major_radius=2.0, minor_radius=0.5, n=24, m=12) -> Mesh:
 
 
 def strip(n=8, *, half_turns=0) -> Mesh:
-    """A closed band about z of 2 n faces; with one half turn a Moebius strip, which has no two sides."""
+    """A closed band about z of 2 n faces; with one half turn a non-orientable Moebius strip."""
     angle = 2 * np.pi * np.arange(n) / n
     tilt = half_turns * angle / 2
     rows = []
@@ -124,24 +124,24 @@ def grid(n=4, m=4) -> Mesh:
 
 
 def soup(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    """The same triangles, none sharing a vertex: what an STL file holds."""
+    """The same triangles without shared vertices, as in an STL file."""
     return vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
 
 
 def join(*meshes: Mesh) -> Mesh:
-    """One mesh of several, each keeping vertices of its own."""
+    """Concatenate meshes without sharing vertices."""
     offsets = np.cumsum([0] + [len(vertices) for vertices, _ in meshes])
     faces = [faces + offset for (_, faces), offset in zip(meshes, offsets, strict=False)]
     return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
 
 
 def inside_out(mesh: Mesh) -> Mesh:
-    """The same faces, each wound the other way."""
+    """Reverse the winding of all faces."""
     return mesh[0], mesh[1][:, ::-1].copy()
 
 
 def moved(mesh: Mesh, offset) -> Mesh:
-    """The same faces elsewhere."""
+    """Translate a mesh."""
     return mesh[0] + np.asarray(offset, dtype=np.float64), mesh[1]
 
 

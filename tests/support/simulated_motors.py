@@ -1,6 +1,6 @@
-"""Simulated motors that speak the protocols of real ones, over a virtual bus and a pseudo-terminal.
+"""Simulated motors that implement real protocols, over a virtual bus and a pseudo-terminal.
 
-They are written from the protocols' documents, not from the drivers: what a driver misreads, they do not.
+They follow the protocols' documents, not the drivers, so that they do not share a driver's errors.
 """
 
 import math
@@ -22,7 +22,7 @@ OFF, POSITION, TORQUE = "off", "position", "torque"
 class Shaft:
     """Rotor with friction, a position loop, a torque limit, and a mechanical stop; turns and N m.
 
-    Below `held_at` it presses on a spring, as on the replica of a finger that is held.
+    Below `held_at` it presses on a spring, as on a fixed replica of a finger.
     """
 
     def __init__(self, turns=0.0, stop=0.2):
@@ -32,14 +32,14 @@ class Shaft:
         self.inertia, self.viscous, self.friction = 6e-5, 2e-3, 0.0  # N m s² and N m s a turn, N m
         self.held_at, self.stiffness = -math.inf, 0.0  # turns, N m a turn
         self.is_stalled = self.is_silent = self.is_wrong = False
-        self.loss = 0.0  # share of answers that are lost
+        self.loss = 0.0  # fraction of lost replies
         self.has_moved = False
         self._random = random.Random(7)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def answers(self):
-        """Whether the next answer is sent, and not lost."""
+        """Test whether the next reply is sent and not lost."""
         return not self.is_silent and self._random.random() >= self.loss
 
     def advance(self, seconds):
@@ -63,7 +63,7 @@ class Shaft:
             self.has_moved |= self.turns != before
 
     def serve(self):
-        """Speak the protocol for a moment: what each motor has of its own."""
+        """Handle pending messages of the protocol; overridden by each motor."""
 
     def _run(self):
         last = time.monotonic()
@@ -84,7 +84,7 @@ class Shaft:
 
 
 class ODriveMotor(Shaft):
-    """An axis of an ODrive, firmware 0.6, with heartbeats each 20 ms."""
+    """An ODrive axis, firmware 0.6, with heartbeats every 20 ms."""
 
     def __init__(self, channel, node=3, constant=0.05, bus="virtual", **shaft):
         super().__init__(**shaft)
@@ -133,13 +133,13 @@ class ODriveMotor(Shaft):
 
 
 class Cia402Motor(Shaft):
-    """A drive of CiA 402: 4096 increments a turn, 0.5 N m and 10 A rated."""
+    """A CiA 402 drive: 4096 increments per turn, 0.5 N m and 10 A rated."""
 
     def __init__(self, channel, node=5, **shaft):
         super().__init__(**shaft)
         self._network = canopen.Network()
         self._network.connect(interface="virtual", channel=channel)
-        # All objects are answered from here: the library's server needs a dictionary, this drive is one.
+        # Implements all objects itself: the library's server needs a dictionary.
         self.objects = {(0x608F, 1): 4096, (0x608F, 2): 1, (0x6075, 0): 10_000, (0x6076, 0): 500}
         self._node, self.state, self._heard = node, 0x40, None
         self._network.subscribe(0x600 + node, self._serve_object)
@@ -169,7 +169,7 @@ class Cia402Motor(Shaft):
             )
 
     def _take_control(self, identifier, data, timestamp):
-        # by the mapping that the driver wrote, at the identifier it wrote
+        # by the mapping and identifier that the driver wrote
         assert [self.objects[0x1600, i] for i in (1, 2, 3)] == [0x60400010, 0x60600008, 0x607A0020]
         control, mode, position = struct.unpack("<Hbi", data)
         self.target = position / 4096

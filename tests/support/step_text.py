@@ -1,4 +1,4 @@
-"""STEP files for tests, written from a formula: boxes with flat faces, in a unit of choice."""
+"""STEP files for tests, written by formula: boxes with flat faces, in any unit."""
 
 import itertools
 
@@ -12,7 +12,7 @@ _UNITS = {
 
 
 class _Lines:
-    """Entities, numbered as they come."""
+    """Entities in order of their numbers."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -23,7 +23,7 @@ class _Lines:
 
 
 def box_step(size: tuple[float, float, float], unit: str | None = "mm", name: str = "box") -> str:
-    """Return a STEP file with one solid box from the origin to *size*, in *unit* (None: none declared)."""
+    """Return a STEP file with one solid box from the origin to *size*, in *unit* (None: undeclared)."""
     out = _Lines()
     context = _context(out, unit)
     shell = _shell(out, np.array(size, dtype=float))
@@ -32,7 +32,7 @@ def box_step(size: tuple[float, float, float], unit: str | None = "mm", name: st
 
 
 def _file(out: _Lines, context: str, frame: str, shell: str, name: str) -> str:
-    """The file of one product with one solid."""
+    """A file of one product with one solid."""
     solid = out.add(f"MANIFOLD_SOLID_BREP('{name}',{shell})")
     shape = out.add(f"ADVANCED_BREP_SHAPE_REPRESENTATION('{name}',({frame},{solid}),{context})")
     application = out.add("APPLICATION_CONTEXT('automotive design')")

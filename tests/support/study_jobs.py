@@ -1,4 +1,4 @@
-"""Jobs of studies in tests: each notes its conditions in a file, and some fail or end their worker."""
+"""Jobs of studies in tests: each logs its conditions to a file; some fail or end their worker."""
 
 import os
 import time
@@ -8,11 +8,11 @@ from proximity.errors import ServiceError
 from proximity.lab.study.study_file import read_study
 
 FAILS, LEAVES = 13, 666
-"""Numbers for which a job fails, and for which it ends its process."""
+"""Numbers at which a job fails, and at which it ends its process."""
 
 
 def count(*, number: int, speed: float = 1.0, wall: str = "hard", stiffness: float | None = None) -> dict:
-    """Note that a condition was done, and return its measures."""
+    """Log a condition and return its measures."""
     with Path(os.environ["STUDY_DONE"]).open("a") as stream:
         stream.write(f"{number}\n")
     if number == FAILS:
@@ -32,7 +32,7 @@ JOBS = {"count": count, "measured": measured}
 
 
 def study_of(folder, factors, *, tail="", job="count"):
-    """The study of a file with some factors, which is written to a folder."""
+    """Write a study with some factors to a folder and read it."""
     path = Path(folder, "some.toml")
     path.write_text(f'[study]\njob = "{job}"\n\n[factors]\n{factors}\n{tail}\n')
     return read_study(path, JOBS)

@@ -1,4 +1,4 @@
-"""Small scenes for the tests of trackers, and the paths of a bending finger. Lengths in metres."""
+"""Small scenes for tests of trackers, and the paths of a bending finger. Lengths in metres."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ RADIUS = 0.007
 
 
 def near(value):
-    """Equal but for a few roundings."""
+    """Equal within a few roundings."""
     return pytest.approx(value, rel=1e-12, abs=1e-14)
 
 
@@ -41,23 +41,23 @@ def moving_block(velocity=(0, 0, 0), angular_velocity=(0, 0, 0), translation=(0,
 
 
 def sheet(name="sheet", *, height=0.0, half=0.1):
-    """One square without thickness."""
+    """A square without thickness."""
     vertices, faces = shapes.grid(1, 1)
     return solid(((vertices - (0.5, 0.5, 0.0)) * 2.0 * half + (0.0, 0.0, height), faces), name)
 
 
 def steps_for_all(budget, count):
-    """Steps that so many fingers share in a tick for their distances."""
+    """Number of steps that *count* fingers share per tick for their distances."""
     return max(SHARED_BUDGETS * budget - PRESENCE * max(count - MANY, 0), FEWEST_BUDGETS * budget)
 
 
 def flags_of(contacts, finger=0):
-    """Of a record, or of one of several."""
+    """Flags of a record, or of one of several."""
     return ContactFlag(int(np.atleast_1d(contacts["flags"])[finger]))
 
 
 def tick_at(things, positions, velocity=None, *, ns=0, **settings):
-    """The records of a first tick; *things* is a scene or a list of solids."""
+    """Records of a first tick; *things* is a scene or a list of solids."""
     scene = things if isinstance(things, Scene) else Scene(things)
     positions = np.atleast_2d(np.asarray(positions, dtype=np.float64))
     tracker = Tracker(scene, fingers=len(positions), **settings)
@@ -73,7 +73,7 @@ def contact(things, position, velocity=None, **settings):
 def tick_path(
     things, path, position=None, velocity=(0.0, 0.0, 0.0), *, path_bends=None, bend=None, **settings
 ):
-    """The record of one finger with a path, at its start where no position is given."""
+    """The record of one finger with a path, by default at the start of the path."""
     path = np.asarray(path, dtype=np.float64)
     tracker = Tracker(things if isinstance(things, Scene) else Scene(things), fingers=1, **settings)
     return tracker.tick(
@@ -98,13 +98,13 @@ FLEXIONS = np.radians([80.0, 100.0, 200.0 / 3.0])
 
 
 def fingertip(bend):
-    """Where the tip of a finger is that bends in the plane z = 0; (..., 3)."""
+    """Tip position (..., 3) of a finger that bends in the plane z = 0."""
     angles = -np.asarray(bend, dtype=np.float64)[..., None] * np.cumsum(FLEXIONS)
     x, y = (PHALANGES * np.cos(angles)).sum(axis=-1), (PHALANGES * np.sin(angles)).sum(axis=-1)
     return np.stack([x, y, np.zeros_like(x)], axis=-1)
 
 
 def bending(count=401):
-    """The way of that fingertip from flat hand to fist, as a polyline, and the bend at each corner."""
+    """The path of that fingertip from flat hand to fist as a polyline, and the bend at each corner."""
     bends = np.linspace(0.0, 1.0, count)
     return fingertip(bends), bends

@@ -1,6 +1,6 @@
-"""Distances and crossings decided in whole numbers, without any rounding. Part of the oracle.
+"""Exact distances and crossings in integers. Part of the oracle.
 
-Coordinates in double precision are fractions over a power of two; scaled by that they are Python's integers.
+Coordinates in double precision are fractions over a power of two; they are scaled to Python integers.
 """
 
 import math
@@ -8,15 +8,15 @@ from fractions import Fraction
 
 import numpy as np
 
-ROOT_BITS = 200  # binary digits of a root behind the point
+ROOT_BITS = 200  # binary digits after the point of a root
 
 
 def exact_hit(origin, direction, corners, *, end=None):
-    """When (origin + time · direction) is on the face; whether it is; the crossing that counts, -1, 0 or 1.
+    """Ray parameter at the face's plane, whether the face is hit, and the signed crossing: -1, 0 or 1.
 
-    Faces that the line runs along are not hit. A crossing through an edge or a corner is counted as if the
-    ray were a hair beside it, the same hair for all faces: of an edge that passes from below to above (seen
-    along the ray), only what lies truly on its left is in.
+    Faces parallel to the line are not hit. A crossing through an edge or a corner is resolved by symbolic
+    perturbation, the same for all faces: only a line strictly to the left of an edge that rises (seen along
+    the ray) is inside.
     """
     _, (start, way), (triangle,) = whole_numbers([origin, direction if end is None else end], corners[None])
     if end is not None:
@@ -38,7 +38,7 @@ def exact_hit(origin, direction, corners, *, end=None):
 
 
 def half_solid_angle(point, corners):
-    """Half the solid angle of a face, in -pi … pi; 0 from the plane of the face, or pi on the face itself."""
+    """Half the solid angle of a face, in -pi … pi; 0 in the plane of the face, or pi on the face itself."""
     _, (origin,), (triangle,) = whole_numbers([point], corners[None])
     a, b, c = (_minus(corner, origin) for corner in triangle)
     volume = _dot(_cross(a, b), c) << 3 * ROOT_BITS
@@ -50,7 +50,7 @@ def half_solid_angle(point, corners):
 
 
 def whole_numbers(points, triangles):
-    """The scale that makes all coordinates whole numbers, and the points and triangles so scaled."""
+    """The scale that makes all coordinates integers, and the scaled points and triangles."""
     ratios = [float(x).as_integer_ratio() for array in (points, triangles) for x in np.ravel(array)]
     scale = max(denominator for _, denominator in ratios)
     numbers = [numerator * (scale // denominator) for numerator, denominator in ratios]
@@ -92,7 +92,7 @@ def _segment_distance_sq(p, a, b):
 
 
 def triangles_distance_sq(one, other):
-    """Of two triangles of whole numbers; 0 where they meet."""
+    """Squared distance of two integer triangles; 0 if they meet."""
     if are_crossing(one, other, is_strict=True):
         return Fraction(0)
     corners = [triangle_distance_sq(p, *other) for p in one] + [triangle_distance_sq(p, *one) for p in other]
@@ -100,10 +100,10 @@ def triangles_distance_sq(one, other):
 
 
 def are_crossing(one, other, *, is_strict):
-    """Whether two triangles of whole numbers pass through each other, not only touch.
+    """Test whether two integer triangles cross each other, not only touch.
 
-    Strictly: an edge of one passes through the inside of the other. Otherwise: there is a piece of line in
-    both, of which the ends may lie on edges of both.
+    Strict: an edge of one passes through the interior of the other. Otherwise: they share a line segment,
+    whose ends may lie on edges of both.
     """
     if is_strict:
         pairs = [(edge, other) for edge in _edges(one)] + [(edge, one) for edge in _edges(other)]
@@ -128,7 +128,7 @@ def _edges(triangle):
 
 
 def _passes(p, q, triangle):
-    """Whether an edge passes through the inside of a triangle, with an end on either side."""
+    """Test whether an edge passes through a triangle's interior, with an end on either side."""
     a, b, c = triangle
     normal = _cross(_minus(b, a), _minus(c, a))
     if _dot(normal, _minus(p, a)) * _dot(normal, _minus(q, a)) >= 0:
@@ -138,7 +138,7 @@ def _passes(p, q, triangle):
 
 
 def _edges_distance_sq(p, q, a, b):
-    """Of two edges that are nearest in their insides; else that of an end."""
+    """Squared distance of two edges, if it is between their interiors; else of an end point."""
     d, e, r = _minus(q, p), _minus(b, a), _minus(a, p)
     normal = _cross(d, e)
     normal_sq = _dot(normal, normal)

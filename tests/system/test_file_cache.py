@@ -1,4 +1,4 @@
-"""Contents kept for the next process: the newest stay, what is damaged or another's is not read."""
+"""Cached contents: the newest are kept; damaged ones and other users' are not read."""
 
 import os
 import threading

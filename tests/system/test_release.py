@@ -1,4 +1,4 @@
-"""The name of the distribution in all that says what to install, and the script that releases it."""
+"""The distribution's name in all install instructions, and the release script."""
 
 import importlib.util
 import re
@@ -22,7 +22,7 @@ def test_distribution_is_that_of_the_project():
 
 @pytest.mark.parametrize("path", [*SOURCES, *PAGES], ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_what_is_to_be_installed_is_an_extra_of_this_project(path):
-    """A slip would fetch the package of a stranger."""
+    """A mistake would install another package."""
     text = path.read_text(encoding="utf-8")
     extras = re.findall(r"""installation\(["'](\w+)["']\)""", text)
     for name, extra in re.findall(r'pip install (?:-e )?"?([\w.-]+)\[([\w,]+)\]', text):
@@ -53,7 +53,7 @@ def test_every_python_block_of_the_readme_is_run_and_compared(release):
 
 
 def fake_environment(release, tmp_path):
-    """An environment whose only program is this Python."""
+    """Return an environment whose only program is this Python."""
     environment = object.__new__(release.Environment)
     environment._programs = tmp_path
     (tmp_path / "python").symlink_to(sys.executable)
@@ -71,7 +71,7 @@ def test_program_that_fails_ends_the_release_with_what_it_printed(release, tmp_p
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links a program")
 def test_wheel_that_is_not_the_one_imported_ends_the_release(release, tmp_path, monkeypatch):
-    """As where the checkout is on the path: the sources would be tried, not the wheel."""
+    """As with the checkout on the path: the sources would be tested, not the wheel."""
     environment = fake_environment(release, tmp_path)
     monkeypatch.setattr(release, "Environment", lambda *_: environment)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))

@@ -1,4 +1,4 @@
-"""Signals as a wish to stop."""
+"""Signals as requests to stop."""
 
 import os
 import signal
@@ -34,7 +34,7 @@ def test_second_signal_acts_as_usual():
         os.kill(os.getpid(), signal.SIGTERM)
         assert stop.wait(20.0)
         with pytest.raises(KeyboardInterrupt):
-            for _ in range(2000):  # signals come between two steps of the interpreter
+            for _ in range(2000):  # signals are handled between two steps of the interpreter
                 os.kill(os.getpid(), signal.SIGINT)
                 time.sleep(0.01)
 
@@ -56,7 +56,7 @@ def test_block_in_another_thread_changes_nothing():
 
 @pytest.mark.skipif(not ON_POSIX, reason="sends itself signals")
 def test_another_signal_while_the_event_is_being_set_does_not_wait_for_ever():
-    """As when a terminal is closed right after Ctrl-C; the event's lock is not one to be taken twice."""
+    """As when a terminal is closed right after Ctrl-C; the event's lock is not reentrant."""
     code = """
 import os, signal, threading
 from proximity.system.stop_signals import stopped_by_signals

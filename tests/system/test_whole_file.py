@@ -1,4 +1,4 @@
-"""Files written wholly or not at all, in place of others."""
+"""Files written completely or not at all, replacing others."""
 
 import os
 import signal
@@ -14,7 +14,7 @@ from proximity.system.whole_file import whole_file
 
 
 def test_two_who_write_one_file_at_once_each_write_a_whole_one(tmp_path):
-    """As threads do, or containers that share a folder: their processes may have one number."""
+    """As by threads, or by containers with a shared folder, whose processes may have the same id."""
     path = tmp_path / "log.npy"
 
     with whole_file(path) as first:
@@ -117,7 +117,7 @@ def written(path, data=b"new"):
 
 @pytest.fixture
 def writer(tmp_path):
-    """Another process that is writing a file and does not end."""
+    """Start a process that writes a file without finishing."""
     code = (
         "import sys, time; from proximity.system.whole_file import whole_file\n"
         "with whole_file(sys.argv[1]) as stream:\n"
@@ -162,7 +162,7 @@ def test_threads_that_write_side_by_side_leave_each_other_alone(tmp_path):
         try:
             for step in range(40):
                 written(tmp_path / name, bytes([step]) * 1000)
-        except Exception as error:  # a thread's own would be printed, and the test would pass
+        except Exception as error:  # an exception in a thread would not fail the test
             wrong.append(error)
 
     threads = [threading.Thread(target=write, args=(f"{k % 3}.npy",)) for k in range(6)]

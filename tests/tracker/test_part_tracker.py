@@ -1,4 +1,4 @@
-"""A part that is followed: bounds beside the exact distance, inside and outside, groups, and times."""
+"""A tracked part: bounds and exact distance, inside and outside, groups, and times."""
 
 import numpy as np
 import part_trials
@@ -23,14 +23,14 @@ START = 10**12
 
 
 def turned(axis, angle):
-    """A rotation about an axis."""
+    """Return a rotation about an axis."""
     x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
 
 
 def table(**others):
-    """A scene of a bumpy part that is held, and others at their places."""
+    """Return a scene of a bumpy held part and others at their positions."""
     parts = [Solid(*shapes.torus(0.03, 0.012, 40, 20), name="held")]
     parts += [Solid(*shape, name=name) for name, (shape, _) in others.items()]
     scene = Scene(parts)
@@ -48,13 +48,13 @@ def some_parts():
 
 
 def exact_of(scene, held="held"):
-    """Exact distances of the held part to all others, by their rows."""
+    """Return exact distances of the held part to all others, by their rows."""
     names = [part.name for part in scene.parts]
     return {row: scene.clearance(held, name).distance for row, name in enumerate(names) if name != held}
 
 
 def wander(seed, count, reach=0.12):
-    """Poses of a part that moves and turns at random, some of them jumps."""
+    """Yield poses of a part that moves and rotates at random, with some jumps."""
     rng = np.random.default_rng(seed)
     place, turn = rng.uniform(-0.05, 0.05, 3), shapes.rotation(seed)
     for _ in range(count):
@@ -89,13 +89,13 @@ def test_bounds_hold_at_every_tick(options):
 
 
 def test_every_promise_holds_in_ten_thousand_ticks_of_all_kinds():
-    """``bench/prove_bounds.py --parts`` does the same for as many as one likes."""
+    """``bench/prove_bounds.py --parts`` does the same for any number of ticks."""
     total = Tally()
     for seed in range(len(part_trials.PAIRS)):
         total.add(part_trials.run_trial(seed, 500)[1])
 
     assert not total.broken, "\n".join(total.broken[:5])
-    assert min(check.count for check in total.checks.values()) > 20  # no promise is left out
+    assert min(check.count for check in total.checks.values()) > 20  # every bound was checked
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Where a recorded hand goes by default: near the parts, and touching them."""
+"""Default placement of a recorded hand: near the parts, and touching them."""
 
 import make
 import numpy as np
@@ -22,7 +22,7 @@ def scene():
 
 
 def scattered(count, size, *, seed=5):
-    """A hand that waves about, *size* metres wide."""
+    """Return a recording of a point at random positions, *size* metres wide."""
     points = np.random.default_rng(seed).uniform(-0.5, 0.5, (count, 1, 3)) * size + [3.0, -2.0, 1.0]
     return Recording(np.arange(count) * 10_000_000, points, ((0, 0),))
 
@@ -64,7 +64,7 @@ def test_hand_around_a_small_part_is_brought_to_it():
 
 
 def test_hand_that_rests_on_a_part_is_pressed_in(scene):
-    """Of a finger that holds still all samples touch, or none: raised until a tenth does, none would."""
+    """A finger at rest touches in all samples or none; raised until a tenth touch, it would never touch."""
     resting = Recording(np.arange(50) * 10_000_000, np.zeros((50, 1, 3)), ((0, 0),))
 
     pose = fitted_pose(scene, resting, RADIUS)

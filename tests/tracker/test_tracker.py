@@ -1,4 +1,4 @@
-"""What a tick answers: distances, surfaces, velocities, times to contact, known by heart."""
+"""Answers of a tick, against closed forms: distances, surfaces, velocities, times to contact."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def test_above_a_plate_all_fields_are_known():
     assert found["point_on_finger"] == near([0.01, 0.02, 0.05 - RADIUS])
     assert found["normal"] == near([0, 0, 1])
     assert (found["part"], found["surface"]) == (0, Surface.RIGID)
-    assert found["face"] in (2, 3)  # the two of the top
+    assert found["face"] in (2, 3)  # the two faces of the top
     assert found["finger"] == 0 and found["work"] > 0
     assert found["part_velocity"].tolist() == [0, 0, 0]
 
@@ -65,7 +65,7 @@ def test_finger_with_its_centre_inside_is_told_the_way_out():
     [((0.0, 0.0, 0.0), (0, 0, 1)), ((0.1, 0.0, -0.005), (1, 0, 0)), ((0.1, 0.1, 0.0), (1, 1, 1))],
 )
 def test_centre_on_the_surface_has_the_normal_of_face_edge_or_corner(position, normal):
-    """On an edge or a corner: of its pseudo-normal; the corner's weighs the three right angles alike."""
+    """The pseudo-normal at edges and corners; the corner's weighs the three right angles equally."""
     found = contact([plate()], position)
 
     assert found["signed_distance"] == near(-RADIUS)
@@ -73,7 +73,7 @@ def test_centre_on_the_surface_has_the_normal_of_face_edge_or_corner(position, n
 
 
 def test_beside_a_corner_the_normal_points_to_the_finger():
-    offset = np.array([0.01, 0.02, 0.02])  # of length 0.03
+    offset = np.array([0.01, 0.02, 0.02])  # length 0.03
     found = contact([plate()], np.add((0.1, 0.1, 0.0), offset))
 
     assert found["signed_distance"] == near(0.03 - RADIUS)
@@ -102,7 +102,7 @@ def test_of_a_turned_and_moved_part_everything_is_in_the_frame_of_the_scene():
 
 
 def test_of_parts_that_hold_the_finger_the_deepest_counts():
-    """As the scene says: the smallest over all parts."""
+    """As for the scene: the minimum over all parts."""
     parts = [block("small", (0, 0, 0), 0.02), block("large", (0, 0, 0), 0.05)]
     found = contact(parts, (0, 0, 0.01))
 
@@ -160,13 +160,13 @@ def test_velocity_that_is_given_counts_and_a_row_of_nan_is_estimated():
 
     assert found["velocity"][0].tolist() == [0, 0, 0.25]
     assert found["velocity"][1] == pytest.approx([0, 0, -1.0])
-    # Not given any more, both are estimated.
+    # Without given velocities both are estimated.
     found = tracker.tick([(0, 0, 0.047), (0.02, 0, 0.047)], 3 * MS, 3 * MS)
     assert found["velocity"][:, 2] == pytest.approx([-1.0, -1.0])
 
 
 def test_part_velocity_is_that_of_the_point_that_is_nearest():
-    """The point is 0.05 above and 0.03 beside the origin of the part, which turns about it."""
+    """The point is 0.05 above and 0.03 to the side of the part's origin, the centre of its rotation."""
     found = contact(moving_block((0.1, 0, 0), (0, 2, 0), (1, 1, 1)), (1.03, 1, 1.1), (0, 0, -0.5))
 
     assert found["point_on_part"] == near([1.03, 1, 1.05])
@@ -175,7 +175,7 @@ def test_part_velocity_is_that_of_the_point_that_is_nearest():
 
 
 def test_approach_speed_is_the_rate_of_the_distance():
-    """By differences: finger and part move on, and the distance is asked again."""
+    """Against a difference quotient of the distance with finger and part moved."""
     turn, v, w = shapes.rotation(4), np.array([0.2, -0.1, 0.15]), np.array([1.0, 2.0, -1.5])
     position, velocity = np.array([0.09, 0.05, 0.11]), np.array([-0.3, 0.1, -0.2])
     scene, h = Scene([block("block", (0.01, 0, 0))]), 1e-6

@@ -1,4 +1,4 @@
-"""What the controller is advised to do, and how thousands of fingers share the work of a tick."""
+"""Advice for the controller, and sharing of a tick's work by thousands of fingers."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def scene_of(*, deformable):
 
 
 def coming(heights, *, deformable):
-    """The record of a finger above the middle of the plate, a tick each millisecond."""
+    """Return the last record of a finger above the plate's middle, at one height each millisecond."""
     tracker = Tracker(scene_of(deformable=deformable), fingers=1)
     for k, height in enumerate(heights):
         found = tracker.tick(np.array([[0.0, 0.0, height]]), k * MS, k * MS)[0].copy()
@@ -62,7 +62,7 @@ def test_deformable_part_answers_with_spring_and_damper():
 
     assert pressing["force_is_valid"] == leaving["force_is_valid"] == 1
     assert pressing["force"] == pytest.approx(STIFFNESS * depth + DAMPING * speed, rel=1e-6)
-    # Where the finger leaves, the damper pulls: the wall does not hold it.
+    # At a receding finger the damper pulls: the wall must not hold it.
     shallow = depth - 2e-3 * speed
     assert leaving["force"] == pytest.approx(STIFFNESS * shallow - DAMPING * speed, rel=1e-6)
 
@@ -82,8 +82,8 @@ def test_force_means_nothing_on_a_rigid_part_or_off_the_part(height, deformable)
     assert (found["force"], found["force_is_valid"]) == (0.0, 0)
 
 
-STEP = 2e-4  # m a tick
-SLACK = 20  # steps that tell side and way of a finger beyond its budget
+STEP = 2e-4  # m per tick
+SLACK = 20  # steps that determine side and path of a finger beyond its budget
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def ball():
 
 
 def skin(count, *, seed=3):
-    """Points outside a ball of 0.1 m, as far as a hand may be."""
+    """Return points outside a ball of 0.1 m, within reach of a hand."""
     rng = np.random.default_rng(seed)
     ways = rng.normal(size=(count, 3))
     return ways / np.linalg.norm(ways, axis=1)[:, None] * rng.uniform(0.11, 0.16, (count, 1))

@@ -1,6 +1,7 @@
-"""Bounds are promises: a hundred thousand finger-ticks of all kinds, and none is broken.
+"""Bounds are guarantees: none is broken in a hundred thousand finger-ticks of all kinds.
 
-`bench/prove_bounds.py` does the same for as many as one likes. What it once found is drawn here by itself.
+`bench/prove_bounds.py` does the same for any number of ticks. Cases that it once found are separate tests
+here.
 """
 
 import dataclasses
@@ -20,16 +21,16 @@ from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
 from proximity.tracker.tracker import Tracker
 
-pytestmark = pytest.mark.filterwarnings("ignore::proximity.UnitsWarning")  # far off and tiny on purpose
+pytestmark = pytest.mark.filterwarnings("ignore::proximity.UnitsWarning")  # far away and tiny on purpose
 FINGER_TICKS = 100_000
-SIZES = (500, 1500, 2500, 2500)  # of trials: short ones meet more scenes, long ones drift farther
-SEARCHED = 60  # trials, for one in which a lie matters
+SIZES = (500, 1500, 2500, 2500)  # of trials: short ones meet more scenes, long ones move farther
+SEARCHED = 60  # trials, for one in which a wrong field matters
 
 
 def trials():
-    """Number and size of as many trials as it takes."""
+    """Return number and size of enough trials."""
     planned, found = 0, []
-    while planned < 1.2 * FINGER_TICKS:  # of some, fingers are lost
+    while planned < 1.2 * FINGER_TICKS:  # some lose fingers
         found.append((len(found), SIZES[len(found) % len(SIZES)]))
         planned += found[-1][1]
     return found
@@ -43,7 +44,7 @@ def test_all_bounds_hold_in_a_hundred_thousand_finger_ticks():
 
     assert not total.broken, "\n".join(total.broken[:5])
     assert total.checks["the distance lies between its bounds"].count >= FINGER_TICKS
-    # No promise is left out; the oracle, which is slow, is asked least often.
+    # Every bound was checked; the oracle, which is slow, is called least.
     seldom = {name: check.count for name, check in total.checks.items() if check.count < 200}
     assert not seldom
 
@@ -55,7 +56,7 @@ def honest(seed):
 
 
 def lied(log, name, change, flags=()):
-    """The log with one field of its records changed, where those flags are up."""
+    """Return the log with one field changed in the records with those flags."""
     records = log.records.copy()
     rows = log.has("TRACKED", *flags)
     records[name][rows] = change(records[name][rows])
@@ -82,7 +83,7 @@ def lied(log, name, change, flags=()):
     ],
 )  # fmt: skip
 def test_a_lie_is_found(promise, field, change, flags):
-    """In one trial or another it happens, and then it is told."""
+    """In at least one of the trials."""
     for seed in range(SEARCHED):
         tally = judge(lied(honest(seed), field, change, flags))
         if tally.broken and tally.checks[promise].broken_count:
@@ -98,7 +99,7 @@ def test_a_trial_comes_again_with_its_number():
 
 
 def ball(subdivisions=4):
-    """A ball of 0.1 m."""
+    """Return a ball of 0.1 m."""
     return Scene([Solid(*shapes.sphere(0.1, subdivisions))])
 
 
@@ -110,7 +111,7 @@ def one_tick(scene, position, velocity=(0.0, 0.0, 0.0), *, paths=None, age_ns=0,
 def test_finger_at_rest_that_may_touch_is_not_told_that_it_is_free():
     contact = one_tick(ball(), [0.0, 0.0, 0.103], budget=1)
 
-    assert contact["lower"] <= 0.0 < contact["signed_distance"]  # it touches, and the budget does not tell
+    assert contact["lower"] <= 0.0 < contact["signed_distance"]  # touching, beyond the budget
     assert contact["time_to_contact_lower"] == 0.0
 
 

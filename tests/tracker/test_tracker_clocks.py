@@ -1,4 +1,4 @@
-"""Poses that were meant otherwise, of another clock or in another unit: nothing is taken without a word."""
+"""Poses of another clock or unit: each is flagged."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ BOOT, EPOCH = 3_000_000 * MS, 1_795_000_000_000 * MS
 
 
 def approach(pose_ns, now_ns, count=40, **settings):
-    """Flags of each tick while a finger comes to a plate at 0.3 m/s, a tick each millisecond; the tracker."""
+    """Move a finger to a plate at 0.3 m/s, a tick each ms; return the flags of each tick and the tracker."""
     tracker = Tracker(Scene([plate()]), fingers=1, **settings)
     flags = []
     for k in range(count):
@@ -49,9 +49,9 @@ def test_distance_is_never_exact_with_an_age_of_57_years(pose_base, now_base, se
     assert note.startswith(sentence) and caplog.messages == [note]
 
 
-@pytest.mark.parametrize("tick_ns", [1000, 10_000])  # a millisecond in µs, and in the 100 ns of .NET
+@pytest.mark.parametrize("tick_ns", [1000, 10_000])  # 1 ms in µs, and in .NET's 100 ns
 def test_hand_with_instants_of_another_unit_jumps_while_it_moves(tick_ns):
-    """It was seen at rest, with no contact in sight, until it was in the wall."""
+    """Regression: it counted as at rest, without a contact, until it was in the wall."""
     flags, _ = approach(lambda k: BOOT + k * tick_ns, lambda k: BOOT + k * tick_ns + tick_ns // 2)
 
     assert all(flag & ContactFlag.JUMPED for flag in flags[-10:])
@@ -59,7 +59,7 @@ def test_hand_with_instants_of_another_unit_jumps_while_it_moves(tick_ns):
 
 
 def test_jumps_of_one_pose_in_a_fast_stream_are_one_jump():
-    """Poses 0.1 ms apart: where the hand rests again, its slack comes back."""
+    """Poses 0.1 ms apart: when the hand rests again, its slack is restored."""
     tracker = Tracker(Scene([plate()]), fingers=1)
     places = [0.06] * 20 + [0.09] * 20
     found = [
@@ -143,7 +143,7 @@ def test_solid_alone_and_moved_parts_know_their_size_too():
     matrix[:3, 3] = (0, 0, 3.0)
     scene.move("other", matrix)
 
-    assert scene.signed_distance([0, 0, 68.0]) == pytest.approx(65.0)  # 22 sizes of what is there now
+    assert scene.signed_distance([0, 0, 68.0]) == pytest.approx(65.0)  # 22 sizes of the present scene
     with pytest.warns(UnitsWarning):
         plate().signed_distance([0, 0, 68.0])
 

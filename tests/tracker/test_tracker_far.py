@@ -1,4 +1,4 @@
-"""What a tick tells of fingers that it does not search for: bounds, and a point of the surface."""
+"""Records of fingers without a search: bounds, and a point of the surface."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def skipped(contacts):
 
 
 def surface_of(scene):
-    """The scene's surface as it stands now, without regard to sides."""
+    """Return the scene's present surface, without regard to sides."""
     meshes = [
         (part.solid.mesh.vertices @ part.pose.rotation.T + part.pose.translation, part.solid.mesh.faces)
         for part in scene.parts
@@ -26,7 +26,7 @@ def surface_of(scene):
 
 
 def assert_told_rightly(scene, contacts, tips):
-    """Bounds hold, and the point told is one of the surface, as far away as is said, across its direction."""
+    """Check the bounds, and that the reported point is on the surface, at its distance, along the normal."""
     surface = surface_of(scene)
     true = scene.signed_distance(tips) - RADIUS
     slack = 1e-12 * (np.abs(true) + 1.0)
@@ -102,7 +102,7 @@ def test_a_part_that_moved_while_the_finger_was_lost_is_told_where_it_is():
 
 
 def test_a_part_that_was_parked_far_away_is_not_passed_over_when_it_is_fetched():
-    """Was: after a kilometre what was known was forgotten, but not how far parts had moved when it was."""
+    """Regression: after 1 km the bound was reset, but not the displacement of parts at that instant."""
     balls = [
         solid(shapes.moved(shapes.sphere(0.03, 2), (k, 0, 0)), name) for k, name in enumerate(("a", "b"))
     ]

@@ -1,4 +1,4 @@
-"""What a record says about itself: flags, bounds of what was skipped, and what changes between ticks."""
+"""Flags of a record, bounds of skipped fingers, and changes between ticks."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ KINDS = ContactFlag.EXACT | ContactFlag.BOUNDED | ContactFlag.SKIPPED
 
 
 def ticks(tracker, positions, *, start=0):
-    """A copy of the first finger's record at each position, a tick each millisecond."""
+    """Return a copy of the first finger's record at each position, a tick each millisecond."""
     found = []
     for k, position in enumerate(positions, start=start):
         row = np.full((len(tracker.contacts), 3), np.nan)
@@ -28,7 +28,7 @@ def true_distance(scene, position):
 
 
 def assert_bounds_hold(scene, found):
-    """Within rounding, of a record and the scene as it stands."""
+    """Check bounds of a record against the present scene, within rounding."""
     true, room = true_distance(scene, found["position"]), 1e-13
     assert found["lower"] <= true + room
     assert true - room <= found["upper"]
@@ -43,7 +43,7 @@ def test_first_tick_is_tracked_and_exact_but_knows_no_velocity():
     )
     assert found["velocity"].tolist() == [[0, 0, 0]]
     assert found["time_to_contact"] == np.inf
-    # As fast as a hand can be, and no faster, it might come.
+    # The earliest contact at a hand's maximum speed.
     assert 0.0 < found["time_to_contact_lower"][0] <= 0.043 / 3.0
 
 
@@ -66,7 +66,7 @@ def test_each_answer_is_exact_or_bounded_or_skipped(budget):
 
 
 def test_budget_limits_the_work():
-    """At the centre of a ball every face is as near; a few steps more are for prediction and way."""
+    """At the centre of a ball all faces are equally near; prediction and path add a few steps."""
     scene = Scene([solid(shapes.sphere(0.1, 5), "ball")])
     free, tight = tick_at(scene, [(0, 0, 0)], budget=10**6), tick_at(scene, [(0, 0, 0)], budget=20)
 
@@ -86,7 +86,7 @@ def test_range_is_about_the_sphere_and_its_edge_belongs_to_it():
 
 
 def test_finger_far_away_is_skipped_until_it_may_have_come_near():
-    """Down to a plate at 2 mm a tick: a query each time that what was known is used up."""
+    """Down to a plate at 2 mm a tick: a new query whenever the bound is used up."""
     scene = Scene([plate(), plate("floor", top=-0.5)])
     tracker = Tracker(scene, fingers=1)
     found = ticks(tracker, [(0, 0, 1.0 - 0.002 * k) for k in range(480)])
@@ -154,7 +154,7 @@ def test_a_tick_that_is_refused_does_not_lose_that_a_part_has_moved():
 
 @pytest.mark.parametrize("far", [1e3, 1e140])
 def test_a_part_that_was_put_away_far_and_back_leaves_small_steps_of_others_seen(far):
-    """Steps of 0.1 mm drown in a sum that holds the way of such a part."""
+    """Steps of 0.1 mm vanish by rounding in a sum that contains such a displacement."""
     scene = Scene([block("still", (0, 0, 0)), block("comes", (0, 0, 0.9)), block("away", (0, 0, 2))])
     tracker = Tracker(scene, fingers=1)
     for k, height in enumerate((far, 0.0, 0.0)):
@@ -166,7 +166,7 @@ def test_a_part_that_was_put_away_far_and_back_leaves_small_steps_of_others_seen
 
 
 def test_finger_that_slips_through_a_small_hole_is_inside():
-    """A ball without one face: no surface is crossed on the way in, and the scene says inside."""
+    """A ball without one face: no surface is crossed on the way in, and the scene reports inside."""
     vertices, faces = shapes.sphere(0.1, 3)
     hole = int(np.argmax(vertices[faces].mean(axis=1)[:, 2]))
     middle = vertices[faces[hole]].mean(axis=0)
@@ -241,7 +241,7 @@ def test_when_the_nearest_part_goes_the_next_one_is_answered(take_away):
     assert first["signed_distance"] == pytest.approx(0.06 + 0.1 - RADIUS)
     assert first["part"] == (1 if take_away == "hide" else 0)
     assert flags_of(first) & ContactFlag.PART_CHANGED and not flags_of(second) & ContactFlag.PART_CHANGED
-    assert flags_of(first) & ContactFlag.PREDICTED  # the finger's velocity is still known
+    assert flags_of(first) & ContactFlag.PREDICTED  # the finger's velocity stays known
 
 
 def test_when_another_part_goes_the_nearest_is_the_same_though_its_number_changes():

@@ -1,4 +1,4 @@
-"""What callers and sensors may hand to a tracker: refused with a sentence, or answered as far as it goes."""
+"""Input of callers and sensors: rejected with an error, or its valid rows used."""
 
 import copy
 import pickle
@@ -67,7 +67,7 @@ def test_default_is_a_hand_at_1_khz():
 def test_contacts_show_themselves_without_their_dtype():
     tracker = Tracker(Scene([plate()]), fingers=12)
     contacts = tracker.tick(np.full((12, 3), [0.0, 0.0, 0.05]), 0, 0)
-    contacts["mode"][1] = 99  # as of a later version
+    contacts["mode"][1] = 99  # of a later version
 
     text, one = repr(contacts), repr(contacts[0])
 
@@ -78,7 +78,7 @@ def test_contacts_show_themselves_without_their_dtype():
     assert text.endswith(",\n and 2 more])")
     assert "dtype" not in text + repr(contacts[2:4]) + repr(contacts.copy())
     assert "float64" not in text
-    # What is taken from it is as of any array.
+    # Fields are those of a plain array.
     assert type(contacts["position"]) is np.ndarray
     assert type(contacts["signed_distance"][0]) is np.float64
     assert repr(contacts.reshape(3, 4)).startswith("array([[(")
@@ -87,7 +87,7 @@ def test_contacts_show_themselves_without_their_dtype():
 
 @pytest.mark.parametrize("setting", ["period", "latency", "scene"])
 def test_setting_of_a_tracker_is_not_changed_to_no_effect(setting):
-    """A latency that was set afterwards was told back, and predictions were for the one before."""
+    """Regression: a changed latency was readable, but predictions used the former one."""
     with pytest.raises(AttributeError, match=f"property '{setting}' of 'Tracker' object has no setter"):
         setattr(Tracker(Scene([plate()])), setting, 0.05)
 
@@ -132,7 +132,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("said", REFUSED)
 def test_argument_that_does_not_fit_is_refused_with_a_sentence(tracker, said):
-    Tracker(tracker.scene, fingers=2).tick(TIPS, 0, 0)  # from now on compiled code looks first
+    Tracker(tracker.scene, fingers=2).tick(TIPS, 0, 0)  # from now on compiled code checks first
     arguments = {"positions": TIPS, "t_pose_ns": 0, "now_ns": 0} | REFUSED[said]
     with pytest.raises(ArgumentError, match=re.escape(said)):
         tracker.tick(**arguments)
@@ -142,7 +142,7 @@ def test_argument_that_does_not_fit_is_refused_with_a_sentence(tracker, said):
 
 
 def test_positions_of_other_byte_order_are_read_as_what_they_are(tracker):
-    """Was: after an array at an odd address had passed, compiled code took one of the other order for it."""
+    """Regression: after an unaligned array, compiled code accepted one of the other byte order as native."""
     expected = Tracker(tracker.scene, fingers=2).tick(TIPS, 0, 0).tobytes()
     tracker.tick(unaligned(TIPS), 0, 0)
     tracker.reset()
@@ -151,7 +151,7 @@ def test_positions_of_other_byte_order_are_read_as_what_they_are(tracker):
 
 
 def test_positions_may_be_those_of_the_last_tick(tracker):
-    """Was: a record was cleared before its position was read."""
+    """Regression: a record was cleared before its position was read."""
     one = Tracker(tracker.scene, fingers=1)
     distance = one.tick(TIPS[:1], 0, 0)["signed_distance"][0]
 
@@ -215,7 +215,7 @@ def test_instants_that_are_plainly_seconds_are_refused(tracker, t_pose_ns, now_n
     assert tracker.contacts.tobytes() == before
 
 
-@pytest.mark.parametrize("begin", [200_000, 1_764_000_000])  # of a clock since start, and of the calendar
+@pytest.mark.parametrize("begin", [200_000, 1_764_000_000])  # of a clock since boot, and of the calendar
 def test_seconds_are_refused_at_the_latest_when_the_next_begins(tracker, begin):
     for _ in range(3):
         tracker.tick(TIPS, begin, begin)
@@ -234,10 +234,10 @@ def test_instants_that_are_not_whole_are_refused(tracker, instant):
 
 
 def test_clocks_turned_by_hand_are_accepted(tracker):
-    """From 0 on, standing, put back, with pauses, and with ticks of a loop that come close together."""
+    """From 0 on, constant, set back, with gaps, and with ticks of a loop in quick succession."""
     for now in (0, 0, MS // 2, MS, 0, 1000, 2000, 3000, 10**18, 10**18 + 1, -5, 0):
         assert np.isfinite(tracker.tick(TIPS, now, now)["signed_distance"]).all()
-    tracker.tick(TIPS, [2, HOUR], HOUR)  # a sensor's fault, not the caller's
+    tracker.tick(TIPS, [2, HOUR], HOUR)  # an error of the sensor, not of the caller
     for age in (0, 5, 99_999, 10**9):
         tracker.tick(TIPS, 10**18, 10**18 + age)
 
@@ -261,7 +261,7 @@ def test_masked_finger_is_not_tracked(tracker):
 
 @pytest.mark.parametrize("lost", [(np.nan,) * 3, (0, np.inf, 0), (1e200, 0, 0)])
 def test_finger_that_is_lost_says_so_and_comes_back_while_the_other_goes_on(tracker, lost):
-    """A position beyond what can be computed with is none."""
+    """Positions beyond the computable range are lost ones."""
     alone = Tracker(tracker.scene, fingers=1)
     for k in range(12):
         tips = TIPS - (0, 0, 0.0005 * k)
@@ -377,7 +377,7 @@ def test_instants_as_far_apart_as_can_be_are_not_taken_for_near_ones(latency):
     assert found["predicted_ns"] == 2**62 + round(1e9 * latency)
     assert found["predicted_lower"] < -1e9 < 1e9 < found["predicted_upper"]
     found = tracker.tick([(0.0, 0.0, 0.05)], 2**62, 2**62)[0]
-    assert found["age_ns"] == 0 and not found["flags"] & ContactFlag.PREDICTED  # it starts anew
+    assert found["age_ns"] == 0 and not found["flags"] & ContactFlag.PREDICTED  # the estimate restarts
 
 
 def test_scene_of_a_tracker_stays_and_a_tracker_is_not_copied(tracker):

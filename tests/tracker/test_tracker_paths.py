@@ -1,4 +1,4 @@
-"""Where on its path a finger touches first, when, and how that drifts: against formulas and brute force."""
+"""The first contact on a finger's path, its time and its rate, against formulas and brute force."""
 
 import numpy as np
 import pytest
@@ -29,11 +29,11 @@ FOUND = ContactFlag.ON_PATH | ContactFlag.CONTACT_FOUND
 
 
 ARC_PER_BEND = 0.2306
-"""m that the fingertip goes a unit of bend at most: at the flat hand."""
+"""Maximum speed of the fingertip, m per unit of bend: at the flat hand."""
 
 
 def first_touch(scene, path, path_bends, radius=RADIUS):
-    """Where the sphere touches first, by asking the scene in ever finer steps; brute force."""
+    """Return the bend at the first contact of the sphere, by brute force and bisection."""
     place = lambda bend: [np.interp(bend, path_bends, path[:, axis]) for axis in range(3)]  # noqa: E731
     bends = np.linspace(path_bends[0], path_bends[-1], 4001)
     distances = scene.signed_distance(np.stack([np.interp(bends, path_bends, c) for c in path.T], axis=1))
@@ -64,7 +64,7 @@ def test_contact_of_a_bending_finger_is_where_the_paper_has_it(name, ahead):
 
 @pytest.mark.parametrize("name", THINGS)
 def test_from_the_flat_hand_the_contact_is_within_its_error(name):
-    """The first disc is grazed: there the surface must be asked more often than is done."""
+    """The first disc is grazed: there the search would need more steps."""
     thing, expected = THINGS[name]
     path, bends = bending()
     found = tick_path([thing], path, path_bends=bends)
@@ -77,7 +77,7 @@ def test_from_the_flat_hand_the_contact_is_within_its_error(name):
 
 @pytest.mark.parametrize("name", THINGS)
 def test_rate_of_the_contact_is_its_drift_as_the_part_moves(name):
-    """Against a difference: the part is moved on by v dt, and asked again."""
+    """Against a difference quotient of the contact, with the part displaced by v dt."""
     thing, expected = THINGS[name]
     (path, bends), scene = bending(4001), Scene([thing])
     velocity, dt = np.array([0.03, 0.05, 0.0]), 1e-3
@@ -96,7 +96,7 @@ def test_rate_of_the_contact_is_its_drift_as_the_part_moves(name):
 
 @pytest.mark.parametrize("start", [-0.05, 0.0, 0.02])
 def test_rate_of_the_contact_at_a_turning_part_is_that_of_the_place_of_contact(start):
-    """It was that of the last place that was asked, which may be where the finger is."""
+    """Regression: it was that of the last query's point, which may be at the finger."""
     scene, path = Scene([plate()]), line((start, 0, 0.06), (0.05, 0, -0.04))
     speed, dt = 2.0, 1e-4
     places = []
@@ -111,7 +111,7 @@ def test_rate_of_the_contact_at_a_turning_part_is_that_of_the_place_of_contact(s
 
 
 def test_time_to_contact_is_along_the_path_when_the_finger_goes_that_way():
-    """A quarter circle down to a plate that the straight way misses."""
+    """A quarter circle down to a plate that a straight path misses."""
     angle = np.linspace(0.0, np.pi / 2, 2001)
     path = np.stack([0.06 * np.sin(angle), 0 * angle, 0.06 * np.cos(angle)], axis=1)
     found = tick_path([plate()], path, velocity=(0.3, 0, 0))
@@ -124,7 +124,7 @@ def test_time_to_contact_is_along_the_path_when_the_finger_goes_that_way():
 
 
 def test_time_along_a_path_counts_from_where_the_finger_is_on_it():
-    """A tenth of the path is gone: 0.033 m are left at 0.25 m/s."""
+    """After a tenth of the path, 0.033 m are left at 0.25 m/s."""
     path = line((0, 0, 0.05), (0, 0, -0.05))
     found = tick_path([plate()], path, (0, 0, 0.04), (0, 0, -0.25), bend=0.1)
 
@@ -148,7 +148,7 @@ def test_time_along_a_path_is_certified_for_a_part_that_moves(part_speed):
     true = 0.043 / (0.25 + part_speed) if 0.25 + part_speed > 0 else np.inf
 
     assert found["time_to_contact_lower"] <= true
-    assert found["contact_bend"] == pytest.approx(0.43, abs=1e-6)  # as the parts stand
+    assert found["contact_bend"] == pytest.approx(0.43, abs=1e-6)  # with the parts at rest
     assert found["contact_bend_rate"] == pytest.approx(-part_speed / 0.1, rel=1e-6)
 
 
@@ -189,7 +189,7 @@ def test_finger_beside_a_path_that_is_in_contact_there_has_no_time_left_if_it_go
 
 
 def test_where_the_steps_do_not_suffice_the_contact_is_not_before_what_is_told():
-    """Flush along a plate: free as far as it was looked, error unknown, drift unknown."""
+    """Flush along a plate: the searched part is free, error and rate of the contact are unknown."""
     scene = Scene([plate(half=0.5), solid(shapes.box((0.3, -0.1, 0.0), (0.4, 0.1, 0.1)), "stop")])
     scene.move("stop", Pose(), velocity=(0.1, 0, 0))
     found = tick_path(scene, line((0, 0, RADIUS + 1e-4), (0.4, 0, RADIUS + 1e-4)), velocity=(0.1, 0, 0))
@@ -203,7 +203,7 @@ def test_where_the_steps_do_not_suffice_the_contact_is_not_before_what_is_told()
 def test_path_that_ends_just_before_the_surface_has_no_contact_and_just_beyond_it_has():
     for end, is_hit in ((RADIUS + 1e-6, False), (RADIUS - 1e-6, True)):
         found = tick_path([plate()], line((0, 0, 0.05), (0, 0, end)))
-        # So near to its end either answer is within what is promised.
+        # So close to the end both answers are within the error.
         assert np.isnan(found["contact_bend"]) or found["contact_bend"] >= 1.0 - 1e-3
         if is_hit:
             assert found["contact_bend"] == pytest.approx(1.0, abs=1e-3)
@@ -218,7 +218,7 @@ def test_thin_sheet_across_a_path_is_not_passed():
 
 @pytest.mark.parametrize("radius", [0.0, 1e-5])
 def test_finger_as_small_as_a_point_has_its_contact_confirmed(radius):
-    # Was: looked for beyond the surface by more than the radius, where a small finger touches nothing.
+    # Regression: it searched for points deeper than the radius, where a small finger has no contact.
     found = tick_path([plate()], line((0, 0, 0.05), (0, 0, -0.05)), radius=radius)
 
     true = (0.05 - radius) / 0.1
@@ -293,7 +293,7 @@ def test_bend_that_is_given_counts_and_is_held_at_the_ends(bend, expected):
 
 
 def test_finger_far_beside_its_path_gets_the_contact_of_the_path():
-    """As when the hand is tracked badly: the finger is 3 cm beside, the path goes down to the block."""
+    """As with a badly tracked hand: the finger is 3 cm off the path, which leads down to the block."""
     found = tick_path([block("block", (0, 0, -0.05))], line((0, 0, 0.05), (0, 0, -0.05)), (0.03, 0, 0.04))
 
     assert found["bend"] == pytest.approx(0.1)
@@ -303,7 +303,7 @@ def test_finger_far_beside_its_path_gets_the_contact_of_the_path():
 
 @pytest.mark.parametrize("bend", [0.0, 0.3])
 def test_a_told_bend_is_kept_where_corners_are_repeated(bend):
-    """A finger that bends for a while before its tip moves; it touches already."""
+    """A finger that bends before its tip moves; it touches from the start."""
     tracker = Tracker(Scene([plate()]), fingers=1)
     height = RADIUS - 0.0005
     path = np.array([(0.0, 0.0, height), (0.0, 0.0, height), (0.0, 0.0, -0.05)])
@@ -322,7 +322,7 @@ def test_a_contact_where_corners_are_repeated_reaches_back_to_the_first_of_them(
 
 
 def test_path_that_grazes_a_part_is_decided():
-    """14 of these 600 got a contact with an infinite error: a drum that comes for nothing."""
+    """Regression: 14 of these 600 had a contact with an infinite error, so that a drum moved needlessly."""
     box = Solid(*shapes.box((-0.02, -0.015, -0.01), (0.02, 0.015, 0.01)))
     scene, radius, rng = Scene([box]), 0.003, np.random.default_rng(5)
     bends, s = np.linspace(0.0, 1.0, 9), np.linspace(0.0, 1.0, 9)[:, None]

@@ -1,4 +1,4 @@
-"""A tracker as it runs: no allocation, no lock, the same bytes each time, beside other threads."""
+"""A running tracker: no allocation, no lock, reproducible bytes, concurrent threads."""
 
 import threading
 import time
@@ -22,7 +22,7 @@ def some_scene():
 
 
 def some_way(count, seed=1):
-    """Five fingers that go to and fro among the parts, (count, 5, 3)."""
+    """Return positions of five fingers that oscillate among the parts, (count, 5, 3)."""
     rng = np.random.default_rng(seed)
     phase, rate = rng.uniform(0, 2 * np.pi, (2, 5, 3))
     steps = np.arange(count)[:, None, None]
@@ -82,7 +82,7 @@ def test_fingers_do_not_depend_on_each_other():
 
 
 def test_two_trackers_on_one_scene_that_moves_do_not_disturb_each_other():
-    """Parts that moved are noticed by each, also by the one that ticks more seldom."""
+    """Each notices moved parts, also the one with fewer ticks."""
     scene, way = some_scene(), some_way(200)
     often, seldom = Tracker(scene), Tracker(scene, working_range=0.01)
     for k, tips in enumerate(way):
@@ -95,7 +95,7 @@ def test_two_trackers_on_one_scene_that_moves_do_not_disturb_each_other():
 
 
 def test_face_told_stays_though_another_scene_has_deformed_a_solid_that_both_share():
-    """That solid is made anew when the first scene moves to new memory, with its faces in another order."""
+    """The first scene rebuilds that solid when it moves to new memory, with its faces in another order."""
     scene = Scene(
         [solid(shapes.sphere(0.5, 3), "ball"), block("block", (3, 0, 0)), block("mover", (9, 0, 0))]
     )
@@ -132,7 +132,7 @@ def test_a_loaded_compiled_scene_is_tracked_as_the_one_that_was_saved(tmp_path):
 
 
 def test_other_threads_run_while_a_tick_takes_long():
-    """At the centre of a fine ball, as far as the budget lets them, 2000 fingers take a while."""
+    """At the centre of a fine ball 2000 fingers use their full budget, which takes a while."""
     scene = Scene([solid(shapes.sphere(0.1, 5), "ball")])
     tracker = Tracker(scene, fingers=2000, budget=10**6)
     points = np.random.default_rng(3).normal(size=(2000, 3)) * 1e-4
@@ -158,7 +158,7 @@ def test_other_threads_run_while_a_tick_takes_long():
 
 
 def test_parts_may_be_moved_by_another_thread_while_fingers_tick():
-    """The ball stands at one of two places: each answer is between those of the two."""
+    """The ball is at one of two positions: each answer is between the two."""
     scene = Scene([solid(shapes.sphere(0.05, 3), "ball"), plate(top=-0.5)])
     tips = np.array([(0.0, 0.0, 0.2), (0.0, 0.1, 0.0)])
     poses = [Pose(translation=(0, 0, height)) for height in (0.0, 0.06)]
@@ -195,7 +195,7 @@ def test_parts_may_be_moved_by_another_thread_while_fingers_tick():
 
 
 def assert_counted(scene, tracker, tip, name, ticks):
-    """Whether a part that comes from afar is seen to come."""
+    """Check the bounds while a part approaches from afar."""
     for k in ticks:
         scene.move(name, Pose(translation=(0.0, 0.0, -0.5 * (k - ticks[0]))))
         found = tracker.tick(tip, k * MS, k * MS)[0]
@@ -204,7 +204,7 @@ def assert_counted(scene, tracker, tip, name, ticks):
 
 
 def interrupt(monkeypatch, owner, name):
-    """Have a method raise once, as control and C may."""
+    """Make a method raise KeyboardInterrupt once."""
     with monkeypatch.context() as patch:
 
         def raising(*_):

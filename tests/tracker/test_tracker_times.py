@@ -1,4 +1,4 @@
-"""What a tick predicts: the distance when the controller acts, and the time to contact, known by heart."""
+"""Predictions of a tick, against closed forms: the distance when the controller acts, and time to contact."""
 
 import numpy as np
 import pytest
@@ -12,19 +12,19 @@ from proximity.tracker.tracker import Tracker
 
 
 def test_distance_is_predicted_for_when_the_controller_acts():
-    """The pose is 4 ms old and the controller acts 3 ms later; a finger slows down a little, at most 4 %."""
+    """The pose is 4 ms old, the controller acts 3 ms later; a finger decelerates a little, at most 4 %."""
     tracker = Tracker(Scene([plate()]), fingers=1, latency=0.003)
     found = tracker.tick([(0, 0, 0.05)], 6 * MS, 10 * MS, velocities=[(0, 0, -1.0)])[0]
 
     assert found["predicted_ns"] == 13 * MS
     assert 0.043 - 0.007 <= found["predicted_distance"] <= 0.043 - 0.96 * 0.007
-    room = 0.5 * 120.0 * 0.007**2 - 1e-12  # what the acceleration may change; less rounding
+    room = 0.5 * 120.0 * 0.007**2 - 1e-12  # effect of the acceleration, less rounding
     assert found["predicted_lower"] <= 0.036 - room and 0.036 + room <= found["predicted_upper"]
     assert found["predicted_upper"] - found["predicted_lower"] < 2 * room + 0.002
 
 
 def test_pose_from_after_the_controller_acts_is_predicted_for_its_own_instant():
-    """A clock of the tracking that is ahead: predicting backwards would say less than is known."""
+    """The tracker's clock is ahead: a prediction backwards would only lose precision."""
     tracker = Tracker(Scene([plate()]), fingers=2, latency=0.003)
     tips = [(0, 0, 0.05), (0.02, 0, 0.05)]
     found = tracker.tick(tips, [20 * MS, 10 * MS], 10 * MS, velocities=[(0, 0, -1.0)] * 2)
@@ -41,10 +41,10 @@ def test_pose_from_after_the_controller_acts_is_predicted_for_its_own_instant():
     [({}, 0.1, 0.001), ({}, 0.06, 0.01), ({"max_speed": 1.0, "max_acceleration": 500.0}, 0.0085, 0.001)],
 )
 def test_a_finger_that_turns_round_between_its_first_poses_stays_within_its_bounds(settings, gap, age):
-    """As late as it can, and as fast as it may: its mean velocity says the opposite of what it does."""
+    """At the latest instant and the highest speed: the mean velocity is opposite to the actual one."""
     limits = {"max_speed": 3.0, "max_acceleration": 120.0} | settings
     speed, acceleration = limits["max_speed"], limits["max_acceleration"]
-    turning = 2.0 * speed / acceleration  # s, from full speed to full speed the other way
+    turning = 2.0 * speed / acceleration  # s, for reversing at full speed
 
     def place(t):
         late = max(t - (gap - turning), 0.0)
@@ -65,7 +65,7 @@ def test_a_finger_that_turns_round_between_its_first_poses_stays_within_its_boun
 @pytest.mark.filterwarnings("ignore::proximity.UnitsWarning")  # fifty metres from a block of ten centimetres
 @pytest.mark.parametrize("velocity", [None, 4.0, 7.0])
 def test_a_finger_faster_than_it_should_be_stays_within_bounds_if_it_goes_on(velocity):
-    """Poses 1 ms apart may lie 5 mm farther than the speed allows, and the caller's word is taken."""
+    """Poses 1 ms apart may be 5 mm farther apart than the speed allows; a given velocity is trusted."""
     speed, scene = velocity or 4.0, Scene([block("block", (0, 0, 0))])
     tracker = Tracker(scene, fingers=1, radius=0.0, latency=0.3)
     told = None if velocity is None else [(velocity, 0.0, 0.0)]
@@ -107,7 +107,7 @@ def test_as_fast_as_parts_may_be_nothing_is_promised_that_does_not_hold(angular_
         found = tracker.tick([(0, 0, 0.05), (0, 0, 0.95)], pose_ns, 0)
 
     assert (found["time_to_contact_lower"] <= 1e-9).all()
-    # The ball may be anywhere by then, and the plate is still there.
+    # The ball may be anywhere by then; the plate is at rest.
     assert (found["predicted_lower"] <= 0.05 - RADIUS).all() and (found["predicted_upper"] >= 0.95).all()
 
 
@@ -116,9 +116,9 @@ def test_as_fast_as_parts_may_be_nothing_is_promised_that_does_not_hold(angular_
     [
         ((0, 0, -1.0), 0.043),  # head-on
         ((0.6, 0, -0.8), 0.043 / 0.8),  # oblique
-        ((0.4, 0, -0.2), 0.043 / 0.2),  # nearly along it
+        ((0.4, 0, -0.2), 0.043 / 0.2),  # nearly tangential
         ((0, 0, 1.0), np.inf),  # leaving
-        ((0.3, 0, 0.0), np.inf),  # along it
+        ((0.3, 0, 0.0), np.inf),  # tangential
         ((0, 0, 0), np.inf),  # at rest
         ((0, 0, -0.1), np.inf),  # not within the horizon
     ],
@@ -133,7 +133,7 @@ def test_time_to_contact_with_a_plate(velocity, expected):
 
 
 def test_where_no_contact_comes_the_bound_is_the_time_looked_at():
-    """As far as the horizon, or the working range if that is nearer; at least a tenth of the horizon."""
+    """The horizon, or the time to leave the working range if shorter; at least a tenth of the horizon."""
     at_rest = contact([plate()], (0, 0, 0.05), (0, 0, 0), horizon=0.2)
     leaving = contact([plate()], (0, 0, 0.05), (0, 0, 1.0), horizon=0.2)
     fast = contact([plate()], (0, 0, 0.05), (0, 0, 100.0), horizon=0.2)
@@ -168,12 +168,12 @@ def test_nothing_thin_is_passed_however_fast(speed, thing):
 @pytest.mark.parametrize(
     ("finger", "part", "expected"),
     [
-        ((0, 0, 0), (0, 0, 0.5), 0.043 / 0.5),  # the part comes
+        ((0, 0, 0), (0, 0, 0.5), 0.043 / 0.5),  # the part approaches
         ((0, 0, -0.2), (0, 0, 0.3), 0.043 / 0.5),  # both
         ((0, 0, -0.5), (0, 0, -0.2), 0.043 / 0.3),  # the finger is faster
-        ((0, 0, -0.2), (0, 0, -0.5), np.inf),  # the part is
+        ((0, 0, -0.2), (0, 0, -0.5), np.inf),  # the part is faster
         ((0, 0, 0), (0, 0, -0.5), np.inf),  # it leaves
-        ((0, 0, -0.5), (0, 0, -0.5), np.inf),  # they go together
+        ((0, 0, -0.5), (0, 0, -0.5), np.inf),  # they move together
     ],
 )
 def test_time_to_contact_with_a_part_that_moves(finger, part, expected):
@@ -185,7 +185,7 @@ def test_time_to_contact_with_a_part_that_moves(finger, part, expected):
 
 
 def test_arm_that_sweeps_round_is_certified_until_it_hits():
-    """A bar along x turns about z at 4 rad/s toward a finger that rests at 30 degrees, 0.2 m out."""
+    """A bar along x rotates about z at 4 rad/s toward a finger at rest at 30 degrees, 0.2 m out."""
     bar = solid(shapes.box((-0.01, -0.005, -0.01), (0.3, 0.005, 0.01)), "bar")
     scene = Scene([bar, block("base", (0, -0.4, 0))])
     scene.move("bar", Pose(), angular_velocity=(0, 0, 4.0))
@@ -210,7 +210,7 @@ def test_a_part_that_is_not_the_nearest_but_faster_is_certified_too():
 @pytest.mark.parametrize("away", [0.5, 3.0])
 @pytest.mark.parametrize("position", [(0, 0, 0.05)])
 def test_what_is_too_far_to_come_in_time_takes_nothing_of_the_time(away, position):
-    """A train at 2 m/s that is 0.4 m off, or more, does not come within 0.19 s."""
+    """A train at 2 m/s at least 0.4 m away does not arrive within 0.19 s."""
     still = Scene([plate(), block("train", (0, away, 0))])
     moving = Scene([plate(), block("train", (0, away, 0))])
     moving.move("train", Pose(translation=(0, 0, 0)), velocity=(0, -2.0, 0))
@@ -224,7 +224,7 @@ def test_what_is_too_far_to_come_in_time_takes_nothing_of_the_time(away, positio
 @pytest.mark.parametrize("speed", [2.0, 20.0])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_what_comes_from_afar_in_time_is_certified(speed, side):
-    """A finger sinks to a plate; a train comes from the side, and is there first."""
+    """A finger sinks to a plate; a train from the side arrives first."""
     train = solid(shapes.box((-0.05, side * 0.5 - 0.05, -0.02), (0.05, side * 0.5 + 0.05, 0.2)), "train")
     scene = Scene([plate(top=-0.05), train])
     scene.move("train", Pose(), velocity=(0, -side * speed, 0))

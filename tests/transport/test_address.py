@@ -1,4 +1,4 @@
-"""Addresses, and what is said of those that are none."""
+"""Addresses of transports, and the errors of invalid ones."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Bounds that hold later than the pose they were found for, and what is left when nothing holds."""
+"""Bounds of a contact that stay valid after its pose, and the fields that no longer hold."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from proximity.tracker.tracker import Tracker
 from proximity.transport import forget, widen
 
 SECOND = 1000 * MS
-MAX_SPEED, MAX_ACCELERATION = 3.0, 120.0  # m/s and m/s², as of trackers and subscribers
+MAX_SPEED, MAX_ACCELERATION = 3.0, 120.0  # m/s and m/s², the defaults of trackers and subscribers
 
 
 def contacts_of(count=1, **values):
@@ -34,22 +34,22 @@ def way_after(seconds, contacts, max_speed=3.0, max_acceleration=120.0):
     [
         ({}, 0.5 * 120 * 0.02**2),
         ({"velocity": (0.3, 0, -0.4)}, (0.5 + 1.2) * 0.02),
-        ({"velocity": (0, 2.5, 0)}, 3.0 * 0.02),  # no faster than a finger can be
-        ({"velocity": (0, 2, 0), "part_velocity": (0, 2, 0)}, 1.2 * 0.02),  # they go together
+        ({"velocity": (0, 2.5, 0)}, 3.0 * 0.02),  # the maximum speed of a finger
+        ({"velocity": (0, 2, 0), "part_velocity": (0, 2, 0)}, 1.2 * 0.02),  # finger and part move together
         ({"part_velocity": (1, 0, 0)}, (1.0 + 1.2) * 0.02),
-        ({"part_velocity": np.nan, "velocity": (0.5, 0, 0)}, 3.0 * 0.02),  # no part is near
-        ({"flags": ContactFlag.TRACKED}, 3.0 * 0.02),  # may go anywhere
+        ({"part_velocity": np.nan, "velocity": (0.5, 0, 0)}, 3.0 * 0.02),  # no part near
+        ({"flags": ContactFlag.TRACKED}, 3.0 * 0.02),  # the part may move anywhere
         ({"flags": ContactFlag.TRACKED, "part_velocity": (0, 0, 1)}, 4.0 * 0.02),
-        ({"predicted_upper": 0.052}, (0.5 * 1.0 + 1.2) * 0.02),  # 2 mm within 2 ms are not certain
+        ({"predicted_upper": 0.052}, (0.5 * 1.0 + 1.2) * 0.02),  # the 2 mm in 2 ms may be prediction error
         ({"predicted_upper": 0.052, "flags": ContactFlag.TRACKED}, 3.0 * 0.02),
-        ({"predicted_upper": 0.090}, (10.0 + 1.2) * 0.02),  # something is fast
+        ({"predicted_upper": 0.090}, (10.0 + 1.2) * 0.02),  # the part is fast
         ({"predicted_upper": 0.090, "flags": ContactFlag.TRACKED}, 10.0 * 0.02),
         ({"predicted_upper": 0.066, "velocity": (2, 0, 0), "part_velocity": (2, 0, 0)}, (4 + 2 + 1.2) * 0.02),
-        ({"predicted_ns": NOW - MS}, 3.0 * 0.02),  # predicted for the pose's instant: nothing is told
+        ({"predicted_ns": NOW - MS}, 3.0 * 0.02),  # predicted for the instant of the pose: no information
         ({"predicted_upper": np.inf}, 3.0 * 0.02),
         ({"source": 1, "velocity": np.nan, "approach_speed": -0.5}, (0.5 + 1.2) * 0.02),
         ({"source": 1, "velocity": np.nan, "approach_speed": np.nan}, 3.0 * 0.02),
-        # The error of a sensor, 1 mm, is not one of its speed.
+        # A sensor's error of 1 mm does not count towards its speed.
         (
             {"source": 1, "approach_speed": 0, "lower": 0.049, "upper": 0.051, "predicted_lower": 0.049,
              "predicted_upper": 0.051},
@@ -102,7 +102,7 @@ def test_everything_is_forgotten():
 
 
 class Moving:
-    """Up to three cubes that fly and turn, each with its velocities."""
+    """Up to three cubes that move and rotate, with their velocities."""
 
     def __init__(self, rng):
         count = int(rng.integers(1, 4))
@@ -114,7 +114,7 @@ class Moving:
         self.rotations = Rotation.random(count, random_state=int(rng.integers(2**31)))
 
     def at(self, seconds):
-        """Put the parts where they are then, and give the scene."""
+        """Move the parts to their poses at that time; return the scene."""
         rotations = Rotation.from_rotvec(self.turns * seconds) * self.rotations
         places = self.places + self.velocities * seconds
         poses = [Pose(rotation, place) for rotation, place in zip(rotations.as_matrix(), places, strict=True)]
@@ -123,7 +123,7 @@ class Moving:
 
 
 def courses(rng, moving, count, steps):
-    """Places and velocities of fingers, (steps, count, 3), each ms; every other hurries to or from a part."""
+    """Position and velocity of fingers, (steps, count, 3), each ms; every other moves to or from a part."""
     places = [rng.uniform(-0.2, 0.2, (count, 3))]
     outward = moving.at(0.0).closest(places[0]).gradient
     push = np.where(rng.random((count, 1)) < 0.7, -outward, outward)
@@ -146,7 +146,7 @@ def courses(rng, moving, count, steps):
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("seen", "is_told"), [(1, False), (2, False), (8, False), (1, True)])
 def test_true_distance_stays_within_the_bounds_as_they_widen(seed, seen, is_told):
-    """However short a finger was seen, whether its velocity is told, and whichever part comes."""
+    """After any history of a finger, with or without a given velocity, for any approaching part."""
     rng = np.random.default_rng(seed)
     moving = Moving(rng)
     course, velocities = courses(rng, moving, 200, 110)

@@ -1,4 +1,4 @@
-"""Keys of udp://: what a file must be, and that nothing is believed that the key does not verify."""
+"""Keys of udp://: valid key files, and rejection of datagrams that the key does not verify."""
 
 import os
 import socket
@@ -23,7 +23,7 @@ from proximity.transport.link import NOTHING
 from proximity.transport.message_key import TAG_BYTES, key_of, write_key
 
 PATIENCE = 20.0  # s
-LONG = 10**10  # ns that frames of these tests are valid for
+LONG = 10**10  # ns that frames of these tests stay valid
 
 knows_permissions = pytest.mark.skipif(sys.platform == "win32", reason="files have no such permissions")
 
@@ -42,7 +42,7 @@ def port():
 
 @pytest.fixture
 def link(key, port):
-    """A subscriber with a key, a publisher with the same, and the frames that the publisher sends."""
+    """A subscriber and a publisher with the same key, and their address."""
     address = f"udp://127.0.0.1:{port}?key={key}"
     with open_subscriber(address) as subscriber, open_publisher(address) as publisher:
         yield SimpleNamespace(address=address, port=port, subscriber=subscriber, publisher=publisher)
@@ -53,12 +53,12 @@ def secret_of(path):
 
 
 def tagged(data, secret):
-    """A message and its tag, made without the code under test."""
+    """Return a message and its tag, computed without the code under test."""
     return data + blake2s(data, key=secret, digest_size=16).digest()
 
 
 def throw(port, *datagrams):
-    """Send datagrams as any program of this machine can."""
+    """Send datagrams from an ordinary socket."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         for data in datagrams:
             sender.sendto(data, ("127.0.0.1", port))
@@ -99,7 +99,7 @@ def test_disk_that_is_full_leaves_no_half_a_key(tmp_path, monkeypatch):
 
 
 def make(folder, kind):
-    """The path of a file that a key's address names."""
+    """Return the path of a file named by a key's address."""
     path = folder / "x.key"
     if kind == "pipe":
         os.mkfifo(path, 0o600)
@@ -239,7 +239,7 @@ def test_strangers_are_counted_as_strangers_and_a_flood_leaves_the_reader_its_ti
 
 @pytest.mark.parametrize("silence", [0, 10**12])
 def test_session_before_the_newest_is_never_believed_again(silence):
-    """Nor for being of another kind."""
+    """Also in messages of another kind."""
     wire, clock = Wire(shares_clock=False), Clock()
     wire.is_keyed = True
     reader = MessageReader(wire, (FRAME, POSES), clock)

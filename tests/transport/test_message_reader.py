@@ -1,4 +1,4 @@
-"""Distrust: what is let through, what is counted, and which runs of a publisher count."""
+"""Validation of messages: the accepted, the counted and the runs of a publisher."""
 
 import struct
 import zlib
@@ -16,7 +16,7 @@ SECOND = 1000 * MS
 
 
 class Bench:
-    """A reader at a wire."""
+    """A reader of a simulated wire."""
 
     def __init__(self, *, shares_clock=True, kinds=(FRAME,), **settings):
         self.clock, self.wire = Clock(), Wire(shares_clock)
@@ -27,13 +27,13 @@ class Bench:
         return self.reader.counts
 
     def arrive(self, *messages):
-        """Let messages arrive; their numbers that were let through, (session, sequence)."""
+        """Deliver messages; return (session, sequence) of each accepted one."""
         for data in messages:
             self.wire.put(data)
         return [tuple(data[16:32].view("<u8").tolist()) for _, data, _ in self.reader.messages()]
 
     def arrive_frame(self, sequence, session=0, sent=None):
-        """Let a frame of a session arrive that is sent now, unless said."""
+        """Deliver a frame of a session, sent now by default."""
         message = frame(self.clock.now if sent is None else sent, 1)
         return self.arrive(sealed(message, sequence, SESSION + session)) != []
 
@@ -136,7 +136,7 @@ def test_kinds_have_numbers_of_their_own():
 @pytest.mark.parametrize("is_flawed", [True, False])
 @pytest.mark.parametrize("is_default", [True, False])
 def test_so_many_messages_are_taken_at_once(is_flawed, is_default):
-    """A flood of garbage leaves the reader its time, and so do good ones."""
+    """The number of messages per read is limited, valid or not."""
     name, default = ("max_flawed", MOST_FLAWED) if is_flawed else ("max_at_once", MOST_AT_ONCE)
     most = default if is_default else 3
     bench = Bench(**({} if is_default else {name: most}))
@@ -148,7 +148,7 @@ def test_so_many_messages_are_taken_at_once(is_flawed, is_default):
 
 
 def test_room_is_not_read_beyond_what_arrived():
-    """What an earlier message left there is not taken for the end of a shorter one."""
+    """The rest of an earlier message in the buffer does not complete a shorter one."""
     bench = Bench()
     bench.arrive(sealed(frame(count=5), 1))
 

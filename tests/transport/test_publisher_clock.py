@@ -1,4 +1,4 @@
-"""The clock of a publisher on another machine: never early, and not believed before it is seen to run."""
+"""The clock of a publisher on another machine: never too early, and used only after it was seen to run."""
 
 import pytest
 from hypothesis import given
@@ -14,16 +14,16 @@ from proximity.transport.publisher_clock import (
 )
 
 MS = 1_000_000
-AHEAD = 123_456_789_000  # ns by which their clock is ahead of ours
+AHEAD = 123_456_789_000  # ns by which the other clock is ahead of ours
 
 
 def hear(clock, sent, transit=MS // 2, **settings):
-    """A message sent at *sent*, our clock, arrives."""
+    """Deliver a message sent at *sent*, on our clock."""
     clock.arrived(sent + AHEAD, sent + transit, **settings)
 
 
 def settled(transit=MS // 2):
-    """A clock that is certain, behind a way that long, and when the next message is sent."""
+    """Return a certain clock behind a path of that transit time, and when the next message is sent."""
     clock = ForeignClock()
     for sent in range(0, 2 * SETTLING_NS, MS):
         hear(clock, sent, transit)
@@ -32,9 +32,9 @@ def settled(transit=MS // 2):
 
 
 def run(clock, start, duration, transit=MS // 2, period=MS):
-    """Messages that are sent from *start* on, our clock, and arrive; none may seem younger than it is.
+    """Deliver messages sent from *start* on, on our clock; none may seem younger than it is.
 
-    Gives when the next would be sent.
+    Return when the next one would be sent.
     """
     for sent in range(start, start + duration, period):
         hear(clock, sent, transit)
@@ -43,14 +43,14 @@ def run(clock, start, duration, transit=MS // 2, period=MS):
 
 
 def is_old_or_true(clock, sent, transit):
-    """Whether a message that took long is known to be as old, but for what no receiver can see, or drift."""
+    """Test whether the age of a late message is known, up to drift and what no receiver can detect."""
     drift = 60 * JUMP_NS // NS_PER_DRIFT
     age = clock.theirs(sent + transit) - (sent + AHEAD)
     return not clock.is_certain or age >= transit - PACE_NS - drift
 
 
 def becomes_certain(clock, start, offset=AHEAD, **first):
-    """Hear messages of another clock until it is certain, which it is after `SETTLING_NS`; when that is."""
+    """Deliver messages of another clock until it is certain, after `SETTLING_NS`; return that instant."""
     for sent in range(start, start + SETTLING_NS, MS):
         clock.arrived(sent + offset, sent + MS // 2, **(first if sent == start else {}))
         assert not clock.is_certain
@@ -61,7 +61,7 @@ def becomes_certain(clock, start, offset=AHEAD, **first):
 
 
 def shows(clock, now, offset=AHEAD, within=MS // 10):
-    """Whether their clock is thought to be where it is, by messages that take half a ms."""
+    """Test whether the estimate of their clock is right, given messages that take half a ms."""
     return abs(clock.theirs(now) - (now + offset - MS // 2 + TRANSIT_NS)) <= within
 
 
@@ -83,10 +83,10 @@ def test_fastest_message_tells_the_clock():
 
 @given(st.lists(st.integers(TRANSIT_NS, 500 * MS), min_size=2, max_size=50))
 def test_their_clock_is_never_thought_earlier_than_it_is_less_what_all_took(transits):
-    """An age that comes of it is too short by the fastest way at most, less what is allowed for it."""
+    """A computed age is too short by the shortest transit at most, less the allowance for it."""
     clock, now, fastest = ForeignClock(), 0, 500 * MS
     for number, transit in enumerate(transits):
-        now = max(now, number * MS + transit)  # our clock does not go back
+        now = max(now, number * MS + transit)  # our clock does not run backwards
         hear(clock, number * MS, now - number * MS)
         fastest = min(fastest, now - number * MS)
 
@@ -96,7 +96,7 @@ def test_their_clock_is_never_thought_earlier_than_it_is_less_what_all_took(tran
 
 def test_clock_that_drifts_is_followed():
     clock, start = settled()
-    slow, hour = 1 - 100e-6, 3600 * 1000 * MS  # of theirs
+    slow, hour = 1 - 100e-6, 3600 * 1000 * MS  # on their clock
     for passed in range(0, hour, hour // 10_000):
         clock.arrived(start + AHEAD + round(passed * slow), start + passed + MS // 2)
 
@@ -110,7 +110,7 @@ def test_clock_that_drifts_is_followed():
         ([(sent, MS) for sent in range(0, SETTLING_NS, MS)], False),
         ([(sent, MS) for sent in range(0, SETTLING_NS + MS, MS)], True),
         ([(0, MS), (200 * MS, MS)], True),  # a slow publisher
-        ([(0, 90 * MS), (60 * MS, 35 * MS), (96 * MS, MS)], False),  # the first were held up: a new beginning
+        ([(0, 90 * MS), (60 * MS, 35 * MS), (96 * MS, MS)], False),  # the first were delayed: a restart
     ],
 )
 def test_clock_is_certain_once_it_was_seen_to_run(messages, is_certain):
@@ -122,15 +122,15 @@ def test_clock_is_certain_once_it_was_seen_to_run(messages, is_certain):
 
 @given(st.integers(2, 300), st.integers(0, 3000), st.integers(1, 2))
 def test_row_of_old_messages_that_comes_at_once_settles_nothing(count, gap_ns, parts):
-    """In two parts, too: what comes 100 ms later was sent `count` ms later, which is not how a clock runs.
+    """Nor in two parts: 100 ms later on arrival against `count` ms later at the sender is not a clock's rate.
 
-    A clock that is half as fast or half as fast again is let pass: `PACE_NS` is half of `SETTLING_NS`.
+    A clock half as fast or half as fast again is accepted: `PACE_NS` is half of `SETTLING_NS`.
     """
     clock = ForeignClock()
     for number in range(count * parts):
         part, row = divmod(number, count)
         if part and 50 <= count <= 150:
-            return  # nearly how a clock runs
+            return  # nearly the rate of a clock
         clock.arrived(number * MS, part * 100 * MS + row * gap_ns)
     assert not clock.is_certain
 
@@ -139,7 +139,7 @@ def test_settled_clock_stays_so_when_a_way_becomes_faster_or_slower():
     clock, start = settled()
     hear(clock, start, 300 * MS)
     hear(clock, start + MS, 0)
-    hear(clock, start + 2 * MS, JUMP_NS // 2, is_new_run=True)  # of a process, on a way that is no longer
+    hear(clock, start + 2 * MS, JUMP_NS // 2, is_new_run=True)  # another process, on a path that is no longer
 
     assert clock.is_certain
     assert clock.theirs(start + 10 * MS) == pytest.approx(start + 10 * MS + AHEAD + TRANSIT_NS, abs=MS)
@@ -149,7 +149,7 @@ def test_settled_clock_stays_so_when_a_way_becomes_faster_or_slower():
     ("jump", "is_new_run"), [(-2 * JUMP_NS, True), (2 * JUMP_NS, True), (2 * JUMP_NS, False)]
 )
 def test_other_clock_is_learnt_anew(jump, is_new_run):
-    """A machine started anew: its monotonic clock jumps; forward it may do so at any time."""
+    """A machine that restarts: its monotonic clock jumps; forward it may jump at any time."""
     clock, start = settled()
     end = becomes_certain(clock, start, AHEAD + jump, is_new_run=is_new_run)
     assert shows(clock, end, AHEAD + jump)
@@ -158,7 +158,7 @@ def test_other_clock_is_learnt_anew(jump, is_new_run):
 @pytest.mark.parametrize("is_new_run", [False, True])
 @pytest.mark.parametrize("behind", [7 * MS, 100 * MS, 500 * MS, 900 * MS, 100 * JUMP_NS])
 def test_clock_that_was_put_back_makes_all_stale_until_it_is_known_again(behind, is_new_run):
-    """Or another machine takes over at once."""
+    """Or when another machine takes over immediately."""
     clock, start = settled()
     end = becomes_certain(clock, start, AHEAD - behind, is_new_run=is_new_run)
     assert shows(clock, end, AHEAD - behind)
@@ -167,7 +167,7 @@ def test_clock_that_was_put_back_makes_all_stale_until_it_is_known_again(behind,
 @pytest.mark.parametrize("wrong", [-10 * JUMP_NS, 2**61])
 @pytest.mark.parametrize("count", [1, 5])
 def test_instants_that_cannot_be_make_all_stale_until_the_clock_is_known_again(wrong, count):
-    """Messages of one kind come in order: one that was sent earlier tells that an instant is wrong."""
+    """Messages of one kind arrive in order: an earlier instant shows that one of the two is wrong."""
     clock, start = settled()
     for number in range(count):
         sent = wrong + number * MS if wrong > 0 else start + AHEAD + wrong
@@ -193,7 +193,7 @@ def test_instant_that_is_too_early_is_undone_by_those_that_follow(early, period,
 @pytest.mark.parametrize("pause", [MS, 2 * JUMP_NS])
 @pytest.mark.parametrize("delay", [JUMP_NS // 2, 2 * JUMP_NS])
 def test_way_that_becomes_longer_for_good_is_not_another_clock(delay, pause):
-    """Nothing comes for as long as the delay, as messages of one kind come in order."""
+    """No message arrives during the delay, as messages of one kind arrive in order."""
     clock, start = settled()
     silence = delay + pause
     for passed in range(silence, silence + 10 * JUMP_NS, MS):
@@ -230,9 +230,9 @@ def test_way_that_becomes_longer_without_end_is_not_another_clock():
 @pytest.mark.parametrize("slow", [30 * MS, 500 * MS, 900 * MS, 1500 * MS])
 @pytest.mark.parametrize("count", [1, 3, 40, 60])
 def test_way_that_was_short_once_and_is_long_again_brings_no_former_clock_back(slow, count):
-    """The former clock was wrong by how long the way is: what fits it is old."""
+    """The former clock was wrong by the transit time: messages that fit it are old."""
     clock, start = settled(slow)
-    start += slow  # what was sent meanwhile is lost: none overtakes
+    start += slow  # messages sent until then are lost: none overtakes
     for number in range(count):
         hear(clock, start + number * MS)
     run(clock, start + count * MS, 5 * JUMP_NS, slow)
@@ -240,9 +240,9 @@ def test_way_that_was_short_once_and_is_long_again_brings_no_former_clock_back(s
 
 @pytest.mark.parametrize("slow", [30 * MS, 500 * MS, 1500 * MS])
 def test_burst_of_old_messages_brings_no_former_clock_back(slow):
-    """What was held up comes at once, in order, again and again."""
+    """Delayed messages arrive together, in order, repeatedly."""
     clock, now = settled(slow)
-    hear(clock, now)  # until one was fast, nothing tells how slow the others were
+    hear(clock, now)  # before a fast message the delay of the others is unknown
     for _ in range(20):
         now += slow
         for sent in range(now - slow, now, MS):
@@ -263,7 +263,7 @@ def test_messages_of_another_kind_that_were_overtaken_prove_no_mistake():
 @pytest.mark.parametrize("slow", [100 * MS, 500 * MS, 900 * MS])
 @pytest.mark.parametrize(("pause", "early"), [(0, 0), (10 * MS, 0), (2 * JUMP_NS, 0), (MS, 500 * MS)])
 def test_publisher_that_starts_anew_behind_a_late_way_is_old(slow, pause, early):
-    """After an instant that was too early, too."""
+    """Also after an instant that was too early."""
     clock, start = settled()
     if early:
         clock.arrived(start + AHEAD + early, start + MS // 2)
@@ -281,7 +281,7 @@ rows_of_ways = st.tuples(
 
 @given(st.lists(rows_of_ways, min_size=1, max_size=12))
 def test_no_row_of_ways_and_runs_makes_what_is_old_seem_young(rows):
-    """Where instants are right and come in order, ways may change as they like, and runs begin."""
+    """With correct instants in order, the transit time may change at will, and runs may begin."""
     clock, start = settled()
     now = 0
     for transit, count, period, is_new_run in rows:

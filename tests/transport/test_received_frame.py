@@ -1,4 +1,4 @@
-"""What a frame says of its fingers, and what of it cannot be."""
+"""The contents of a frame's records, and rejection of invalid ones."""
 
 import numpy as np
 import pytest
@@ -18,17 +18,17 @@ from proximity.message import CONTACT, Defect, Source, State
         ("predicted_lower", 0.051, Defect.CONTENT),
         ("predicted_upper", np.nan, Defect.CONTENT),
         ("time_to_contact", np.nan, Defect.CONTENT),
-        ("time_to_contact", 0.1, Defect.CONTENT),  # earlier than for certain not
+        ("time_to_contact", 0.1, Defect.CONTENT),  # before the earliest possible contact
         ("position", (0, 0, np.inf), Defect.CONTENT),
         ("normal", (0, 0, 1.0012), Defect.CONTENT),
         ("normal", (1e300, 0, 0), Defect.CONTENT),
         ("surface", 3, Defect.CONTENT),
         ("mode", 4, Defect.CONTENT),
         ("force_is_valid", 2, Defect.CONTENT),
-        ("pose_ns", NOW - MS - 1, Defect.CONTENT),  # older than the oldest
+        ("pose_ns", NOW - MS - 1, Defect.CONTENT),  # older than the oldest pose of the frame
         ("pose_ns", NOW + 5 * MS + 1, Defect.CONTENT),
         ("normal", (0, 0, 1.0009), None),
-        ("normal", (np.nan, np.nan, np.nan), None),  # there is no part
+        ("normal", (np.nan, np.nan, np.nan), None),  # no part
         ("velocity", (np.nan, 0, 0), None),
         ("part_velocity", (np.nan, np.inf, 0), None),
         ("upper", np.inf, None),
@@ -93,7 +93,7 @@ def test_sensor_need_not_know_where_the_finger_is():
 
 
 def test_clock_at_the_end_of_its_numbers_is_not_believed():
-    """What it will show in a moment does not fit into 64 bits any more."""
+    """Its next readings no longer fit into 64 bits."""
     bench, ends = Reader(shares_clock=False), 2**63 - 1 - 25 * MS
     for number in range(10):
         bench.send(frame(ends - (9 - number) * 10 * MS))

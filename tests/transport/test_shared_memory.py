@@ -1,4 +1,4 @@
-"""Mailboxes in shared memory: who may open them, what is refused, writers that die, and readers in C."""
+"""Mailboxes in shared memory: access, rejected files, writers that die, and readers in C."""
 
 import mmap
 import os
@@ -35,7 +35,7 @@ def name():
 def path(name):
     at = Path(f"/dev/shm/proximity.{name}")
     yield at
-    at.unlink(missing_ok=True)  # of a writer that was killed
+    at.unlink(missing_ok=True)  # left by a killed writer
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def address(name, path):
 
 
 def taken(inlet, most=1000):
-    """First bytes of all that waits."""
+    """Return the first byte of each waiting message."""
     found, buffer = [], np.zeros(8192, np.uint8)
     while inlet.receive(buffer) != NOTHING:
         found.append(int(buffer[0]))
@@ -207,7 +207,7 @@ def test_threads_see_whole_messages_while_the_ring_is_overwritten(address):
 
 
 def test_one_thread_may_wait_while_another_follows_to_the_next_mailbox(address, path):
-    """The memory was given back below the thread that waited, and the process ended (SIGSEGV)."""
+    """The memory was unmapped under the waiting thread, and the process crashed (SIGSEGV)."""
     outlets, inlet, is_over = [open_outlet(address)], open_inlet(address), threading.Event()
     buffer = np.empty(64, np.uint8)
 
@@ -218,7 +218,7 @@ def test_one_thread_may_wait_while_another_follows_to_the_next_mailbox(address, 
     waiting = threading.Thread(target=wait)
     waiting.start()
     for number in range(10):
-        path.unlink()  # by hand: nobody is woken, and for a while there is no mailbox
+        path.unlink()  # by hand: readers are not woken, and the mailbox is missing for a while
         until(lambda: inlet.receive(buffer) == NOTHING and not inlet.is_written)
         time.sleep(0.03)
         outlets.append(open_outlet(address))
@@ -231,7 +231,7 @@ def test_one_thread_may_wait_while_another_follows_to_the_next_mailbox(address, 
 
 
 def test_reader_does_not_follow_what_no_writer_has_left(address, path):
-    """Lengths and positions that cannot be are passed over, within the ring."""
+    """Invalid lengths and positions are skipped, within the ring."""
     outlet, inlet = open_outlet(address), open_inlet(address)
     with path.open("r+b") as file, mmap.mmap(file.fileno(), 0) as memory:
         for length in (2**32 - 1, 1 << 17, 5000):
@@ -246,7 +246,7 @@ def test_reader_does_not_follow_what_no_writer_has_left(address, path):
 
 
 def in_fork(work):
-    """Run something in a forked child, which then ends as programs do; its process."""
+    """Run *work* in a forked child that exits normally; return its process id."""
     child = os.fork()
     if child == 0:
         try:
@@ -306,7 +306,7 @@ def test_mailbox_that_is_closed_and_has_its_name_is_none_and_nobody_spins(addres
     assert taken(inlet) == [3]
     assert not inlet.wait(0.3)
     assert not inlet.is_written
-    assert not inlet._is_open  # it looks now and then, as where there is no mailbox
+    assert not inlet._is_open  # it polls, as without a mailbox
     outlet.close()
     inlet.close()
 

@@ -1,4 +1,4 @@
-"""The receiving side: what is told of a frame as it grows old, and what is not believed of it."""
+"""The receiving side: readings of a frame as it ages, and fields that are rejected."""
 
 import threading
 import time
@@ -64,7 +64,7 @@ def test_frame_goes_from_valid_to_late_to_stale(settings, stale_from):
 def test_late_reading_tells_bounds_for_now_and_nothing_as_exact():
     reading = with_frame(age=0, distance=0.08).read(after=25 * MS)
     contacts = reading.contacts
-    way = (0.5 * 120.0 * 0.025) * 0.025  # a finger at rest, and 25 ms of acceleration
+    way = (0.5 * 120.0 * 0.025) * 0.025  # a finger at rest accelerates for 25 ms
 
     assert reading.state is State.LATE and not reading.is_valid
     np.testing.assert_allclose(contacts["lower"], 0.08 - way, rtol=1e-12)
@@ -248,7 +248,7 @@ def test_without_new_frames_things_only_get_worse(waits, state, distance, veloci
             assert max(left, 0.0) <= max(before[2], 0.0) + 1e-12
             if reading.now_ns > NOW + 20 * MS:
                 assert not reading.is_valid
-                # The distance is that of its pose; never silently the last value.
+                # The distance at its pose, never the last value unmarked.
                 assert told["signed_distance"] == distance or np.isnan(told["signed_distance"])
                 assert not told["flags"] & ContactFlag.EXACT
                 assert not told["lower"] >= distance or wait == 0
@@ -279,9 +279,9 @@ def test_waiting_ends_with_a_new_frame_or_with_the_time():
     assert time.monotonic() - began >= 0.02
     assert all(0.0 < timeout <= 0.02 for timeout in bench.wire.waits)
     bench = Reader()
-    for timeout in (0, -1.0):  # who has no time does not wait
+    for timeout in (0, -1.0):  # no time to wait
         assert bench.subscriber.wait(timeout).state is State.STALE and bench.wire.waits == []
-    for timeout in (np.nan, "1"):  # with nan it waited for ever, and kept a core busy
+    for timeout in (np.nan, "1"):  # with nan it waited forever, in a busy loop
         with pytest.raises(ArgumentError, match=r"^timeout is .*, expected a number of seconds$"):
             bench.subscriber.wait(timeout)
 

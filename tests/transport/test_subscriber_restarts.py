@@ -1,4 +1,4 @@
-"""Publishers that start anew, copies of old frames, and publishers on other machines."""
+"""Publishers that restart, copies of old frames, and publishers on other machines."""
 
 import pytest
 from wire import MS, NOW, SESSION, Reader, frame, is_silent, sealed, with_frame
@@ -33,17 +33,17 @@ def test_copies_of_an_earlier_run_never_make_a_reading_better(silence):
 
     assert (reading.state, reading.is_new) == (expected.state, False)
     assert bench.flawed == {Defect.OLD: 100}
-    lone = Reader()  # a copy of the only run there ever was is stale by its age
+    lone = Reader()  # a copy of the only run is stale by its age
     lone.clock.now += SECOND
     lone.send(frame())
     assert lone.read().state is State.STALE
 
 
-AHEAD = 55_555_000_000  # ns, their clock
+AHEAD = 55_555_000_000  # ns that their clock is ahead
 
 
 def foreign_bench(frames=60, transit=2 * MS):
-    """A subscriber that has heard a publisher elsewhere for so many ms."""
+    """Return a subscriber that has received *frames* frames, one each ms, from another machine."""
     bench = Reader(shares_clock=False)
     for _ in range(frames):
         hear(bench, transit)
@@ -51,7 +51,7 @@ def foreign_bench(frames=60, transit=2 * MS):
 
 
 def hear(bench, transit=2 * MS, session=SESSION, **settings):
-    """Wait for a ms, and let a frame arrive that was sent before."""
+    """Advance the clock by 1 ms and deliver a frame sent *transit* earlier."""
     bench.clock.now += MS
     bench.send(frame(bench.clock.now - transit + AHEAD, **settings), session)
     return bench.read()
@@ -65,13 +65,13 @@ def test_publisher_elsewhere_is_believed_when_its_clock_has_been_seen_to_run():
 
 def test_age_is_that_of_their_clock():
     reading = hear(foreign_bench(), age=5 * MS)
-    assert reading.age_ns == pytest.approx(6 * MS, abs=1000)  # one ms is thought to be on the way
+    assert reading.age_ns == pytest.approx(6 * MS, abs=1000)  # one ms of transit is assumed
     assert reading.now_ns == pytest.approx(int(reading.header["publish_ns"]) + MS, abs=1000)
 
 
 def test_frame_that_was_held_up_is_older():
     bench = foreign_bench()
-    bench.read(30 * MS)  # frames come in order: meanwhile nothing comes
+    bench.read(30 * MS)  # frames arrive in order: none arrives before
     reading = hear(bench, transit=32 * MS)
 
     assert reading.state is State.LATE
@@ -80,9 +80,9 @@ def test_frame_that_was_held_up_is_older():
 
 @pytest.mark.parametrize("delay", [50 * MS, 1300 * MS])
 def test_link_that_becomes_late_for_good_is_never_told_as_fresh(delay):
-    """Measured 1307.7 ms ago, and told OK with an age of 8.2 ms: as of a publisher with another clock."""
+    """A frame measured 1307.7 ms ago was reported OK, aged 8.2 ms, as from a publisher with another clock."""
     bench = foreign_bench()
-    bench.read(delay)  # for as long nothing comes
+    bench.read(delay)  # no frame arrives during the delay
     for _ in range(2000):
         reading = hear(bench, transit=2 * MS + delay)
         assert reading.state in (State.LATE, State.STALE)
@@ -99,7 +99,7 @@ def test_frame_of_a_publisher_elsewhere_grows_old_and_one_from_the_future_is_dro
 
 
 def test_copies_of_an_old_run_are_not_revived_when_the_present_one_is_silent():
-    """Even those that this subscriber has never seen, and that say of themselves that they are fresh."""
+    """Even copies new to this subscriber whose fields say that they are fresh."""
     bench = foreign_bench()
     bench.clock.now += 10 * SECOND
     for number in range(200):
@@ -111,7 +111,7 @@ def test_copies_of_an_old_run_are_not_revived_when_the_present_one_is_silent():
 
 
 def test_publisher_that_comes_back_after_copies_is_believed_again():
-    """The copies must have been silent for 50 ms, and then its clock be seen to run for 50 more."""
+    """The copies must be absent for 50 ms, and its clock must run for another 50 ms."""
     bench = foreign_bench()
     bench.clock.now += 10 * SECOND
     bench.wire.put(sealed(frame(NOW - 100 * SECOND, age=0), 10**6, SESSION - 1000 * SECOND))
@@ -123,7 +123,7 @@ def test_publisher_that_comes_back_after_copies_is_believed_again():
 
 @pytest.mark.parametrize("jump", [-(2**40), 2**40])
 def test_machine_started_anew_is_recovered_from_within_100_ms(jump):
-    """Its calendar went on, its monotonic clock did not."""
+    """Its calendar clock continued, its monotonic clock restarted."""
     bench = foreign_bench()
     bench.clock.now += 20 * SECOND
     states = []

@@ -1,4 +1,4 @@
-"""What every transport promises: one set of tests over mailbox, UDP, shared memory and Zenoh."""
+"""The contract of all transports, tested over mailbox, UDP, shared memory and Zenoh."""
 
 import gc
 import os
@@ -26,7 +26,7 @@ from proximity.transport.link import NOTHING
 SCHEMES = ("mailbox", "udp", "shm", "zenoh")
 LIBRARIES = {"zenoh": "zenoh"}
 WHOLE_SKIN = 96 + 4096 * 328
-"""Bytes of the largest frame."""
+"""Size in bytes of the largest frame."""
 
 all_schemes = pytest.mark.parametrize("scheme", SCHEMES)
 between_processes = pytest.mark.parametrize("scheme", SCHEMES[1:])
@@ -34,7 +34,7 @@ between_processes = pytest.mark.parametrize("scheme", SCHEMES[1:])
 
 @pytest.fixture
 def ends(scheme, request):
-    """The addresses of who sends and of who receives."""
+    """Addresses of the sending and the receiving end."""
     if scheme == "shm" and sys.platform != "linux":
         pytest.skip("mailboxes in shared memory are for Linux")
     if scheme in LIBRARIES:
@@ -52,7 +52,7 @@ def ends(scheme, request):
 
 
 class Link:
-    """Two open ends that have found each other, and nothing waits."""
+    """Two connected ends without waiting messages."""
 
     def __init__(self, ends, size=WHOLE_SKIN):
         self.inlet, self.outlet = open_inlet(ends[1]), open_outlet(ends[0])
@@ -70,7 +70,7 @@ class Link:
         return self.inlet.wait(seconds)
 
     def taken(self):
-        """First bytes and sizes of what waits; each message is whole."""
+        """Return first byte and size of each waiting message; check that each is whole."""
         found = []
         while (size := self.inlet.receive(self.room)) != NOTHING:
             assert (self.room[:size] == self.room[0]).all()
@@ -91,7 +91,7 @@ def link(ends):
 
 @all_schemes
 def test_messages_arrive_whole_and_in_order_by_whichever_thread(link):
-    """Of any size; what was sent may be changed at once."""
+    """Of any size; the sender may change its buffer immediately."""
     assert link.inlet.receive(link.room) == NOTHING
     sizes, found = [1, 1736, 8192, 8193, 60_000, 1736, 1], []
 
@@ -112,7 +112,7 @@ def test_messages_arrive_whole_and_in_order_by_whichever_thread(link):
 
 @pytest.mark.parametrize("scheme", ["mailbox", "shm", "zenoh"])
 def test_whole_skin_arrives(link):
-    until(lambda: link.arrives(7, 0.5, WHOLE_SKIN))  # on a loaded machine Zenoh may drop it
+    until(lambda: link.arrives(7, 0.5, WHOLE_SKIN))  # a loaded machine may make Zenoh drop it
     assert link.taken()[0] == (7, WHOLE_SKIN)
 
 
@@ -147,7 +147,7 @@ def test_who_reads_too_seldom_gets_the_latest(link, most):
     ],
 )
 def test_who_comes_late_gets_the_latest_or_the_next(ends, at_once, with_the_next):
-    """That nobody listens is no error."""
+    """Sending without a receiver is not an error."""
     outlet = open_outlet(ends[0])
     for number in range(3):
         outlet.send(np.full(100, number, np.uint8))
@@ -293,7 +293,7 @@ def test_slow_subscriber_counts_what_it_lost(ends):
 
 @between_processes
 def test_subscriber_ages_when_the_publisher_is_killed_and_takes_to_the_next(ends):
-    """At once, though nobody gave the name back."""
+    """Immediately, though the name was not released."""
     with open_subscriber(ends[1], stale_after=0.5) as subscriber:
         with FarEnd("publish", ends[0], 3) as first:
             until_valid(subscriber)
@@ -311,7 +311,7 @@ def test_subscriber_ages_when_the_publisher_is_killed_and_takes_to_the_next(ends
 
 
 READERS = [("udp", 1, 2), ("shm", 9, 2), ("zenoh", 1, 2)]
-"""How many a process opens, and how many processes are killed, one after the other."""
+"""Number of subscribers per process, and number of processes killed one after the other."""
 
 
 @pytest.mark.parametrize(("scheme", "count", "rounds"), READERS)
@@ -340,14 +340,14 @@ def test_program_that_forgets_to_close_ends_without_a_word(ends, count):
 
 @pytest.fixture
 def box(monkeypatch):
-    """A publisher and a subscriber in one process, and the calendar, which stands still."""
+    """A publisher and a subscriber in one process, and a calendar clock that does not advance."""
     address, calendar = f"mailbox:{os.getpid()}/{time.time_ns()}", SimpleNamespace(now=time.time_ns())
     monkeypatch.setattr("time.time_ns", lambda: calendar.now)
     return open_publisher(address), open_subscriber(address), calendar
 
 
 def test_numbers_are_counted_for_each_kind(box):
-    """Who receives one kind of two that share an address misses nothing."""
+    """A receiver of one of two kinds that share an address sees no gaps."""
     publisher, inlet, room = box[0], open_inlet(box[0].address), np.zeros(5000, np.uint8)
     numbers = []
     for kind in (proximity.message.FRAME, *[proximity.message.POSES] * 2, proximity.message.FRAME):
@@ -365,7 +365,7 @@ def test_sessions_rise_even_where_the_clock_stands_still(box):
 
 
 def test_publisher_whose_machine_slept_begins_another_run(box):
-    """Its monotonic clock stood still; a calendar that is put back or slews is nothing to it."""
+    """Its monotonic clock was suspended; setting back or slewing the calendar clock starts no run."""
     publisher, subscriber, calendar = box
     headers = []
     for gained in (0, -5_000_000_000, 900_000_000, 3_600_000_000_000, 0):

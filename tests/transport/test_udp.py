@@ -1,4 +1,4 @@
-"""Datagrams: from whom they are taken, where they are sent from, and what goes wrong on the way."""
+"""Datagrams: accepted senders, source addresses, and errors on the way."""
 
 import re
 import socket
@@ -13,7 +13,7 @@ from proximity.message import Defect
 from proximity.transport import open_inlet, open_outlet, open_publisher, open_subscriber, udp
 from proximity.transport.link import NOTHING
 
-PATIENCE = 20.0  # s, for a machine that is busy with something else
+PATIENCE = 20.0  # s, for a loaded machine
 
 
 def has_ipv6():
@@ -29,7 +29,7 @@ needs_ipv6 = pytest.mark.skipif(not has_ipv6(), reason="this machine has no IPv6
 
 @pytest.fixture
 def opened():
-    """Open ends of an address, and close them in the end."""
+    """Open ends of an address; close them after the test."""
     ends = []
 
     def open_with(opener, address):
@@ -51,7 +51,7 @@ def array(data):
 
 
 def take(inlet, size=100):
-    """What arrives next, as its size and bytes; None: nothing did."""
+    """Return size and bytes of the next message, or None."""
     room = np.zeros(size, np.uint8)
     deadline = time.monotonic() + PATIENCE
     while (taken := inlet.receive(room)) == NOTHING:
@@ -61,7 +61,7 @@ def take(inlet, size=100):
 
 
 def datagram(data, port, source="127.0.0.1", source_port=0, count=1):
-    """Send bytes to a port of this machine."""
+    """Send bytes to a port of this machine, *count* times."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.bind((source, source_port))
         for _ in range(count):
@@ -187,7 +187,7 @@ def test_largest_datagram_travels_and_a_larger_message_is_refused(opened, port):
 
 @pytest.mark.parametrize("tells_size", [True, False])
 def test_what_does_not_fit_into_the_room_is_seen_to_be_too_large(opened, port, tells_size, monkeypatch):
-    """Where the system does not tell the size, too: there a full room is one that was too small."""
+    """Also where the system does not report the size: there a full buffer counts as too small."""
     if not tells_size:
         monkeypatch.setattr(udp, "_RETURNS_SIZE", 0)
     address = f"udp://127.0.0.1:{port}"
@@ -210,7 +210,7 @@ def test_empty_datagram_is_a_message_of_no_bytes(opened, port):
 
 
 class Failing:
-    """A socket whose sends fail, each in its way."""
+    """A socket whose sends fail with given errors."""
 
     def __init__(self, names):
         self.failures = [name and getattr(udp.errno, name) for name in names]
@@ -231,8 +231,8 @@ REFUSED = "ECONNREFUSED"
 @pytest.mark.parametrize(
     ("failures", "sends", "sent", "lost"),
     [
-        (["ENOBUFS"], 2, 1, 1),  # no room: lost and counted
-        ([REFUSED, "", REFUSED, REFUSED, ""], 3, 2, 0),  # sent again when the system tells of an earlier one
+        (["ENOBUFS"], 2, 1, 1),  # no buffer space: lost and counted
+        ([REFUSED, "", REFUSED, REFUSED, ""], 3, 2, 0),  # sent again when the error belongs to an earlier one
         (["ENETUNREACH"], 1, None, 0),
         ([REFUSED, "EPERM"], 1, None, 0),
     ],

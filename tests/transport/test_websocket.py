@@ -1,4 +1,4 @@
-"""``ws://``: web pages connect to the program, which sends to all of them and takes what they send."""
+"""``ws://``: web pages connect to the program, which sends to all of them and receives their messages."""
 
 import subprocess
 import sys
@@ -88,8 +88,8 @@ def test_page_that_does_not_read_misses_messages_and_delays_nobody(url):
     with (
         connect(url) as reader,
         connect(url, ping_interval=None, close_timeout=0.1),
-    ):  # this one reads nothing
-        for number in range(1000):  # 10 MB: more than the system keeps for it
+    ):  # this one does not read
+        for number in range(1000):  # 10 MB: more than the system buffers
             outlet.send(np.full(10_000, number % 256, np.uint8))
             assert reader.recv(60)[0] == number % 256
     outlet.close()

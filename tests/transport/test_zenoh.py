@@ -1,4 +1,4 @@
-"""Zenoh's own errors and configuration, over loopback: no test depends on multicast."""
+"""Zenoh's errors and configuration, over loopback: no test depends on multicast."""
 
 import os
 import shutil
@@ -53,7 +53,7 @@ def test_address_that_cannot_be_opened_is_refused(address, message):
         with pytest.raises(PublishError, match=message) as refusal:
             opener(address)
         assert str(refusal.value).startswith(f"{address}: ")
-        assert " at /" not in str(refusal.value)  # where in the source of Zenoh
+        assert " at /" not in str(refusal.value)  # a position in Zenoh's source
 
 
 def test_port_in_use_is_refused():
@@ -78,7 +78,7 @@ ACCESS = """{
 
 
 def numbers_taken(inlet, outlets, count, *, is_anybody=False):
-    """Send each outlet's number for a second and until so many of the last came; how often which came."""
+    """Send each outlet's number for 1 s and until *count* of the last arrived; count the arrivals."""
     room, taken, begun = np.zeros(1, np.uint8), Counter(), time.monotonic()
 
     def has_enough():
@@ -87,7 +87,7 @@ def numbers_taken(inlet, outlets, count, *, is_anybody=False):
         inlet.wait(0.02)
         while inlet.receive(room) != NOTHING:
             taken[int(room[0])] += 1
-        is_late = time.monotonic() - begun > 1.0  # who is let in at all has been by then
+        is_late = time.monotonic() - begun > 1.0  # accepted publishers have connected by then
         return is_late and taken[len(outlets) - 1] >= count and (taken[0] or not is_anybody)
 
     until(has_enough)
@@ -96,7 +96,7 @@ def numbers_taken(inlet, outlets, count, *, is_anybody=False):
 
 @pytest.mark.parametrize("is_enabled", [True, False])
 def test_access_control_of_the_configuration_holds(tmp_path, monkeypatch, is_enabled):
-    """Both know a password; only one of them may publish poses, where access is controlled at all."""
+    """Both use a password; with access control enabled only one of them may publish poses."""
     monkeypatch.chdir(tmp_path)
     Path("users").write_text("service:x\nglove:g\nother:o\n")
     Path("service.json5").write_text(ACCESS.replace("IS_ENABLED", str(is_enabled).lower()))
@@ -138,7 +138,7 @@ def test_configuration_of_the_readme_lets_one_certificate_publish(tmp_path, monk
 
 
 def make_certificates(*names):
-    """A private authority, ca.pem, and for each name a certificate of localhost, in this folder."""
+    """Create a private authority, ca.pem, and a certificate of localhost for each name, in this folder."""
     if shutil.which("openssl") is None:
         pytest.skip("there is no openssl to make certificates with")
     key = "-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -keyout"

@@ -1,6 +1,6 @@
-"""Trials of the tracker's promises: a cell, fingers, settings and events, all drawn from one number.
+"""Random trials of the tracker's guarantees: cell, fingers, settings and events follow from one seed.
 
-`run_trial` does one and tells what it found; whatever it finds comes again with the same number.
+The same seed reproduces a violation.
 """
 
 import warnings
@@ -18,19 +18,19 @@ from proximity.message import CONTACT
 from proximity.tracker.tracker import Tracker
 from proximity.tracker.tracker_arguments import DEFAULT_BUDGET
 
-warnings.simplefilter("ignore", UnitsWarning)  # fingers are far off, and parts tiny, on purpose
+warnings.simplefilter("ignore", UnitsWarning)  # cells use distant fingers and tiny parts
 
 BUDGETS = (1, 2, 3, 5, 8, 16, 40, 100, 400, 2000, None, None)
 WORKING_RANGES = (0.0, 1e-3, 0.02, 0.12, 0.12, 1.0, 10.0)
 PERIODS = (0.001, 0.001, 0.00025, 0.004, 0.0085)  # s
 MIN_TICKS = 12
-JERKS = (1e-9, 1e-3, 0.1, 0.1, 300.0)  # m; a part that goes far off makes the scene build its tree anew
+JERKS = (1e-9, 1e-3, 0.1, 0.1, 300.0)  # m; large displacements make the scene rebuild its tree
 EVENTS = ("none", "none", "coast", "coast", "told", "lie", "jerk", "come and go", "deform", "busy", "park")
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a trial was drawn to be, for people."""
+    """Printable description of a trial's random choices."""
 
     seed: int
     cell: str
@@ -65,7 +65,7 @@ def _settings(rng, finger_count):
 
 
 class Events:
-    """What happens to the parts of a cell between ticks."""
+    """Changes of a cell's parts between ticks."""
 
     def __init__(self, rng, cell, kind, period):
         self.rng, self.cell, self.kind, self.period = rng, cell, kind, period
@@ -77,7 +77,7 @@ class Events:
             cell.move(self.movers)
 
     def _set_off(self):
-        """New velocities, back toward where the parts were first."""
+        """Draw new velocities, biased toward the parts' initial positions."""
         rng, cell, movers = self.rng, self.cell, self.movers
         home = cell.homes[movers] - cell.translations[movers]
         speeds = 10.0 ** rng.uniform(-3.0, 0.5, (len(movers), 1))
@@ -89,7 +89,7 @@ class Events:
         cell.spins[movers[is_straight]] = 0.0
 
     def step(self):
-        """One tick's worth."""
+        """Apply one tick of changes."""
         rng, cell, kind = self.rng, self.cell, self.kind
         if kind in ("coast", "busy") and len(self.movers):
             cell.coast(self.movers, self.period)
@@ -122,7 +122,7 @@ def _tracker(cell, **given):
 
 
 def run_trial(seed, finger_ticks, *, is_heavy=False, make_tracker=_tracker):
-    """One trial of about so many finger-ticks: what was drawn, and the tally of all that was looked at."""
+    """Run a trial of about *finger_ticks* finger ticks; return its plan and the tally of its checks."""
     plan, log = log_of_trial(seed, finger_ticks, is_heavy=is_heavy, make_tracker=make_tracker)
     tally = judge(log)
     tally.broken = [f"{plan}\n    {broken}" for broken in tally.broken]
@@ -130,7 +130,7 @@ def run_trial(seed, finger_ticks, *, is_heavy=False, make_tracker=_tracker):
 
 
 def log_of_trial(seed, finger_ticks, *, is_heavy=False, make_tracker=_tracker):
-    """What was drawn, and what happened; nothing is judged yet."""
+    """Run a trial without judging it; return its plan and log."""
     rng = np.random.default_rng([seed, finger_ticks, is_heavy])
     make = (HEAVY_CELLS if is_heavy else LIGHT_CELLS)[seed % len(HEAVY_CELLS if is_heavy else LIGHT_CELLS)]
     cell = make(rng)
@@ -166,7 +166,7 @@ def log_of_trial(seed, finger_ticks, *, is_heavy=False, make_tracker=_tracker):
 
 
 class Truth:
-    """Signed distances of a cell's second scene, asked for all ticks between two changes at once."""
+    """Signed distances of a cell's second scene, computed in one batch for all ticks between two changes."""
 
     def __init__(self, cell, positions):
         self.cell, self.positions = cell, positions
@@ -175,7 +175,7 @@ class Truth:
         cell.before_change = self.ask
 
     def ask(self):
-        """Find out what holds for the ticks so far."""
+        """Compute the distances of the ticks since the last call."""
         points = self.positions[self.asked : self.tick]
         if len(points):
             self.true[self.asked : self.tick] = self.cell.twin.signed_distance(points)
@@ -183,7 +183,7 @@ class Truth:
 
 
 def _tick_through(rng, cell, events, tracker, motion, paths):
-    """Tick by tick; the log of all."""
+    """Run all ticks; return their log."""
     tick_count, finger_count, _ = motion.positions.shape
     history, truth = History(cell, tick_count), Truth(cell, motion.positions)
     records = np.empty((tick_count, finger_count), CONTACT)

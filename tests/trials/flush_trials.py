@@ -1,7 +1,7 @@
-"""Trials of a tracked part with coincident faces, edges and corners: a solid of cubes slides along another.
+"""Random trials of `PartTracker` with coincident features: one solid of cubes slides along another.
 
-Whether they share volume, how far they are apart, and how far the one must move to be free, are counted from
-the cubes. Places within a billionth of a coincidence may be judged either way.
+Shared volume, distance and separation displacement are computed exactly from the cubes. Positions within 1e-9
+of a coincidence may be judged either way.
 """
 
 import warnings
@@ -17,15 +17,15 @@ from proximity import ConnectionFlag, PartTracker, Pose, Scene, Solid, UnitsWarn
 warnings.simplefilter("ignore", UnitsWarning)
 
 NEAR = 1e-9
-"""Of a cube: so near a coincidence may be rounding."""
+"""Distance from a coincidence that may be rounding, in cubes."""
 STEPS = (1.0, 0.5, 0.25, 0.1, 1e-3, 1e-6)
-"""Displacements a tick, in cubes; a way of whole cubes is made of them."""
+"""Displacements per tick, in cubes; moves of whole cubes are composed of them."""
 SHARING = int(ConnectionFlag.CROSSING | ConnectionFlag.INSIDE)
 
 
 @dataclass(eq=False)
 class FlushLog:
-    """What was told at each tick, and where the part stood, in cubes."""
+    """Records and offsets (in cubes) of the tracked part at each tick."""
 
     plan: str
     ticks: list = field(default_factory=list)
@@ -33,7 +33,7 @@ class FlushLog:
     records: list = field(default_factory=list)
 
     def describe(self, row):
-        """A row in words."""
+        """Format a row as text."""
         record = self.records[row]
         told = ", ".join(
             f"{name} {record[name]!s}" for name in ("flags", "distance", "depth_lower", "depth", "normal")
@@ -42,7 +42,7 @@ class FlushLog:
 
 
 def run_flush_trial(seed, ticks):
-    """One trial of so many ticks: what was drawn, and the tally of all that was judged."""
+    """Run a trial of *ticks* ticks; return its plan and the tally of its checks."""
     rng = np.random.default_rng([seed, ticks, 1])
     first, second = polycube(rng), polycube(rng)
     turn = TURNS[rng.integers(len(TURNS))].astype(float)
@@ -87,7 +87,7 @@ def run_flush_trial(seed, ticks):
 
 
 def _judge(log, tally, first, second, turn, size, room, budget):
-    """Hold all that was told against the counts."""
+    """Compare all records with the values computed from the cubes."""
     records = np.array(log.records)
     sharing = np.array([overlap(first, second, offset, -NEAR) for offset in log.offsets])
     clear = np.array([overlap(first, second, offset, NEAR) for offset in log.offsets])

@@ -1,8 +1,8 @@
-"""Compiled scenes with one thing changed and the right checksums, opened by the library in C and asked.
+"""Use mutated compiled scenes, whose checksums are valid, through the C library.
 
-``python mutated_library.py SCENE FIRST COUNT FOLDER`` prints a line each: number, what was changed, and what
-came of it: "refused", as in Python, or "answered". Where parts stand and whether they are hidden the library
-reads in the tables of parts, Python in the description, which says the same unless it was changed.
+``python mutated_library.py SCENE FIRST COUNT FOLDER`` prints a line per mutation: number, description, and
+"refused" or "answered", as for Python. The library reads poses and visibility from the tables of parts,
+Python from the description; the two agree unless one of them was mutated.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ from benchmarks.digest.library import LibraryScene
 
 
 def use(scene):
-    """Everything that one may do with a scene."""
+    """Call every query of a scene."""
     points = np.random.default_rng(1).uniform(-0.12, 0.12, (20, 3))
     points[-1] = (1e3, 0.0, 0.0)
     names = scene.names
@@ -28,7 +28,7 @@ def use(scene):
 
 
 def outcome(path, what):
-    """What comes of opening a file, with that changed, and using what is in it."""
+    """Open a mutated file, use its scene and return the outcome."""
     try:
         scene = LibraryScene(path)
     except proximity.MeshFormatError as refused:
@@ -45,7 +45,7 @@ def outcome(path, what):
 
 
 def main(name, first, count, folder):
-    """Go through changes number *first* and so on."""
+    """Run *count* mutations from number *first*."""
     path = mutated_scenes.prepared(name, folder)
     for number, what in mutated_scenes.changes(path, name, first, count):
         print(json.dumps([number, what, mutated_scenes.told(outcome, path, what)]), flush=True)

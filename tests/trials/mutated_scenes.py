@@ -1,7 +1,7 @@
-"""Compiled scenes with one thing changed and the right checksums, opened and asked: run by itself.
+"""Open and query mutated compiled scenes whose checksums are valid; run as a separate process.
 
-``python mutated_scenes.py SCENE FIRST COUNT FOLDER`` goes through as many changes and prints a line each:
-number, what was changed, and what came of it. What crashes or does not end takes the process along.
+``python mutated_scenes.py SCENE FIRST COUNT FOLDER`` prints a line per mutation: number, description and
+outcome. A crash or an endless loop ends the process.
 """
 
 import contextlib
@@ -22,12 +22,12 @@ from proximity.kernels import layout
 from proximity.scene.saved import archive, compiled_scene
 
 LONGEST_S = 20
-"""After which a change counts as one without end."""
+"""Time limit of one mutation."""
 NOON_NS = 12 * 3600 * 10**9
 
 
 def cell():
-    """A few small parts: with a sign grid, with a hole, a sheet; one has moved, one is hidden."""
+    """A few small parts: one with a sign grid, one with a hole, a sheet; one moved, one hidden."""
     ball, faces = shapes.sphere(0.02, 1)
     scene = Scene(
         [
@@ -49,7 +49,7 @@ def cell():
 
 
 def crowd():
-    """As many that have moved as take nodes of their own, and as many that stand still."""
+    """As many moved parts as need their own nodes, and an equal number of static ones."""
     solids = [
         Solid(*shapes.cube(0.01)),
         Solid(*shapes.sphere(0.01, 0)),
@@ -70,7 +70,7 @@ def crowd():
 
 
 def alone():
-    """One part that was turned and deformed."""
+    """One rotated and deformed part."""
     vertices, faces = shapes.sphere(0.02, 2)
     scene = Scene([Solid(vertices, faces, name="ball")])
     scene.move("ball", Pose(shapes.rotation(4), (0.1, 0.2, 0.3)))
@@ -79,7 +79,7 @@ def alone():
 
 
 def bodies():
-    """Parts in one frame, which are walked as one tree."""
+    """Parts with a common frame, traversed as one tree."""
     mesh = shapes.join(
         *(shapes.moved(shapes.hollow_cube(0.03, 0.01), (0.04 * k, 0.0, 0.0)) for k in range(4))
     )
@@ -90,7 +90,7 @@ SCENES = {make.__name__: make for make in (cell, crowd, alone, bodies)}
 
 
 def runs(arrays):
-    """Where in the words each table lies, by name."""
+    """Find the offset of each table within the words, by name."""
     parts = arrays["parts"].view(layout.PART).reshape(-1)
     row = parts[0]
     nodes, blocks = parts["node_count"][:-1].sum(), parts["block_count"][:-1].sum()
@@ -111,7 +111,7 @@ def runs(arrays):
 
 
 def other_value(rng, old, values):
-    """Something else in place of *old*, which is one of *values*, of the same type."""
+    """Replace *old*, one of *values*, by another value of the same type."""
     kind = values.dtype.type
     if rng.random() < 0.25:
         return values[rng.integers(len(values))]
@@ -163,7 +163,7 @@ def other_value(rng, old, values):
 
 
 def change_array(rng, arrays, number):
-    """Change one number of an array; each column of the tables of parts in turn, and each table of words."""
+    """Change one number of an array, cycling through the part table's columns and the tables of words."""
     names = [
         "parts", "words", "words", "frames", "reals", "words", "faces", "vertices", "poses", "source_faces",
     ]  # fmt: skip
@@ -175,7 +175,7 @@ def change_array(rng, arrays, number):
         first, end = tables[what]
         at = int(rng.integers(first, end))
         if what in ("nodes", "trees over parts") and rng.random() < 0.6:
-            # The references, which are a quarter of a node.
+            # Child references, which are a quarter of a node.
             at = at // layout.NODE_STRIDE * layout.NODE_STRIDE + layout.NODE_CHILDREN + int(rng.integers(16))
         is_real = what == "moments" or (
             what in ("nodes", "trees over parts") and at % 64 < layout.NODE_CHILDREN
@@ -195,7 +195,7 @@ def change_array(rng, arrays, number):
 
 
 def change_metadata(rng, metadata):
-    """Change one thing in the description."""
+    """Change one value of the description."""
     paths = []
 
     def visit(value, path):
@@ -239,7 +239,7 @@ def change_metadata(rng, metadata):
 
 
 def changed(number, name, metadata, arrays):
-    """Metadata and arrays with change *number*, and what that is."""
+    """Return metadata and arrays with mutation *number*, and its description."""
     rng = np.random.default_rng([number, *name.encode()])
     metadata, arrays = copy.deepcopy(metadata), {key: array.copy() for key, array in arrays.items()}
     if number % 7 == 6:
@@ -249,7 +249,7 @@ def changed(number, name, metadata, arrays):
 
 
 def rewrite_text(path, old, new):
-    """Change the description of a saved scene where *old* first is, with the right checksums."""
+    """Replace the first *old* in the description of a saved scene and update the checksums."""
     data = path.read_bytes()
     fields = list(archive.HEADER.unpack_from(data))
     text = data[archive.HEADER.size : archive.HEADER.size + fields[4]]
@@ -263,7 +263,7 @@ def rewrite_text(path, old, new):
 
 
 def ask(asked, points):
-    """Ask all that can be asked; faces and parts that are answered are there."""
+    """Run every query; check that the faces and parts reported exist."""
     for rows in (points, points[:3]):
         for found in (
             asked.closest(rows),
@@ -281,7 +281,7 @@ def ask(asked, points):
 
 
 def use(scene, path):
-    """Everything that one may do with a scene."""
+    """Call every method of a scene and of its trackers, and save it again."""
     points = np.random.default_rng(1).uniform(-0.12, 0.12, (20, 3))
     points[-1] = (1e3, 0.0, 0.0)
     ask(scene, points)
@@ -307,7 +307,7 @@ def use(scene, path):
 
 
 def outcome(path):
-    """What comes of opening a file and using what is in it."""
+    """Open a file, use its scene and return the outcome."""
     try:
         scene = proximity.load(path)
     except proximity.MeshFormatError as refused:
@@ -317,8 +317,8 @@ def outcome(path):
 
 
 def main(name, first, count, folder):
-    """Go through changes number *first* and so on."""
-    # Unchanged it can be used; and then everything has been compiled.
+    """Run *count* mutations from number *first*."""
+    # Use the unmutated scene first, which also compiles all kernels.
     path = prepared(name, folder)
     use(proximity.load(path), path.with_name("again.prox"))
     for number, what in changes(path, name, first, count):
@@ -328,8 +328,8 @@ def main(name, first, count, folder):
 
 def prepared(name, folder):
     """Save a scene; return its file."""
-    os.fsync = lambda number: None  # which takes longer than all the rest
-    # What is not answered in time ends by the signal.
+    os.fsync = lambda number: None  # it dominates the run time
+    # A timeout ends the process by the signal.
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     path = Path(folder) / "changed.prox"
     SCENES[name]().save(path)
@@ -337,7 +337,7 @@ def prepared(name, folder):
 
 
 def changes(path, name, first, count):
-    """Write the file with one change after another; their numbers, and what was changed."""
+    """Write one mutation after another to the file; yield their numbers and descriptions."""
     contents = archive.read_archive(path, compiled_scene.LAYOUT)
     metadata, arrays = contents.metadata, {key: array.copy() for key, array in contents.arrays.items()}
     for number in range(first, first + count):
@@ -347,7 +347,7 @@ def changes(path, name, first, count):
 
 
 def told(ask, *arguments):
-    """What *ask* returns in time, or what it raised."""
+    """Return the result of *ask*, or the error it raised, within the time limit."""
     signal.alarm(LONGEST_S)
     try:
         outcome_of_it = ask(*arguments)

@@ -1,8 +1,7 @@
-"""Trials of what `PartTracker` promises: a part among others, settings, motions, all drawn from one number.
+"""Random trials of `PartTracker`: parts, settings and motions follow from one seed.
 
-Truth is what `Scene.clearance` answers without a budget, at some of the ticks. Certified times are held
-against fine steps of all parts along their velocities. That answers of `clearance` are right is tested with
-whole numbers elsewhere.
+At some ticks, records are compared with `Scene.clearance` without a budget, and certified times with fine
+steps of all parts along their velocities. `clearance` itself is verified by exact integer tests elsewhere.
 """
 
 import warnings
@@ -15,7 +14,7 @@ from trial_log import Tally
 
 from proximity import NO_PART, ConnectionFlag, PartTracker, Pose, Scene, Solid, UnitsWarning
 
-warnings.simplefilter("ignore", UnitsWarning)  # parts are far apart on purpose
+warnings.simplefilter("ignore", UnitsWarning)  # parts are far apart
 
 PAIRS = (
     ("busted.STL", "featuretype.STL"),
@@ -39,43 +38,43 @@ PAIRS = (
     ("cube", "cube", "cube"),
     ("fine ball", "sheet", "bracket.stl"),
 )
-"""Kinds, or files: the part that moves, and the others."""
+"""Kinds or files: the tracked part, then the others."""
 SIZES = (1e-4, 0.03, 0.1, 0.1, 0.1, 0.3, 20.0)  # m
 BUDGETS = (None, None, None, 1, 3, 10, 40, 150, 1000)
 STYLES = ("rest", "coast", "coast", "jitter", "jump", "approach", "approach", "together")
 JUDGED = 10
-"""One tick in so many is held against the truth, and one in so many of these against fine steps."""
+"""Ticks between comparisons with the reference; its square, between those with fine steps."""
 STEPS = 24
 FLAGS = {name: np.uint32(flag) for name, flag in ConnectionFlag.__members__.items()}
 SLIP = 2.0**-17 * (1.0 + 1e-6)
-"""Of the size: parts that touch may move so far before they are apart."""
+"""Displacement of touching parts before they separate, relative to the size."""
 ROUNDING = 32.0 * 2.0**-52
-"""Of the largest coordinate: what distances may be off."""
+"""Allowed distance error, relative to the largest coordinate."""
 
 
 @dataclass(eq=False)
 class PartLog:
-    """What was told at the ticks that were judged, a row for each connection, and the truth."""
+    """Records of the judged ticks, a row per connection, and their reference values."""
 
     plan: str
     ticks: list = field(default_factory=list)
     records: list = field(default_factory=list)
-    true: list = field(default_factory=list)  # m, to that part; of none: to the nearest of the rest
+    true: list = field(default_factory=list)  # m, to that part; without a part: to the nearest unreported one
     least: list = field(default_factory=list)  # m, to the nearest part
-    rank: list = field(default_factory=list)  # m, to the nearest, the next, and so on
+    rank: list = field(default_factory=list)  # m, sorted distances: to the nearest, the next, and so on
     relation: list = field(default_factory=list)  # to that part
     size: list = field(default_factory=list)  # m, largest coordinate
-    off: list = field(default_factory=list)  # m, how far ends are from their surfaces
+    off: list = field(default_factory=list)  # m, distance of the witness points from their surfaces
 
     def describe(self, row):
-        """A row in words."""
+        """Format a row as text."""
         record = self.records[row]
         fields = ", ".join(f"{name} {record[name]!s}" for name in record.dtype.names)
         return f"tick {self.ticks[row]}: true {self.true[row]!r}, {self.relation[row]}; {fields}"
 
 
 def solids_of(kind, size):
-    """A part of a kind, or of a file, of that size; the generated one where the file is not here."""
+    """A part of a kind or file, scaled to *size*; voxels if the file is missing."""
     for path in (MESHES / kind, SHARED_DATA / "cad" / kind):
         if path.is_file():
             return solids_of_file(path, size)[0]
@@ -83,7 +82,7 @@ def solids_of(kind, size):
 
 
 class PartCell:
-    """Parts that move, and a second scene of them, in which they are moved ahead."""
+    """Moving parts, and a second scene of the same parts for predicted poses."""
 
     def __init__(self, rng, kinds, size):
         self.rng, self.size, self.count = rng, size, len(kinds)
@@ -106,7 +105,7 @@ class PartCell:
             self.place(self.scene, number)
 
     def place(self, scene, number, seconds=0.0):
-        """Put a part of a scene where it is so much later."""
+        """Set a part of a scene to its pose *seconds* later."""
         scene.move(
             self.names[number],
             Pose(
@@ -118,11 +117,11 @@ class PartCell:
         )
 
     def pose(self):
-        """The pose of the part that is followed."""
+        """The pose of the tracked part."""
         return Pose(rotations_of(self.quaternions[self.held]), self.translations[self.held])
 
     def true_ahead(self, seconds):
-        """The least distance after some seconds at the present velocities."""
+        """Smallest distance of the tracked part after *seconds* at the current velocities."""
         for number in range(self.count):
             self.place(self.twin, number, seconds)
         held = self.names[self.held]
@@ -130,16 +129,16 @@ class PartCell:
         return min(distances, default=np.inf)
 
     def diagonal(self):
-        """Of the box of the part that is followed, m."""
+        """Box diagonal of the tracked part, m."""
         lower, upper = self.solids[self.held].bounds
         return float(np.linalg.norm(upper - lower))
 
     def others(self):
-        """Rows of the parts that are looked at."""
+        """Rows of the other visible parts."""
         return [row for row in range(self.count) if row != self.held and row not in self.hidden]
 
     def toggle(self, number):
-        """Hide a part that is shown, show one that is hidden."""
+        """Toggle the visibility of a part."""
         self.hidden ^= {number}
         (self.scene.hide if number in self.hidden else self.scene.show)(self.names[number])
 
@@ -164,7 +163,7 @@ class PartCell:
             self.translations[held] += aside - share * record["distance"] * record["normal"]
 
     def enter(self, number):
-        """Put the middle of the part that is followed into another one, somewhere."""
+        """Move the centre of the tracked part into another part, at a random position."""
         lower, upper = self.solids[number].bounds
         place = self.middles[number] + self.rng.uniform(-0.3, 0.3, 3) * (upper - lower)
         place = rotations_of(self.quaternions[number]) @ place + self.translations[number]
@@ -172,7 +171,7 @@ class PartCell:
         self.translations[self.held] = place - middle
 
     def begin(self, style):
-        """Draw which parts move, and their velocities."""
+        """Choose the moving parts and their velocities."""
         rng = self.rng
         are_all = style == "together" or rng.random() < 0.2
         numbers = np.arange(self.count) if are_all else np.array([self.held])
@@ -190,9 +189,9 @@ class PartCell:
 
 
 def run_trial(seed, ticks):
-    """One trial of so many ticks: what was drawn, and the tally of all that was looked at."""
+    """Run a trial of *ticks* ticks; return its plan and the tally of its checks."""
     rng = np.random.default_rng([seed, ticks])
-    kinds = PAIRS[(seed + seed // len(PAIRS)) % len(PAIRS)]  # each in turn with all sizes of trials
+    kinds = PAIRS[(seed + seed // len(PAIRS)) % len(PAIRS)]  # combines each pair with every trial size
     cell = PartCell(rng, kinds, float(rng.choice(SIZES)))
     settings = {
         "connections": int(rng.integers(1, 4)),
@@ -223,7 +222,7 @@ def run_trial(seed, ticks):
                 cell.place(cell.scene, number)
         now += int(1e9 * period)
         given = {"velocity": cell.velocities[cell.held], "angular_velocity": cell.spins[cell.held]}
-        is_moved = rng.random() < 0.5  # beforehand, in the scene
+        is_moved = rng.random() < 0.5  # before the tick, in the scene
         if is_moved:
             cell.scene.move(cell.names[cell.held], cell.pose(), **given)
         record = tracker.tick(None if is_moved else cell.pose(), now, now, **({} if is_moved else given))[0]
@@ -237,7 +236,7 @@ def run_trial(seed, ticks):
 
 
 def _note(log, cell, tick, records):
-    """Ask for the truth, and keep it beside what was told."""
+    """Append records and their reference values to the log."""
     names, held = cell.names, cell.names[cell.held]
     found = {row: cell.scene.clearance(held, names[row]) for row in cell.others()}
     distances = {row: pair.distance for row, pair in found.items()}
@@ -259,13 +258,13 @@ def _note(log, cell, tick, records):
 
 
 def _off(cell, number, point):
-    """How far a point is from the surface of a part, m."""
+    """Distance of a point from the surface of a part, m."""
     pose = Pose(rotations_of(cell.quaternions[number]), cell.translations[number])
     return float(cell.solids[number].distance(pose.inverse.point(point)))
 
 
 def _judge(log, tally, settings):
-    """Look at all that was told."""
+    """Compare all records with their reference values."""
     records = np.array(log.records)
     true, least, rank, size, off = (
         np.array(each) for each in (log.true, log.least, log.rank, log.size, log.off)
@@ -283,7 +282,7 @@ def _judge(log, tally, settings):
     def demand(name, is_so, rows):
         tally.demand(name, log, is_so[rows], rows)
 
-    with np.errstate(invalid="ignore"):  # none minus none
+    with np.errstate(invalid="ignore"):  # inf - inf
         look("lower <= true", lower - true, (is_known | ~is_first) & np.isfinite(true))
         look("the first lower bound holds for all", lower - least, is_first & np.isfinite(least))
         look("true <= upper", true - upper, is_known)
@@ -307,18 +306,18 @@ def _judge(log, tally, settings):
 
 
 def _speed(tracker):
-    """The least of the speeds with which a tick reckons, m/s."""
+    """The smallest positive speed of the tracker's pairs, m/s."""
     speeds = tracker._pairs["speed"]
     return float(speeds[speeds > 0.0].min(initial=np.inf))
 
 
 def _judge_times(log, tally, cell, tick, record, free_time, speed):
-    """Hold times and predictions against parts that are moved ahead."""
+    """Compare times and predictions with parts moved ahead."""
     end, row = (1.0 - 1e-9) * free_time, log.ticks.index(tick)
     rows = np.array([row])
     if free_time > 0.0:
         begin = 0.0
-        if log.least[row] <= ROUNDING * log.size[row]:  # a touch that ends while a part slips is none
+        if log.least[row] <= ROUNDING * log.size[row]:  # contact may last for the slip
             begin = min(SLIP * cell.diagonal() / speed, end)
         met = [t for t in np.linspace(begin, end, STEPS) if cell.true_ahead(t) <= 0.0]
         tally.demand("nothing is met before the certified time", log, np.array([not met]), rows)

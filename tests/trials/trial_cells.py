@@ -1,8 +1,8 @@
-"""Working cells for trials of the tracker: parts of many kinds that move, come and go, and where they were.
+"""Work cells for tracker trials: parts of many kinds that move, appear and disappear, and their history.
 
-A `Cell` keeps two scenes that are told the same: the tracker looks at one, the truth is asked of the other.
-A `History` remembers where every part stood at every tick, and tells signed distances at that tick, or some
-seconds later if all parts kept their velocities: part by part, each in its own frame, without any scene.
+A `Cell` updates two scenes identically: one for the tracker, one for reference distances. A `History` records
+all poses per tick; it computes signed distances at a tick, or some seconds later at constant velocity, part
+by part in their own frames and without a scene.
 """
 
 from functools import cache
@@ -19,16 +19,16 @@ from proximity.scene.solid import Solid
 FILES = ("bracket.stl", "gear.stl", "hollow_box.stl", "plate.stl", "sphere.stl", "torus.ply", "assembly.glb")
 CAD = ("busted.STL", "featuretype.STL", "octagonal_pocket.stl", "cycloidal.ply")
 LARGEST_DEFORMED = 5000  # faces
-TOO_MANY = 150  # bodies of a file; a cell takes them all
+TOO_MANY = 150  # bodies of a file; a cell uses all of them
 
 
 def _crossed_cubes():
-    """Closed, but it meets itself: its side is told by winding numbers."""
+    """A closed but self-intersecting mesh, whose sign comes from winding numbers."""
     return shapes.join(shapes.cube(1.0, (0.0, 0.0, 0.0)), shapes.cube(1.0, (0.4, 0.3, 0.2)))
 
 
 def _holed_ball(face_count):
-    """Without some faces at its top: it still has an inside, and one can get there through no surface."""
+    """A ball without some faces at its top, whose inside can be entered without crossing the surface."""
     vertices, faces = shapes.sphere(0.5, 3)
     heights = vertices[faces].mean(axis=1)[:, 2]
     return vertices, faces[np.argsort(heights)[:-face_count]]
@@ -80,7 +80,7 @@ def solid_of(kind, size):
 
 @cache
 def middle_of_hole(solid):
-    """Where one gets inside a solid through no surface: amid its open edges; None if there are none."""
+    """Mean of the open edges' vertices, where the inside can be entered; None without such edges."""
     if solid.is_watertight or not solid.has_inside:
         return None
     faces = solid.mesh.faces
@@ -91,7 +91,7 @@ def middle_of_hole(solid):
 
 @cache
 def solids_of_file(path, size):
-    """Solids of all parts of a file, where they are in it; scaled to *size* where that is given."""
+    """Solids of all parts of a file, in its frame; scaled to *size* if given."""
     scene = proximity.load(path)
     lower, upper = scene.bounds
     factor = 1.0 if size is None else size / float((upper - lower).max())
@@ -111,7 +111,7 @@ def rotations_of(quaternions):
 
 
 def turned(quaternions, spins):
-    """Unit quaternions after turns by *spins* (..., 3) radians in the outer frame."""
+    """Rotate unit quaternions by *spins* (..., 3), radians in the outer frame."""
     half = 0.5 * np.linalg.norm(spins, axis=-1, keepdims=True)
     sw, sv = np.cos(half), 0.5 * np.sinc(half / np.pi) * spins
     w, v = quaternions[..., :1], quaternions[..., 1:]
@@ -122,7 +122,7 @@ def turned(quaternions, spins):
 
 
 class Cell:
-    """Parts with places and velocities, and two scenes of them."""
+    """Parts with poses and velocities, and two scenes of them."""
 
     def __init__(self, solids, quaternions, translations, *, absent=()):
         self.solids = list(solids)
@@ -155,7 +155,7 @@ class Cell:
         )
 
     def move(self, numbers):
-        """Tell both scenes where some parts are now and how they move."""
+        """Update the poses and velocities of some parts in both scenes."""
         numbers = [number for number in numbers if number in self.order]
         if not numbers:
             return
@@ -172,12 +172,12 @@ class Cell:
                 scene.move_many(names, poses, self.velocities[numbers], self.spins[numbers])
 
     def coast(self, numbers, seconds):
-        """Let some parts go on with their velocities."""
+        """Advance some parts at their velocities."""
         self.translations[numbers] += seconds * self.velocities[numbers]
         self.quaternions[numbers] = turned(self.quaternions[numbers], seconds * self.spins[numbers])
 
     def toggle(self, number):
-        """Hide a part that is shown, show one that is hidden."""
+        """Toggle the visibility of a part."""
         if number in self.order:
             self.before_change()
             self.is_hidden[number] = not self.is_hidden[number]
@@ -185,7 +185,7 @@ class Cell:
                 (scene.hide if self.is_hidden[number] else scene.show)(self.names[number])
 
     def swap(self, number):
-        """Remove a part that is there, add one that is not."""
+        """Remove a part if present, else add it."""
         self.before_change()
         if number not in self.order:
             self.order.append(number)
@@ -197,7 +197,7 @@ class Cell:
                 scene.remove(self.names[number])
 
     def deform(self, number, rng):
-        """Give a part another shape, not far from the one it had first; the truth gets a tree of its own."""
+        """Deform a part slightly from its initial shape; the reference scene gets a new tree."""
         if number not in self.order or self.solids[number].mesh.face_count > LARGEST_DEFORMED:
             return
         self.before_change()
@@ -210,7 +210,7 @@ class Cell:
             scene.deform(self.names[number], vertices)
 
     def places(self, rng, count):
-        """Places where something may go wrong: on, near, in, between and far from the parts, (count, 3)."""
+        """Choose critical points (count, 3): on, near, in, between and far from the parts."""
         found = np.empty((count, 3))
         for row in range(count):
             number = int(rng.choice(self.order))
@@ -235,7 +235,7 @@ class Cell:
 
 
 def cell_at(rng, solids, spread, **values):
-    """Parts thrown about."""
+    """A cell of solids at random poses."""
     quaternions = rng.normal(size=(len(solids), 4))
     quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
     return Cell(solids, quaternions, rng.uniform(-spread, spread, (len(solids), 3)), **values)
@@ -246,7 +246,7 @@ def one_part(rng):
 
 
 def several_parts(rng):
-    """Two to twelve of all kinds and sizes; many overlap."""
+    """Two to twelve parts of all kinds and sizes; many overlap."""
     count = int(rng.integers(2, 13))
     solids = [solid_of(str(rng.choice(list(KINDS))), float(rng.choice(ALL_SIZES))) for _ in range(count)]
     return cell_at(
@@ -261,7 +261,7 @@ def many_parts(rng):
 
 
 def stacked_parts(rng):
-    """Cubes face to face, in the scene's own directions: they touch all over."""
+    """Axis-aligned cubes in contact, face to face."""
     size = float(rng.choice(SIZES))
     places = np.array([[x, y, 0.0] for x in range(3) for y in range(3)]) * size
     upright = np.tile([1.0, 0.0, 0.0, 0.0], (9, 1))
@@ -269,14 +269,14 @@ def stacked_parts(rng):
 
 
 def nested_parts(rng):
-    """One in the cavity of the other, in the cavity of the other."""
+    """Solids nested in each other's cavities."""
     solids = [solid_of("hollow cube", size) for size in (0.3, 0.09, 0.02)] + [solid_of("hollow ball", 0.25)]
     quaternions = np.tile([1.0, 0.0, 0.0, 0.0], (4, 1))
     return Cell(solids, quaternions, rng.normal(size=(4, 3)) * 1e-3)
 
 
 def heavy_part(rng):
-    """A ball of tens of thousands of faces: a walk from its centre opens everything."""
+    """A ball of tens of thousands of faces: a traversal from its centre opens all nodes."""
     return cell_at(rng, [solid_of(str(rng.choice(list(HEAVY))), float(rng.choice([0.1, 0.4])))], 0.1)
 
 
@@ -286,7 +286,7 @@ def part_from_file(rng):
 
 
 def real_part(rng):
-    """A part of the real ones, where they are here."""
+    """A real CAD part, or a file of the project if there is none."""
     paths = [SHARED_DATA / "cad" / name for name in CAD if (SHARED_DATA / "cad" / name).is_file()]
     return _cell_of_file(rng, paths[rng.integers(len(paths))]) if paths else part_from_file(rng)
 
@@ -303,12 +303,12 @@ HEAVY_CELLS = (*LIGHT_CELLS, heavy_part, real_part)
 
 
 def span_of(solid):
-    """How far a solid reaches from its origin, m."""
+    """Largest distance of a solid's box from its origin, m."""
     return float(np.linalg.norm(np.abs(solid.bounds).max(axis=0)))
 
 
 class History:
-    """Where each part of a cell was at each tick, and which shape it had."""
+    """Pose and shape of each part of a cell at each tick."""
 
     def __init__(self, cell, tick_count):
         count = len(cell.solids)
@@ -333,7 +333,7 @@ class History:
         return self.row_of_solid[id(solid)]
 
     def note(self, tick):
-        """Remember how the cell is now."""
+        """Record the cell's state."""
         cell = self.cell
         self.quaternions[tick], self.translations[tick] = cell.quaternions, cell.translations
         self.velocities[tick], self.spins[tick] = cell.velocities, cell.spins
@@ -344,13 +344,13 @@ class History:
         self.extent = max(self.extent, float(reach.max()))
 
     def fastest(self, ticks):
-        """A speed that no point of a part exceeds, m/s."""
+        """Upper bound of the speed of all points of all parts, m/s."""
         speeds = np.linalg.norm(self.velocities[ticks], axis=2)
         speeds = speeds + np.linalg.norm(self.spins[ticks], axis=2) * self.spans[self.shapes[ticks]]
         return np.where(self.is_seen[ticks], speeds, 0.0).max(axis=1, initial=0.0)
 
     def own_points(self, number, points, ticks, seconds):
-        """Points in the frame of a part where it is *seconds* after the ticks if it keeps its velocity."""
+        """Points in the frame of a part, *seconds* after the ticks at constant velocity."""
         quaternions = self.quaternions[ticks, number]
         spins = seconds[:, None] * self.spins[ticks, number]
         if spins.any():
@@ -359,10 +359,9 @@ class History:
         return np.einsum("nji,nj->ni", rotations_of(quaternions), points - origins)
 
     def signed_distance(self, points, ticks, seconds=0.0, *, to_touch=False):
-        """The smallest of all parts that are seen; inf where none is.
+        """Smallest signed distance over the visible parts; inf without any.
 
-        *to_touch*: of parts with holes the distance from the surface, on both sides: who gets inside through
-        a hole has touched nothing.
+        *to_touch*: use unsigned distances for parts with holes, which can be entered without contact.
         """
         seconds = np.broadcast_to(np.asarray(seconds, dtype=np.float64), (len(points),))
         best = np.full(len(points), np.inf)

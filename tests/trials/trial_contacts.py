@@ -1,21 +1,21 @@
-"""Were times and places of contact right? First contacts are found by *marching*.
+"""Verify times and positions of contact by sphere marching.
 
-From a place that is d away from all surfaces a sphere can go for d, so that no wall, however thin, is stepped
-over. A contact within rounding comes `INSTANT` too early at most: at grazing incidence rounding takes long.
+A sphere at clearance d can move by d, so that thin walls are not stepped over. A contact found within
+rounding is at most `INSTANT` too early; grazing incidence amplifies rounding in time.
 """
 
 import numpy as np
 
 INSTANT = 1e-9  # s, and m on a path
-MARCH = 150  # steps; what is left then is looked at in steps of equal length
+MARCH = 150  # steps; the rest is sampled in steps of equal length
 REST = 40
 
 
 def march(log, rows, place, rate, limits, *, to_touch=True):
-    """Where spheres first touch on their ways, up to *limits*; inf if not.
+    """Stage of the first contact of each sphere, up to *limits*; inf without contact.
 
-    *place*: of rows and stages, points (M, 3) and the seconds at which parts are asked. *rate* (M,): m a unit
-    of stage at most by which sphere and surfaces near each other. *to_touch*: as in `History`.
+    *place* maps rows and stages to points (M, 3) and the seconds for the parts' poses. *rate* (M,): upper
+    bound of the approach in metres per unit of stage. *to_touch*: see `History`.
     """
     stages, first = np.zeros(len(rows)), np.full(len(rows), np.inf)
     left = np.arange(len(rows))
@@ -32,7 +32,7 @@ def march(log, rows, place, rate, limits, *, to_touch=True):
             step_length = gap / rate[left]
         if step >= MARCH:
             step_length = np.maximum(step_length, limits[left] / REST)
-        # The end is looked at as well.
+        # Include the end point.
         ends = (stages[left] < limits[left]) & (stages[left] + step_length > limits[left])
         stages[left] = np.where(ends & (step >= MARCH), limits[left], stages[left] + step_length)
     return first
@@ -43,7 +43,7 @@ def _is_along_path(log):
 
 
 def judge_times(log, tally, rng):
-    """Up to the lower bound of the time to contact the sphere touches nothing."""
+    """Check that the sphere is free of contact up to the lower bound of the time to contact."""
     told = log.records
     lower = told["time_to_contact_lower"]
     tally.demand("the time to contact is not below its bound", log, told["time_to_contact"] >= lower)
@@ -51,7 +51,7 @@ def judge_times(log, tally, rng):
     rows = np.flatnonzero((lower > 0.0) & ~_is_along_path(log))
     velocities = told["velocity"][rows].copy()
     unknown = ~log.has("PREDICTED")[rows]
-    # A finger whose velocity is not known may go anywhere as fast as it can.
+    # An unknown velocity is any direction at maximum speed.
     ways = rng.normal(size=(int(unknown.sum()), 3))
     velocities[unknown] = log.max_speed * ways / np.linalg.norm(ways, axis=1, keepdims=True)
     speeds = np.linalg.norm(velocities, axis=1)
@@ -65,9 +65,9 @@ def judge_times(log, tally, rng):
 
 def _look_at_times(log, tally, how, rows, place, rate, limits):
     first = march(log, rows, place, rate, limits)
-    early = limits - first  # -inf where there is no contact
+    early = limits - first  # -inf without contact
     with np.errstate(divide="ignore"):
-        # What moves no farther than rounding cannot be seen to have moved.
+        # A displacement below rounding cannot be resolved.
         slack = INSTANT + 1e-12 * limits + log.room(log.radii)[rows] / rate
     tally.look(f"free until the time to contact, {how}", log, early, slack, rows)
     points, seconds = place(np.arange(len(rows)), limits)
@@ -76,7 +76,10 @@ def _look_at_times(log, tally, how, rows, place, rate, limits):
 
 
 def _interpolate(xs, ys, x):
-    """Piecewise linear, a row each, held beyond the ends: *xs*, *ys* (M, K), *x* (M,); and the slopes."""
+    """Interpolate each row linearly, clamped at the ends; return values and slopes.
+
+    *xs*, *ys*: (M, K); *x*: (M,).
+    """
     k = np.clip((xs[:, 1:-1] <= x[:, None]).sum(axis=1), 0, xs.shape[1] - 2)
     every = np.arange(len(x))
     x0, x1, y0, y1 = xs[every, k], xs[every, k + 1], ys[every, k], ys[every, k + 1]
@@ -87,7 +90,7 @@ def _interpolate(xs, ys, x):
 
 
 class _Ways:
-    """The paths of those fingers that have one, by the length gone on them from where the finger is."""
+    """Paths of the fingers that have one, parametrised by arc length from the finger."""
 
     def __init__(self, log):
         self.rows = np.flatnonzero(log.has("ON_PATH"))
@@ -98,11 +101,11 @@ class _Ways:
         self.begin, _ = _interpolate(self.bends, self.stages, self.told["bend"])
 
     def length_to(self, bends):
-        """How far it is from where the fingers are to some bends."""
+        """Arc length from the fingers to the given bends."""
         return _interpolate(self.bends, self.stages, bends)[0] - self.begin
 
     def place(self, at, gone):
-        """Places of the rows *at* after a length."""
+        """Positions of the rows *at* after an arc length."""
         stages = self.stages[at]
         stage = np.minimum(self.begin[at] + gone, stages[:, -1])
         return np.stack(
@@ -111,26 +114,26 @@ class _Ways:
 
 
 def judge_paths(log, tally):
-    """The place of contact on a path is within its error, and so is the time along it."""
+    """Check that the contact on a path is within its stated error, and so is the time along it."""
     ways = _Ways(log)
     bend, error = ways.told["contact_bend"], ways.told["contact_bend_error"]
     none = np.isnan(bend)
     known = np.flatnonzero(none | np.isfinite(error))
     limits = ways.length_to(np.where(none, ways.bends[:, -1], bend - np.where(none, 0.0, error)))[known]
     first = _march_on_paths(log, ways, known, limits)
-    early = limits - first  # -inf where there is none
+    early = limits - first  # -inf without contact
     tally.look("free until the contact on the path", log, early, INSTANT, ways.rows[known])
     found = log.has("CONTACT_FOUND")[ways.rows]
     tally.demand("a contact found has an error", log, np.isfinite(error[found]), ways.rows[found])
     sure = np.flatnonzero(~none & np.isfinite(error))
     limits = np.maximum(ways.length_to(bend + error)[sure], 0.0) + INSTANT
-    first = _march_on_paths(log, ways, sure, limits, to_touch=False)  # to be inside is contact as well
+    first = _march_on_paths(log, ways, sure, limits, to_touch=False)  # being inside is contact as well
     tally.demand("a contact that has an error is one", log, np.isfinite(first), ways.rows[sure])
     _judge_path_times(log, tally, ways)
 
 
 def _march_on_paths(log, ways, which, limits, *, to_touch=True):
-    """`march` among parts that stand as they do at the tick."""
+    """Run `march` with the parts fixed at their poses of the tick."""
 
     def place(at, gone):
         return ways.place(which[at], gone), np.zeros(len(at))
@@ -139,7 +142,7 @@ def _march_on_paths(log, ways, which, limits, *, to_touch=True):
 
 
 def _judge_path_times(log, tally, ways):
-    """At a corner it cannot be told from outside which side of it was meant: those are left out."""
+    """Check times along paths, except at corners, where the tracker's choice of side is not observable."""
     _, slope = _interpolate(ways.stages, ways.bends, ways.begin)
     off = np.abs(ways.stages[:, 1:-1] - ways.begin[:, None]).min(axis=1, initial=np.inf)
     lower = ways.told["time_to_contact_lower"]

@@ -1,8 +1,7 @@
-"""Was every promise of every record kept? Looked at after a trial, with answers that know no budget.
+"""Check every guarantee of every record of a trial against references without a budget.
 
-Truth comes from three sides: a second scene at the same poses, asked without a tracker (`Log.true`); the
-parts one by one (`History.signed_distance`), which also says what is at other instants; and, for a few, the
-oracle.
+There are three: a second scene at the same poses, queried without a tracker (`Log.true`); the parts one by
+one (`History.signed_distance`), which also covers other times; and, for a few rows, the oracle.
 """
 
 import numpy as np
@@ -11,13 +10,13 @@ from trial_log import DISTANCE_ROUNDING, Log, Tally
 
 import oracle
 
-ORACLE_POINTS = 4  # of a trial
-LARGEST_FOR_ORACLE = 100_000  # faces of a part
-UNCLEAR = 0.1  # of a turn: the engine's winding numbers are right to half of it
+ORACLE_POINTS = 4  # per trial
+LARGEST_FOR_ORACLE = 100_000  # faces per part
+UNCLEAR = 0.1  # in turns: twice the error of the engine's winding numbers
 
 
 def judge(log):
-    """All promises of a trial."""
+    """Check all guarantees of a trial."""
     tally, rng = Tally(), np.random.default_rng(len(log.ticks))
     _judge_tracked(log, tally)
     log = _only(log, log.has("TRACKED"))
@@ -50,7 +49,7 @@ def _judge_tracked(log, tally):
 
 
 def _judge_truth(log, tally, rng):
-    """Part by part the same comes out as of the second scene; and for a few, by the oracle."""
+    """Compare the second scene with the parts one by one and, for a few rows, with the oracle."""
     if not len(log.ticks):
         return
     by_parts = log.history.signed_distance(log.positions, log.ticks)
@@ -71,7 +70,7 @@ def _judge_truth(log, tally, rng):
 
 
 def _is_on_a_lid(log, row):
-    """Whether a part with holes ends there by convention: on a lid, a refitted tree may tell another side."""
+    """Test whether the point is near the lid of a hole, where a refitted tree may give another sign."""
     history, tick = log.history, log.ticks[row]
     for number in np.flatnonzero(history.is_seen[tick]):
         shape = history.shapes[tick, number]
@@ -84,7 +83,7 @@ def _is_on_a_lid(log, row):
 
 
 def _by_oracle(log, row):
-    """Signed distance at a row; nan where that would take long, or the side is not clear."""
+    """Signed distance by the oracle; nan if slow to compute or if the sign is ambiguous."""
     history, tick, best = log.history, log.ticks[row], np.inf
     seen = np.flatnonzero(history.is_seen[tick])
     spans = history.spans[history.shapes[tick, seen]]
@@ -113,7 +112,7 @@ def _judge_distances(log, tally):
     with np.errstate(invalid="ignore"):
         above, below = told["lower"] - true, true - told["upper"]
         off = np.abs(told["signed_distance"] - true)
-    nothing = np.isinf(true)  # every part is hidden
+    nothing = np.isinf(true)  # all parts are hidden
     below[nothing & (told["upper"] == np.inf)] = off[nothing & (told["signed_distance"] == np.inf)] = 0.0
     above[nothing & (told["lower"] == np.inf)] = 0.0
     bounded = log.has("BOUNDED") | log.has("SKIPPED")
@@ -133,7 +132,7 @@ def _judge_distances(log, tally):
     tally.demand("the distance lies between its bounds", log, within)
     clear = np.abs(log.true) > room
     tally.demand("inside", log, (log.has("INSIDE") == (log.true < 0.0))[clear], clear)
-    # Less than an allowance apart is near enough, whatever was searched for.
+    # Bounds closer than the allowance are accepted, whichever accuracy was requested.
     share = np.maximum(log.tolerance, log.adaptive_tolerance)
     near = np.isfinite(true) & (told["upper"] <= (1.0 + share) * told["lower"] + room)
     skipped = log.has("SKIPPED") & ~near & ~log.crowd_is_spent()
@@ -148,7 +147,7 @@ def _judge_distances(log, tally):
 
 
 def _judge_points(log, tally, rng):
-    """Points lie on the part named, on the face named, as far as was said, along the normal."""
+    """Check that points lie on the reported part and face, at the reported distance along the normal."""
     told = log.records
     rows = np.flatnonzero((told["part"] >= 0) & ~log.has("INSIDE", "BOUNDED"))
     told, radii = told[rows], log.radii[rows]
@@ -164,7 +163,7 @@ def _judge_points(log, tally, rng):
     tally.look("the finger's point is on it", log, tip, room, rows)
     far = length > 1e4 * room
     along = np.linalg.norm(arm - reach[:, None] * told["normal"], axis=1)
-    # A direction is as right as its length lets it be, and at that length no more is asked.
+    # The error of a direction is inverse to its length; at the point's distance it is within the room.
     tally.look("the normal goes to the point", log, along[far], 4.0 * room[far], rows[far])
     numbers = log.history.numbers[log.ticks[rows], told["part"]]
     kinds = np.stack([numbers, log.history.shapes[log.ticks[rows], numbers]], axis=1)
@@ -184,7 +183,7 @@ def _judge_points(log, tally, rng):
 
 
 def _judge_predictions(log, tally):
-    """Where the finger's course is known and the parts keep their velocities."""
+    """Check predictions of fingers with a known course, among parts of constant velocity."""
     rows = np.flatnonzero(log.is_exact)
     told = log.records[rows]
     ahead = 1e-9 * np.maximum(told["predicted_ns"] - told["pose_ns"], 0)
@@ -192,7 +191,7 @@ def _judge_predictions(log, tally):
     true = log.history.signed_distance(points, log.ticks[rows], ahead) - log.radii[rows]
     keep = np.isfinite(true)
     rows, told, true = rows[keep], told[keep], true[keep]
-    # The course is a sum of sines of large angles: it is right to 1e-12 m.
+    # The course sums sines of large angles: its error is up to 1e-12 m.
     room = log.room(np.abs(true) + log.radii[rows], points[keep]) + 1e-12
     tally.look("predicted lower <= true", log, told["predicted_lower"] - true, room, rows)
     tally.look("true <= predicted upper", log, true - told["predicted_upper"], room, rows)

@@ -1,8 +1,8 @@
-"""What happened in a trial of the tracker, and the tally of the promises that were looked at.
+"""Log of a tracker trial, and the tally of the guarantees checked.
 
-What may be off is rounding only. A distance is right to `DISTANCE_ROUNDING` of itself; on the way to it a
-point is shifted and turned, and so is one of the surface: some eight roundings of the largest coordinate,
-each of half of 2^-52 at most, `COORDINATE_ROUNDING` in all.
+Only rounding is allowed. A distance has a relative error of `DISTANCE_ROUNDING`. The point and the surface
+point are translated and rotated, which adds about eight roundings of the largest coordinate, each at most
+half of 2^-52: `COORDINATE_ROUNDING` in total.
 """
 
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from proximity.message import ContactFlag
 DISTANCE_ROUNDING = 1e-14
 COORDINATE_ROUNDING = 4.0 * 2.0**-52
 OURS = {name: np.uint32(flag) for name, flag in ContactFlag.__members__.items()}
-SHOWN = 3  # violations of one promise in one trial that are told in full
+SHOWN = 3  # violations of one guarantee per trial that are described in full
 TOLD = (
     "flags", "lower", "signed_distance", "upper", "predicted_lower", "predicted_upper",
     "time_to_contact_lower", "time_to_contact", "bend", "bend_rate", "contact_bend", "contact_bend_error",
@@ -25,7 +25,7 @@ TOLD = (
 
 @dataclass(eq=False)
 class Log:
-    """What happened in a trial: a row for each finger-tick."""
+    """Data of a trial, a row per finger and tick."""
 
     history: object
     course: object
@@ -34,8 +34,8 @@ class Log:
     positions: np.ndarray  # (M, 3) m
     records: np.ndarray  # (M,) CONTACT
     true: np.ndarray  # (M,) m, signed distance of the centre
-    adaptive_tolerance: np.ndarray  # (M,) share by which bounds may be apart in a crowd
-    is_exact: np.ndarray  # (M,) predictions may be held against the course
+    adaptive_tolerance: np.ndarray  # (M,) relative width allowed between bounds for many fingers
+    is_exact: np.ndarray  # (M,) predictions can be compared with the course
     start_ns: int
     paths: np.ndarray | None  # (M, K, 3)
     path_bends: np.ndarray | None  # (K,)
@@ -50,19 +50,19 @@ class Log:
         return (self.records["flags"] & bits) == bits
 
     def gap(self, rows, points, seconds, *, to_touch=True):
-        """How far the spheres of some rows are from touching, at *points*, *seconds* after their ticks."""
+        """Clearance of the spheres of some rows if at *points*, *seconds* after their ticks."""
         distance = self.history.signed_distance(points, self.ticks[rows], seconds, to_touch=to_touch)
         return distance - self.radii[rows]
 
     def crowd_is_spent(self):
-        """Whether all fingers of a tick together have taken the steps that a crowd has; by row."""
+        """Test, per row, whether the fingers of its tick used up their common steps."""
         work = np.bincount(self.ticks, weights=self.records["work"])
         counts = np.bincount(self.ticks)
         steps = np.array([steps_for_all(self.budget, count) for count in counts])
         return (work >= steps)[self.ticks]
 
     def describe(self, row):
-        """A row in words."""
+        """Format a row as text."""
         fields = ", ".join(f"{key} {self.records[key][row]!s}" for key in TOLD)
         return (
             f"tick {self.ticks[row]}, finger {self.fingers[row]} at {self.positions[row].tolist()}: "
@@ -70,7 +70,7 @@ class Log:
         )
 
     def room(self, lengths, points=None):
-        """What a distance may be off by rounding, m."""
+        """Allowed rounding error of a distance, m."""
         points = self.positions if points is None else points
         largest = np.nan_to_num(np.abs(points).max(axis=-1), posinf=0.0) + self.history.extent
         return DISTANCE_ROUNDING * np.abs(np.nan_to_num(lengths)) + COORDINATE_ROUNDING * largest
@@ -78,24 +78,24 @@ class Log:
 
 @dataclass
 class Check:
-    """How often one promise was looked at, and how near to broken it ever was."""
+    """Statistics of one guarantee: number of checks, violations, and the smallest margin."""
 
     count: int = 0
     broken_count: int = 0
     worst: float = -np.inf  # excess in allowances: at most 1
-    closest: float = np.inf  # what was left, where it was more than an allowance
-    is_length: bool = True  # False: it is so, or is not
+    closest: float = np.inf  # smallest margin above one allowance
+    is_length: bool = True  # False: a yes-or-no condition
 
 
 @dataclass
 class Tally:
-    """Checks by name, and the first that were broken."""
+    """Checks by name, and the first violations."""
 
     checks: dict = field(default_factory=dict)
     broken: list = field(default_factory=list)
 
     def look(self, name, log, excess, allowance, rows=None, *, is_length=True):
-        """Hold *excess* <= *allowance*, one for each of *rows* (all if not given; a mask, or numbers)."""
+        """Check *excess* <= *allowance* for each of *rows* (default all; a mask or row numbers)."""
         rows = np.arange(len(log.ticks)) if rows is None else rows
         rows = np.flatnonzero(rows) if rows.dtype == bool else rows
         excess, allowance = (
@@ -105,7 +105,7 @@ class Tally:
         check.count += len(rows)
         if not len(rows):
             return
-        is_broken = ~(excess <= allowance)  # nan is broken
+        is_broken = ~(excess <= allowance)  # nan counts as broken
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.where(allowance > 0.0, excess / allowance, np.where(excess > 0.0, np.inf, -np.inf))
         check.worst = max(check.worst, float(np.nanmax(ratio, initial=-np.inf)))
@@ -117,11 +117,11 @@ class Tally:
             self.broken.append(f"{name}: {log.describe(row)}; {excess[place]:.9g} > {allowance[place]:.3g}")
 
     def demand(self, name, log, is_so, rows=None):
-        """Hold what is so, or is not."""
+        """Check a yes-or-no condition."""
         self.look(name, log, np.where(is_so, -1.0, 1.0), 0.0, rows, is_length=False)
 
     def add(self, other):
-        """Take in what another trial told."""
+        """Add the tally of another trial."""
         for name, check in other.checks.items():
             own = self.checks.setdefault(name, Check(is_length=check.is_length))
             own.count += check.count

@@ -1,8 +1,8 @@
-"""Motions for trials of the tracker: where fingers really are, and what a sensor tells of it and when.
+"""Motions for tracker trials: true finger positions, and the sensor's data and timing.
 
-A finger's *course* is a formula: rest, a straight line and two oscillations, so that its acceleration is
-known and it can be asked for any instant. On top of it come, for some, what no formula knows: walks, noise,
-jumps, recorded hands. Only fingers without any of that may be held against predictions.
+A finger's *course* is a formula: rest, a straight line and two oscillations, with known acceleration and
+defined at any time. Some fingers add random walks, noise, jumps or recorded hands. Predictions are compared
+only for fingers without these.
 """
 
 from dataclasses import dataclass
@@ -20,24 +20,24 @@ NS = 1_000_000_000
 START_NS = 1_700_000_000 * NS
 STYLES = ("rest", "smooth", "smooth", "sweep", "sweep", "walk", "jitter", "jumps", "approach")
 LESS = 0.95
-"""Of what a finger may do at most: rounding of time stamps to nanoseconds adds a little."""
+"""Fraction of the limits that motions use: time stamps rounded to nanoseconds add a little."""
 
 
 @dataclass(eq=False)
 class Motion:
-    """T ticks of N fingers."""
+    """Motion of N fingers over T ticks."""
 
-    positions: np.ndarray  # (T, N, 3) m, as told; nan where tracking is lost
+    positions: np.ndarray  # (T, N, 3) m, as reported; nan if tracking is lost
     pose_ns: np.ndarray  # (T, N) int64
     now_ns: np.ndarray  # (T,) int64
-    velocities: np.ndarray | None  # (T, N, 3) m/s, as told
+    velocities: np.ndarray | None  # (T, N, 3) m/s, as reported
     course: "Course"
-    is_exact: np.ndarray  # (N,) what is told is the course, and the limits are kept
+    is_exact: np.ndarray  # (N,) the reported data follows the course within the limits
 
 
 @dataclass(eq=False)
 class Course:
-    """N fingers: centre + line t + the sum over k of swing_k sin(rate_k t + phase_k)."""
+    """Courses of N fingers: centre + line t + the sum over k of swing_k sin(rate_k t + phase_k)."""
 
     centres: np.ndarray  # (N, 3) m
     lines: np.ndarray  # (N, 3) m/s
@@ -46,7 +46,7 @@ class Course:
     phases: np.ndarray  # (N, 2)
 
     def position(self, fingers, seconds):
-        """Places (M, 3) of fingers (M,) at seconds (M,) since the start."""
+        """Positions (M, 3) of fingers (M,) at seconds (M,) since the start."""
         angles = self.rates[fingers] * seconds[:, None] + self.phases[fingers]
         swing = (self.swings[fingers] * np.sin(angles)[..., None]).sum(axis=1)
         return self.centres[fingers] + seconds[:, None] * self.lines[fingers] + swing
@@ -63,28 +63,29 @@ def directions(rng, *shape):
 
 
 def course_of(rng, styles, places, seconds, max_speed, max_acceleration):
-    """Courses near *places* over a time."""
+    """Courses near *places* for a duration."""
     count = len(places)
     lines, swings = np.zeros((count, 3)), np.zeros((count, 2, 3))
     rates, phases = np.ones((count, 2)), rng.uniform(0.0, 2.0 * np.pi, (count, 2))
     speeds = LESS * np.minimum(10.0 ** rng.uniform(-2.0, 0.5, count), max_speed)
     for row in range(count):
         if styles[row] in ("smooth", "jitter", "jumps", "walk"):
-            # Speed and acceleration of a swing: rate and squared rate times its size. Two share them.
+            # Speed and acceleration of a swing are its size times rate and rate squared. Two swings share the
+            # limits.
             rates[row] = np.minimum(10.0 ** rng.uniform(0.0, 2.0, 2), LESS * max_acceleration / speeds[row])
             swings[row] = directions(rng, 2) * (0.5 * speeds[row] / rates[row])[:, None]
         elif styles[row] == "sweep":
             lines[row] = directions(rng) * speeds[row]
         elif styles[row] == "approach":
             lines[row] = directions(rng) * 0.01
-    # Half way through its time a finger that goes straight is at its place.
+    # A finger in straight motion passes its position within the duration.
     centres = places - lines * (rng.uniform(0.0, 1.0, (count, 1)) * seconds)
     return Course(centres, lines, swings, rates, phases)
 
 
 @cache
 def recorded_hands(period):
-    """Recorded hands, one array (T, 5, 3) each, about their middle; nan where the sensor saw none."""
+    """Recorded hands, an array (T, 5, 3) each, centred; nan if the sensor lost them."""
     paths = [MESHES / "hand.csv", *(path for path in RECORDED_HANDS if path.is_file())]
     hands = []
     for path in paths:
@@ -97,7 +98,7 @@ def recorded_hands(period):
 
 
 def clock(rng, tick_count, finger_count, period):
-    """When poses are taken, as a sensor tells it, and when the ticks are: (T, N) and (T,) ns."""
+    """Times of the poses (T, N) by the sensor, and of the ticks (T,), ns."""
     way = rng.choice(["even", "even", "uneven", "stutter", "repeated", "backwards", "each"])
     steps = np.full(tick_count, round(period * NS))
     if way == "uneven":
@@ -110,7 +111,7 @@ def clock(rng, tick_count, finger_count, period):
         steps[rng.random(tick_count) < 0.03] = -rng.integers(1, NS // 5)
     pose_ns = START_NS + np.cumsum(steps)[:, None] + np.zeros((1, finger_count), np.int64)
     if way == "each":
-        # Every finger has a sensor of its own; at some ticks there is no news of it.
+        # Each finger has its own sensor; some ticks bring no new pose.
         pose_ns = pose_ns - rng.integers(0, max(int(period * NS), 1), (tick_count, finger_count))
         is_slow = rng.random(finger_count) < 0.3
         pose_ns[:, is_slow] -= pose_ns[:, is_slow] % 8_500_000
@@ -119,7 +120,7 @@ def clock(rng, tick_count, finger_count, period):
 
 
 def motion_of(rng, cell, tick_count, finger_count, *, period, max_speed, max_acceleration, is_replay=False):
-    """What a trial's fingers do near the parts of a cell."""
+    """Motion of a trial's fingers near the parts of a cell."""
     pose_ns, now_ns = clock(rng, tick_count, finger_count, period)
     seconds = 1e-9 * (pose_ns - START_NS)
     styles = rng.choice(STYLES, finger_count)
@@ -140,7 +141,7 @@ def motion_of(rng, cell, tick_count, finger_count, *, period, max_speed, max_acc
     if rng.random() < 0.2:
         velocities = told
         if rng.random() < 0.5:
-            # Some are not known, some are made up.
+            # Some are unknown, some wrong.
             velocities[rng.random((tick_count, finger_count)) < 0.2] = np.nan
             is_wrong = rng.random(finger_count) < 0.3
             velocities[:, is_wrong] = rng.normal(size=(tick_count, int(is_wrong.sum()), 3))
@@ -149,7 +150,7 @@ def motion_of(rng, cell, tick_count, finger_count, *, period, max_speed, max_acc
 
 
 def _replayed(rng, places, tick_count, period):
-    """Recorded hands put to *places*, turned, five fingers after five."""
+    """Recorded hands moved to *places* and rotated, five fingers each."""
     hands = recorded_hands(period)
     positions = np.empty((tick_count, len(places), 3))
     for first in range(0, len(places), 5):
@@ -174,12 +175,12 @@ def _disturb(rng, styles, positions):
         elif styles[row] == "jumps":
             is_jump = rng.random(tick_count) < 0.05
             jumps = np.where(is_jump[:, None], rng.normal(size=(tick_count, 3)) * 0.1, 0.0)
-            # Half of them come back at once: one pose gone astray.
+            # Half of the jumps are outliers of a single pose.
             positions[:, row] += np.cumsum(jumps, axis=0) if rng.random() < 0.5 else jumps
 
 
 def _lose(rng, positions):
-    """Lose tracking now and then: short gaps and long ones, single coordinates, infinities."""
+    """Lose tracking at random: short and long gaps, single coordinates, infinities."""
     tick_count, finger_count, _ = positions.shape
     for row in np.flatnonzero(rng.random(finger_count) < 0.5):
         is_lost = np.zeros(tick_count, bool)
@@ -192,20 +193,20 @@ def _lose(rng, positions):
 
 @dataclass(eq=False)
 class Paths:
-    """Where fingers go as they bend: N polylines that stand in the scene, or go with the finger."""
+    """Paths of bending fingers: N polylines, fixed in the scene or moving with the finger."""
 
-    corners: np.ndarray  # (N, K, 3) m, or offsets from the finger; nan in the first where it has none
+    corners: np.ndarray  # (N, K, 3) m, or offsets from the finger; nan in the first corner without a path
     bends: np.ndarray | None  # (K,)
     goes_along: bool
-    way: str  # how the finger's bend is told: "not", "some" or "all"
+    way: str  # fingers with reported bends: "not", "some" or "all"
 
     @property
     def known_bends(self):
-        """(K,), where they are given or not."""
+        """Bends (K,) of the corners, given or default."""
         return np.linspace(0.0, 1.0, self.corners.shape[1]) if self.bends is None else self.bends
 
     def told_bends(self, rng):
-        """Bends (N,) of the fingers, anywhere on their paths and beyond; None where they are not told."""
+        """Bends (N,) of the fingers, anywhere on their paths and beyond; None if not reported."""
         if self.way == "not":
             return None
         low, high = self.known_bends[[0, -1]]
@@ -215,12 +216,12 @@ class Paths:
         return told
 
     def at(self, positions):
-        """Corners (N, K, 3) when the fingers are at *positions* (N, 3)."""
+        """Corners (N, K, 3) for fingers at *positions* (N, 3)."""
         return self.corners + positions[:, None, :] if self.goes_along else self.corners
 
 
 def paths_of(rng, cell, finger_count, positions):
-    """Paths that lead somewhere near the parts; and which fingers are put onto theirs: *positions* change."""
+    """Paths to points near the parts, and a mask of fingers moved onto theirs; changes *positions*."""
     corner_count = int(rng.choice([2, 3, 8, 20]))
     goes_along = bool(rng.random() < 0.5)
     is_put = np.zeros(finger_count, bool)
@@ -228,10 +229,10 @@ def paths_of(rng, cell, finger_count, positions):
     starts = targets + directions(rng, finger_count) * 10.0 ** rng.uniform(-2.5, -0.3, (finger_count, 1))
     if goes_along:
         starts = np.where(np.isfinite(positions[0]), positions[0], 0.0)
-    # To the target and somewhat beyond, on a way that bends.
+    # A curved path to the target and beyond it.
     shares = np.linspace(0.0, 1.3, corner_count)[:, None]
     if corner_count > 2 and rng.random() < 0.2:
-        shares[rng.integers(1, corner_count)] = shares[0]  # a corner twice
+        shares[rng.integers(1, corner_count)] = shares[0]  # a repeated corner
         shares.sort(axis=0)
     reach = (targets - starts)[:, None, :]
     bulge = np.linalg.norm(reach, axis=2, keepdims=True) * directions(rng, finger_count, 1)
@@ -247,7 +248,7 @@ def paths_of(rng, cell, finger_count, positions):
 
 
 def _follow(rng, corners, positions):
-    """Put most fingers onto their path: they go there and back, a little beside it."""
+    """Move most fingers to and fro along their path, at a small offset."""
     tick_count, finger_count, _ = positions.shape
     shares = 0.5 - 0.5 * np.cos(np.linspace(0.0, rng.uniform(1.0, 9.0), tick_count))
     at = shares * (corners.shape[1] - 1)

@@ -1,4 +1,4 @@
-"""A page in one file, opened from a disk: distances as Python has them, and no network."""
+"""A page saved as one file and opened from disk: distances equal Python's, without network."""
 
 import re
 
@@ -78,7 +78,7 @@ def test_page_from_a_disk_computes_what_python_computes(saved):
         page.evaluate("page.choose('mouse')")
         page.mouse.move(480, 300)
         found = until(lambda: page.evaluate(f"(({READING}).length === 5 && {READING})"))
-        found = np.array(found)  # of five: the recorded hand goes before that of the mouse comes
+        found = np.array(found)  # of five: the recorded hand leaves before that of the mouse arrives
         instructions = page.evaluate("page.link.scene.instructions")
         sliced = page.evaluate(f"page.local.sliced({SLICE}, page.parts.list, () => true).then(Array.from)")
         page.evaluate("page.link.sendChanges([{ name: 'bracket', action: 0 }])")

@@ -1,4 +1,4 @@
-"""The bridge between pages and a service: who may come in, what is taken, what is refused."""
+"""The bridge between pages and a service: access, accepted messages, rejected messages."""
 
 import asyncio
 import contextlib
@@ -39,11 +39,11 @@ from proximity.web.sources import LiveFrames, OtherPrograms, Shown
 TOKEN = "the token of this test"
 PATIENCE = 10.0  # s
 COUNT = 5
-SETTLED = 0.06  # s: for so long a clock is watched before it is believed
+SETTLED = 0.06  # s for which a clock is observed before it is used
 
 
 class Running:
-    """A bridge in a thread, its service a mailbox."""
+    """A bridge in a thread, with a mailbox as its service."""
 
     def __init__(self, name):
         self.scene = Scene(
@@ -85,7 +85,7 @@ class Running:
             each.close()
 
     def page(self, *, token=TOKEN, origin=None, feeds=True):
-        """A page that has come in, after its welcome."""
+        """Return an admitted page, after its welcome."""
         page = self.raw(origin=origin)
         page.send(json.dumps({"hello": token}))
         welcome = json.loads(page.recv(PATIENCE))["welcome"]
@@ -106,7 +106,7 @@ class Running:
         return answer
 
     def shown_to(self, token, name):
-        """What a page with a token is given; None where it is refused."""
+        """Return the response to a page with a token, or None if refused."""
         answer = self.get(f"/shown/{name}", Authorization=f"Bearer {token}")
         return answer.content if answer.status == 200 else None
 
@@ -119,7 +119,7 @@ def bridge(request):
 
 
 def received(inlet, kind, patience=PATIENCE):
-    """The next message at an address: its records."""
+    """Return the records of the next message at an address."""
     buffer, ends = np.zeros(70_000, np.uint8), time.monotonic() + patience
     while time.monotonic() < ends:
         size = inlet.receive(buffer)
@@ -131,7 +131,7 @@ def received(inlet, kind, patience=PATIENCE):
 
 
 def now():
-    """A page's clock, which began at some instant of its own."""
+    """Return the time of a page's clock, whose origin is arbitrary."""
     return time.monotonic_ns() - 7_000_000_000
 
 
@@ -155,21 +155,21 @@ def move(name=b"cube", translation=(0.1, 0, 0), rotation=None):
 
 
 def settle(page):
-    """Let the bridge see the page's clock run."""
+    """Send messages until the bridge has observed the page's clock."""
     page.send(poses())
     time.sleep(SETTLED)
     page.send(poses())
 
 
 def closed(page):
-    """Code and reason with which a page is put out; what still comes before is passed over."""
+    """Return the closing code and reason of a page's connection; messages before are skipped."""
     with pytest.raises(ConnectionClosed) as caught:
         while True:
             page.recv(PATIENCE)
     return caught.value.rcvd.code, caught.value.rcvd.reason
 
 
-# Who may come in
+# Access
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_without_the_token_nobody_comes_in(bridge, hello):
 
 
 def test_page_that_is_busy_for_too_long_is_asked_to_try_again(bridge, monkeypatch):
-    """A browser that draws in software may open the connection long before it can speak."""
+    """A browser with software rendering may send its hello long after it connects."""
     monkeypatch.setattr("proximity.web.server.page_server.HELLO_S", 0.1)
 
     code, reason = closed(bridge.raw())
@@ -239,7 +239,7 @@ def test_localhost_is_the_same_page(bridge):
     assert "welcome" in json.loads(page.recv(PATIENCE))
 
 
-# What is taken
+# Accepted messages
 
 
 def test_poses_reach_the_service_on_its_clock(bridge):
@@ -294,14 +294,14 @@ def test_moves_reach_service_and_all_pages(bridge):
         data = np.frombuffer(each.recv(PATIENCE), np.uint8)
         assert parts_of(data, MOVES)[1]["name"].tolist() == [b"cube"]
     assert bridge.scene.part("cube").pose.translation.tolist() == [0.1, 0, 0]
-    # A page that comes later is told at once.
+    # A later page is informed immediately.
     later = bridge.page(feeds=False)
     data = np.frombuffer(later.recv(PATIENCE), np.uint8)
     assert parts_of(data, MOVES)[1]["translation"].tolist() == [[0.1, 0, 0]]
 
 
 def test_the_first_move_is_taken_where_only_the_clock_was_asked_for(bridge):
-    """It was lost: a page that has no hand yet had sent nothing by which its clock was known."""
+    """Regression: it was lost, as a page without a hand had sent no message with its clock."""
     page = bridge.page()
     for _ in range(2):
         page.send(json.dumps({"clock": now() / 1e6}))
@@ -414,7 +414,7 @@ def test_frames_come_byte_for_byte_and_two_at_most_are_under_way(bridge):
     assert all(validate(np.frombuffer(each, np.uint8), FRAME) is None for each in got)
     page.send("ok")
     newest = np.frombuffer(page.recv(PATIENCE), np.uint8)
-    assert parts_of(newest, FRAME)[0]["sequence"] == 59  # what came between is left out
+    assert parts_of(newest, FRAME)[0]["sequence"] == 59  # the ones in between are left out
 
 
 def test_a_service_that_begins_anew_is_told_where_parts_are(bridge):
@@ -431,20 +431,20 @@ def test_a_service_that_begins_anew_is_told_where_parts_are(bridge):
     assert records["translation"].tolist() == [[0.1, 0, 0]]
 
 
-# What is shown
+# Shown resources
 
 
 def test_what_is_shown_is_given_for_the_token(bridge):
     scene = bridge.shown_to(TOKEN, "scene")
     assert bridge.shown_to(TOKEN, "geometry")[:4] == b"glTF"
-    assert bridge.shown_to(TOKEN, "welcome") == b"null"  # a service computes, and its page is told later
+    assert bridge.shown_to(TOKEN, "welcome") == b"null"  # a service sends the welcome later, by socket
     assert len(scene) > 1000 and bridge.shown_to(TOKEN, "scene/../welcome") is None
     for token in ("", "wrong"):
         assert bridge.shown_to(token, "scene") is None
     assert bridge.bridge.server.refused["wrong token"] == 2
 
 
-# What is refused
+# Rejected messages
 
 
 def test_an_oversize_message_ends_the_connection(bridge):
@@ -452,7 +452,7 @@ def test_an_oversize_message_ends_the_connection(bridge):
     page.send(b"x" * (MAX_BYTES + 1))
 
     assert closed(page)[0] == 1009
-    assert bridge.page() is not None  # the next is welcome
+    assert bridge.page() is not None  # the next one is admitted
 
 
 def test_a_flood_ends_the_connection(bridge):
@@ -521,7 +521,7 @@ def test_what_is_forged_ends_the_connection_and_reaches_nobody(bridge, name):
 
     assert closed(page)[0] == UNFIT
     gone = received(bridge.poses, POSES)
-    assert np.isnan(gone["position"]).all()  # its fingers are given up, and that is all
+    assert np.isnan(gone["position"]).all()  # only its fingers are withdrawn
     assert received(bridge.poses, POSES, 0.05) is None
     assert received(bridge.moves, MOVES, 0.05) is None
     assert bridge.page() is not None
@@ -530,7 +530,7 @@ def test_what_is_forged_ends_the_connection_and_reaches_nobody(bridge, name):
 def test_messages_that_were_held_up_end_the_connection(bridge):
     page = bridge.page()
     settle(page)
-    time.sleep(1.6)  # messages of a connection come in order: one that is late follows a silence
+    time.sleep(1.6)  # messages of a connection are in order: a late one follows a silence
     late = Message(POSES, 1)
     late.header["send_ns"] = late.records["pose_ns"] = now() - 1_400_000_000
     page.send(late.seal(1, 2).tobytes())

@@ -1,4 +1,4 @@
-"""The list of clashes on the page, in a saved one: two parts are seen alone, and all are given back."""
+"""The list of clashes on a saved page: two parts are shown alone, and all are restored."""
 
 import numpy as np
 import pytest
@@ -78,7 +78,7 @@ def test_clashes_are_chosen_by_the_keyboard_and_left_by_escape(page):
     assert faint(page) == {"left", "far"}
     page.page.keyboard.press("ArrowDown")
     assert (page.ask(CHOSEN), faint(page)) == (["left", "middle"], {"right", "far"})
-    page.page.keyboard.press("ArrowDown")  # there is none below
+    page.page.keyboard.press("ArrowDown")  # the last row
     assert page.ask(CHOSEN) == ["left", "middle"]
     page.page.keyboard.press("Escape")
     assert (page.ask(CHOSEN), faint(page)) == (None, set())

@@ -18,7 +18,7 @@ from proximity.web.geometry import scene_glb
 
 
 def read(data):
-    """The parts in a GLB: by name, vertices and faces in the scene's frame, and the lines."""
+    """Return a GLB's vertices and faces in the scene's frame by part name, and its lines."""
     scene = trimesh.load(io.BytesIO(data), file_type="glb")
     found = {}
     for node in scene.graph.nodes_geometry:

@@ -1,4 +1,4 @@
-"""Hands of an emulated headset, and recorded ones: what a page computes is what the scene answers."""
+"""Hands of an emulated headset, and recorded ones: the page's answers equal the scene's."""
 
 import browsing
 import numpy as np
@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 @pytest.fixture(scope="module", params=["served", "saved"])
 def url(request, tmp_path_factory):
-    """Of a page that a server gave, and of one that is a file: no program runs but the browser."""
+    """Address of a served page, and of a saved one that needs only the browser."""
     browsing.browser_path()
     if request.param == "served":
         with Viewing(MESHES / "bracket.stl", "--replay", MESHES / "hand.csv") as running:
@@ -43,7 +43,7 @@ def page(chromium, url):
 
 
 def known(page, fingers):
-    """Wait until those fingers, and no others, are known."""
+    """Wait until exactly those fingers are known."""
     page.until(
         "(fingers) => JSON.stringify(page.reading.contacts"
         ".filter((each) => each.isKnown).map((each) => each.finger)) === JSON.stringify(fingers)",
@@ -99,7 +99,7 @@ WORLD_FROM_SCENE = "(page.stage.root.updateMatrixWorld(true), page.stage.root.ma
 
 
 def random_hand(rng, names, box, world_from_scene):
-    """Matrices of joints, column by column, and where they are in the scene."""
+    """Return column-major matrices of joints, and their positions in the scene."""
     hand, places = {}, {}
     for name in names:
         point = rng.uniform(*box)
@@ -117,7 +117,7 @@ def test_both_hands_of_a_headset_are_tracked_and_measured_to_a_micrometre(page, 
     known(page, list(range(10)))
     page.until("page.inputs.headset.hands.size === 2")
     page.until("page.inputs.headset.isPlaced")
-    page.ask("headset.quaternion.set(Math.sin(-0.3), 0, 0, Math.cos(-0.3))")  # look down at the part
+    page.ask("headset.quaternion.set(Math.sin(-0.3), 0, 0, Math.cos(-0.3))")  # towards the part
     page.ask(PLACE, {"left": [-0.1, 1.45, -0.2], "right": [0.1, 1.45, -0.2]})
     page.until("page.reading.contacts.filter((each) => each.isKnown && each.distance < 0.25).length > 3")
     page.page.wait_for_timeout(1500)
@@ -147,7 +147,7 @@ def test_both_hands_of_a_headset_are_tracked_and_measured_to_a_micrometre(page, 
         np.testing.assert_allclose(
             distances, scene.signed_distance(expected) - RADIUS, rtol=0, atol=MICROMETRE
         )
-    assert worst < 1e-15  # what the page says is what the scene says
+    assert worst < 1e-15  # the page's answers equal the scene's
     page.picture("headset-random")
     page.ask("page.inputs.headset.stop()")
     page.until("page.input === 'probe'")
@@ -160,7 +160,7 @@ def test_a_hand_that_pinches_near_a_part_takes_it_along(page):
     world_from_scene = np.array(page.ask(WORLD_FROM_SCENE)).reshape(4, 4).T
 
     def put(point, apart):
-        """The right hand at a point of the scene, thumb and index as far apart as said."""
+        """Move the right hand to a point of the scene, with thumb and index *apart* metres apart."""
         hand = {}
         for name in names:
             x, y, z = point

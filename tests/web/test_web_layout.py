@@ -1,4 +1,4 @@
-"""How frames age on the page, in Node."""
+"""Ageing of frames on the page, in Node."""
 
 import json
 import shutil
@@ -26,7 +26,7 @@ console.log(JSON.stringify(seen));
 
 
 def test_a_frame_ages_on_the_page_as_the_client_has_it(tmp_path):
-    """Frames of 0, 30 and 60 ms, by which the clock is known; then none."""
+    """Frames at 0, 30 and 60 ms set the clock; then none arrives."""
     program = shutil.which("node")
     if program is None:
         pytest.skip("there is no Node here")

@@ -1,4 +1,4 @@
-"""The page in a browser: hands in, distances seen, parts moved, and what it says when nothing comes."""
+"""The page in a browser: hands in, distances shown, parts moved, and its status when frames stop."""
 
 import contextlib
 import csv
@@ -56,7 +56,7 @@ def opened(chromium, viewing):
 
 @pytest.fixture
 def page(opened):
-    """The page as it is at first."""
+    """The page in its initial state."""
     opened.page.mouse.move(2, 400)
     opened.page.keyboard.press("Escape")
     opened.ask("page.tools.reset()")
@@ -75,13 +75,13 @@ def has_mouse_hand(page, at=MIDDLE):
 
 
 def same_as(scene, contacts):
-    """Compare distances that the page has with the scene's."""
+    """Compare the page's distances with the scene's."""
     expected = scene.signed_distance([each["position"] for each in contacts]) - RADIUS
     np.testing.assert_allclose([each["distance"] for each in contacts], expected, rtol=0, atol=MICROMETRE)
 
 
 def probed(page, at):
-    """What the probe answers where the mouse is."""
+    """Return the probe's answer at a mouse position."""
     page.page.mouse.move(at[0] + 3, at[1])
     page.page.mouse.move(*at)
     page.page.wait_for_timeout(300)
@@ -288,7 +288,7 @@ def test_a_part_is_hidden_and_distances_do_not_know_it(page, scene):
     others = proximity.Scene(scene.parts)
     others.hide("bracket")
 
-    same_as(others, page.exact())  # the hand stays where it was while the mouse is over the buttons
+    same_as(others, page.exact())  # over the buttons the mouse leaves the hand at rest
 
     page.page.get_by_role("button", name="show bracket").click()
     page.until("page.parts.list.every((part) => part.object.visible)")
@@ -358,7 +358,7 @@ def test_nearest_parts_of_the_picked_one_are_shown(page, scene):
 
 
 def test_a_moved_part_stops_at_contact(page, scene):
-    """The pin goes up by 10 mm, and is to come down by 15 mm: it stops on the lid, where it stood."""
+    """The pin is raised by 10 mm, then lowered by 15 mm: it stops on the lid, where it was."""
     pin = "page.parts.named('pin')"
     height = f"{pin}.object.matrix.elements[14]"
     raised = f"{pin}.object.matrix.clone().premultiply({pin}.initial.clone().makeTranslation(0, 0, SHIFT))"
@@ -374,7 +374,7 @@ def test_a_moved_part_stops_at_contact(page, scene):
     apart.move("pin", np.array(page.ask(f"{pin}.object.matrix.elements")).reshape(4, 4).T)
     assert 0.0 < apart.closest_pairs(of="pin", most=1)[0].distance < 2e-5
 
-    page.ask(f"void page.parts.ask({pin}, {raised.replace('SHIFT', '0.002')})")  # away again
+    page.ask(f"void page.parts.ask({pin}, {raised.replace('SHIFT', '0.002')})")  # up again
     page.until(f"{height} - {pin}.initial.elements[14] > 0.0015")
     page.page.get_by_label("A moved part stops at contact").uncheck()
     page.page.keyboard.press("Home")
@@ -424,7 +424,7 @@ def test_a_slice_of_the_signed_distance_is_seen(page):
     deepest, farthest = float(low.removeprefix("−")), float(high.split(" mm, lines every ")[0])
     assert 0.0 < deepest < farthest, "inside has a scale of its own"
 
-    # The probe stops at the slice where no part lies before it.
+    # Without a part in front of it the probe stops at the slice.
     page.ask("page.choose('probe')")
     page.until("page.local.scene && page.probe.answer")
     found = page.ask(
@@ -493,7 +493,7 @@ def test_everything_can_be_reached_by_the_keyboard(page):
     } <= reached  # fmt: skip
 
 
-# Beside a service
+# With a service
 
 
 @pytest.fixture(scope="module")
@@ -531,7 +531,7 @@ def serving(tmp_path_factory):
 @pytest.fixture(scope="module")
 def beside(chromium, serving):
     with Page(chromium, serving.url).ready() as one:
-        one.until("page.feeds && page.tools.mayMove")  # once the page of the test before has gone
+        one.until("page.feeds && page.tools.mayMove")  # once the page of the previous test has left
         yield one
 
 
@@ -573,7 +573,7 @@ def test_the_path_of_a_finger_goes_through_its_tip(beside):
     )
 
     assert len(offs) == 5
-    assert max(offs) < 0.002  # half the way between two corners
+    assert max(offs) < 0.002  # half of the distance between two corners
 
 
 @pytest.mark.skipif(os.name == "nt", reason="processes are stopped by signals")
@@ -586,7 +586,7 @@ def test_stale_is_shown_and_all_is_back_when_frames_come_again(beside, serving):
     processes = [psutil.Process(serving.pid), *psutil.Process(serving.pid).children()]
 
     for process in processes:
-        process.suspend()  # programs that hang
+        process.suspend()  # processes that hang
     try:
         beside.until(
             "page.reading.state === 'STALE' && document.getElementById('state').textContent === 'STALE'"

@@ -1,4 +1,4 @@
-"""Files of others that lie here: as they were published, with their licences, and no larger than agreed."""
+"""Vendored files: unchanged, with their licences, and within the agreed size."""
 
 import hashlib
 import re
@@ -72,5 +72,5 @@ def test_the_policy_lets_nothing_in_but_what_is_served():
 
     assert "default-src 'none'" in policy
     assert re.search(r"script-src 'self' 'wasm-unsafe-eval' 'sha256-[^']+';", policy)
-    assert "unsafe" not in policy.replace("'wasm-unsafe-eval'", "")  # compiles the engine, no text
+    assert "unsafe" not in policy.replace("'wasm-unsafe-eval'", "")  # for the engine, not for text
     assert "*" not in policy

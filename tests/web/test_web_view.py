@@ -1,4 +1,4 @@
-"""`proximity view`, `serve --web` and `proximity.view`: what they start, and that all of it ends."""
+"""`proximity view`, `serve --web` and `proximity.view`: their processes, and that all of them end."""
 
 import json
 import re
@@ -38,7 +38,7 @@ BRACKET = MESHES / "bracket.stl"
 
 
 def shown_at(url, name):
-    """What a page is given over HTTP."""
+    """Return a resource of a page, read over HTTP."""
     address, _, token = url.partition("#token=")
     asked = Request(f"{address}shown/{name}", headers={"Authorization": f"Bearer {token}"})
     with urlopen(asked, timeout=PATIENCE) as answer:
@@ -46,7 +46,7 @@ def shown_at(url, name):
 
 
 def welcomed(url):
-    """What a page beside a service is told first, and the kinds of what comes behind it."""
+    """Return a live page's welcome, and the kinds of the following messages."""
     assert shown_at(url, "welcome") == b"null"
     address, _, token = url.partition("/#token=")
     with connect(address.replace("http", "ws") + "/live", origin=address, max_size=None) as page:
@@ -57,7 +57,7 @@ def welcomed(url):
 
 
 def is_over(process):
-    """Whether a process has ended; one that is still a child is a zombie then."""
+    """Test whether a process has ended; a child is a zombie then."""
     return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
 
 
@@ -133,7 +133,7 @@ def test_another_address_needs_a_certificate(tmp_path):
 
 
 def test_port_in_use_is_told_in_one_sentence():
-    """It was a traceback."""
+    """Regression: a traceback."""
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(
@@ -151,7 +151,7 @@ def test_without_websockets_a_sentence_says_what_to_install(monkeypatch):
 
 @pytest.fixture
 def view(monkeypatch, tmp_path):
-    """Run ``view --save``, which writes nothing; what a page would have been made of."""
+    """Run ``view --save`` without writing; return the arguments of `write_page`."""
 
     def run(*words):
         read = []
@@ -229,7 +229,7 @@ def test_parts_that_cannot_be_loaded_are_refused(name, text, words, tmp_path):
 
 
 def logged(path, count=50, sessions=1):
-    """Write a log: the distance of finger 0 is the number of the frame, in millimetres."""
+    """Write a log in which finger 0's distance is the number of the frame, in millimetres."""
     message = Message(FRAME, 2)
     header = message.header
     header["period_ns"], header["state"] = 1_000_000, State.DEGRADED
@@ -336,7 +336,7 @@ def test_names_of_a_page_for_other_machines():
 
 @pytest.mark.parametrize("opens", ["python", "command"])
 def test_the_token_is_in_no_argument_of_the_browser(opens, tmp_path, monkeypatch):
-    """Every user of a machine may read the arguments of its programs, and so could use the page."""
+    """All users of a machine can read the arguments of processes, and could use the page."""
     browser, seen = tmp_path / "browser", tmp_path / "arguments"
     browser.write_text(f'#!/bin/sh\necho "$@" > {seen}.part && mv {seen}.part {seen}\n')
     browser.chmod(0o755)

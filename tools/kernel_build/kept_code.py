@@ -20,7 +20,7 @@ def read(groups: tuple[int, ...]) -> tuple[list[str], str] | None:
 
 
 def write(groups: tuple[int, ...], entries: list[str], code: str) -> None:
-    """Keep the code of groups; that of other sources is removed."""
+    """Store the code of groups, and remove that of other sources."""
     path = _path(groups)
     with suppress(OSError):  # a read-only folder keeps none
         FOLDER.mkdir(parents=True, exist_ok=True)

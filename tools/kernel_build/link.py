@@ -45,7 +45,7 @@ def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path
 def link_library(
     target: Target, objects: list[Path], wrappers: list[tuple[str, str, str]], digest: str, folder: Path
 ) -> Path:
-    """Return the library in C, of the same objects; beside it, its static and its import library, if any."""
+    """Return the C library of the same objects, next to its static and import libraries, if any."""
     library = folder / target.library
     files = [*library_objects(target, wrappers, digest, folder), *objects]
     name = [f"-Wl,-soname,{target.library}.{interface()}"] if target.name.startswith("linux") else []
@@ -138,7 +138,7 @@ def _functions_in_c() -> list[str]:
 
 
 def zig(target: Target, folder: Path, *options: str) -> None:
-    """Run the compiler for a target; `SystemExit` with what it says where it fails."""
+    """Run the compiler for a target; `SystemExit` with its message on failure."""
     run_zig(target, folder, "cc", "-target", target.zig, *options)
 
 

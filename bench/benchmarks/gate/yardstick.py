@@ -48,7 +48,7 @@ _compiled = numba.njit(cache=True, nogil=True)
 
 @_compiled
 def _halve(order, keys, first, last):
-    """Put the rows with the smaller keys into the first half; return the start of the second."""
+    """Move the rows with the smaller keys to the first half; return the start of the second."""
     middle = (first + last) // 2
     low, high = first, last - 1
     while low < high:

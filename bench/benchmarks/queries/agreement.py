@@ -66,7 +66,7 @@ def check_all(
     by_fives: bool = False,
     pair_count: int = PAIR_COUNT,
 ) -> dict[str, Agreement]:
-    """Let every contender answer *question* of *case* once, in one call or five at a time, and compare.
+    """Compare the answers of all contenders to *question* of *case*, in one call or five at a time.
 
     *pair_count*: approximate number of query-face pairs for the oracle.
     """

@@ -12,7 +12,7 @@ POINT = ("30", "10", "5")
 
 
 def command_runs(folder: str) -> dict[str, Callable[[], None]]:
-    """Return calls by name, each of which runs one command to its end."""
+    """Return calls by name, each running one command to its end."""
     make = project_module("meshes", "make")
     path = Path(folder) / "torus.stl"
     path.write_bytes(make.stl_bytes(make.torus(**TORUS)))

@@ -148,7 +148,7 @@ def measure(
 
 
 def _scene_file(folder: Path, files: list[str], units: str, finger_count: int) -> Path:
-    """Write a scene file of these parts, for *count* fingers."""
+    """Write a scene file of the given parts, for *finger_count* fingers."""
     # A scene file must name a source of poses, which the service overrides.
     lines = [
         "[input]",

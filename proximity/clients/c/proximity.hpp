@@ -96,10 +96,10 @@ inline bool has_interface()
 
 }  // namespace detail
 
-/// A scene: a compiled one, or parts that are added. Const members ask, from any number of threads; the others change.
+/// A scene: a compiled one, or parts that are added. Const members may run in any number of threads; the others change.
 class Scene {
 public:
-    /// Without parts: add some before it is asked.
+    /// An empty scene: add parts before the first query.
     Scene()
     {
         if (detail::has_interface()) {
@@ -136,7 +136,7 @@ public:
     ~Scene() { proximity_close(scene_); }
 
     const proximity_scene *get() const { return scene_; }
-    /// Pass on notes on input that was probably meant otherwise, see proximity.h; without arguments, none.
+    /// Pass on notes on suspicious input, see proximity.h; without arguments, none.
     void set_log(proximity_log *log = nullptr, void *user = nullptr) { proximity_set_log(scene_, log, user); }
     std::int32_t part_count() const { return proximity_part_count(scene_); }
     std::int32_t find(const std::string &name) const { return proximity_find_part(scene_, name.c_str()); }
@@ -191,13 +191,13 @@ public:
     {
         return add(Scene(name, vertices, faces), pose);
     }
-    /// Why the distances of a part from a mesh have a sign, or have none; empty for parts of a compiled scene.
+    /// The reason for the sign method of a part from a mesh; empty for parts of a compiled scene.
     std::string sign_reason(std::int32_t part) const
     {
         const char *found = proximity_sign_reason(scene_, part);
         return found != nullptr ? found : "";
     }
-    /// Remove a part; those behind it move up by one number.
+    /// Remove a part; the numbers of later parts decrease by one.
     void remove(std::int32_t part) { detail::call(proximity_remove, scene_, part); }
 
     void move(std::int32_t part, const Matrix &pose, const Vector *velocity = nullptr,

@@ -105,7 +105,7 @@ struct reading {
     const proximity_frame_header *header = nullptr; // as published; null: no frame yet
     std::span<const proximity_contact> contacts;    // aged: LATE has widening bounds, STALE no values
 
-    /// Whether distances may be used unchanged.
+    /// Test whether distances may be used unchanged.
     bool is_valid() const { return state == PROXIMITY_STATE_OK || state == PROXIMITY_STATE_DEGRADED; }
 };
 
@@ -167,8 +167,8 @@ public:
         return now;
     }
 
-    /// The newest valid contact of a finger, as it was published, whose pose is no older than that at the last
-    /// reading; null: there is none. For a display, while frames are late.
+    /// The newest valid contact of a finger, as published, whose pose is at most that old at the last reading; null if
+    /// there is none. For a display, while frames are late.
     const proximity_contact *last_valid(std::uint32_t finger,
                                         std::chrono::nanoseconds at_most = std::chrono::milliseconds(100)) const
     {
@@ -188,7 +188,7 @@ public:
         return is_of_frame && row < part_names_.size() ? std::string_view(part_names_[row]) : std::string_view();
     }
 
-    /// How many changes, additions, deformations and moves the service has refused, and the last of them: its kind
+    /// Number of changes, additions, deformations and moves that the service has refused, and the last of them: its kind
     /// and the reason. Known within a second.
     std::uint64_t refused() const { return refused_; }
     std::string_view refusal() const { return refusal_; }
@@ -211,7 +211,7 @@ private:
     std::vector<std::string> part_names_;
     std::uint64_t refused_ = 0;
     std::string refusal_;
-    std::map<std::uint64_t, std::string> labels_; // of a description of which not all has come
+    std::map<std::uint64_t, std::string> labels_; // of an incomplete description
 
     static bool is_description(std::span<const std::byte> message)
     {
@@ -221,7 +221,7 @@ private:
         return magic == PROXIMITY_DESCRIPTION_MAGIC;
     }
 
-    /// Read one message of a description, whose names count when it is complete.
+    /// Read one message of a description, whose names are used once it is complete.
     flaw describe(std::span<const std::byte> message)
     {
         proximity_description_header header;
@@ -548,7 +548,7 @@ inline proximity_change change_of(std::string_view name, std::uint32_t action)
 }
 
 /// An addition: a file of a folder of `parts_from`, such as "lid.stl", under that name and with its origin there.
-/// Set `rotation` where it is turned, and `units` where the file declares none and is not in mm.
+/// Set `rotation` if it is turned, and `units` if the file declares none and is not in mm.
 inline proximity_addition addition_of(std::string_view name, std::string_view file,
                                       std::span<const double, 3> translation)
 {
@@ -559,8 +559,8 @@ inline proximity_addition addition_of(std::string_view name, std::string_view fi
     return addition;
 }
 
-/// A move: the part stands, with its axes those of the scene and its origin there. Set `rotation` where the part
-/// is turned, and `velocity` while it moves.
+/// A move: the part is at rest, with its axes those of the scene and its origin there. Set `rotation` if the part is
+/// turned, and `velocity` while it moves.
 inline proximity_part_move move_of(std::string_view name, std::span<const double, 3> translation,
                                    std::int64_t pose_ns = clock_ns())
 {

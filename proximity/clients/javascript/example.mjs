@@ -3,7 +3,7 @@
 //   node example.mjs FRAMES_PORT POSES_PORT SECONDS [KEY]
 //
 // The scene file has `publish = ["udp://127.0.0.1:FRAMES_PORT"]` in [service] and
-// `poses = "udp://127.0.0.1:POSES_PORT"` in [input], both with `?key=KEY` where there is one.
+// `poses = "udp://127.0.0.1:POSES_PORT"` in [input], both with `?key=KEY` if there is one.
 
 import { setTimeout as sleep } from "node:timers/promises";
 

@@ -1,8 +1,8 @@
 // proximity_client.mjs: messages of a proximity service, read, written and aged, in browsers and Node.
 //
-// Made by `proximity client js`; what is changed here is lost. Whole numbers of 64 bits, instants among
-// them, are BigInt. A field of several numbers is an array, row by row. There is no network here: proximity_udp.mjs
-// has that for Node, and in a browser bytes come from a WebSocket.
+// Made by `proximity client js`; edits are lost. 64-bit integers, including instants, are BigInt. A field of several
+// numbers is an array, row-major. This module has no network: proximity_udp.mjs has one for Node, and in a browser
+// bytes come from a WebSocket.
 
 import { CHECKED_FROM, ENUMS, KINDS, LIMITS, MAX_RECORDS, RECORDS, VERSION } from "./layout.mjs";
 
@@ -50,7 +50,7 @@ export function readRecord(view, offset, record) {
   return values;
 }
 
-/** Refuse values outside a field's range, which a DataView refuses without its name, or writes as NaN. */
+/** Throw for values outside a field's range: a DataView throws without its name, or writes them as NaN. */
 function checkTypes(name, field, numbers) {
   const isWide = field.type.startsWith("Big");
   for (const value of numbers) {
@@ -107,7 +107,7 @@ export function flawOf(bytes, kind = "frame") {
   return at("count") === count ? "" : "size";
 }
 
-/** Whether bytes claim to be a description: names of parts and fingers. */
+/** Test whether bytes claim to be a description: names of parts and fingers. */
 function isDescription(bytes) {
   const view = viewOf(bytes);
   return view.byteLength >= RECORDS.prefix.size && view.getUint32(0, true) === KINDS.description.magic;
@@ -144,7 +144,7 @@ export function encode(kind, header, records) {
 /** A record of "poses": a finger whose centre is there, m; velocity and bend are not known. */
 export const poseOf = (finger, position, poseNs) => ({ finger, pose_ns: poseNs, position });
 
-/** A record of "moves": a part that stands, not turned, with its origin there, m. */
+/** A record of "moves": a part at rest, not turned, with its origin there, m. */
 export const moveOf = (name, translation, poseNs) => ({
   name, pose_ns: poseNs, translation, rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1],
   velocity: [0, 0, 0], angular_velocity: [0, 0, 0],
@@ -163,7 +163,7 @@ const least = (a, b) => (Number.isNaN(a) ? b : Number.isNaN(b) ? a : Math.min(a,
 const most = (a, b) => (Number.isNaN(a) ? b : Number.isNaN(b) ? a : Math.max(a, b));
 const larger = (a, b) => (a > b ? a : b);
 
-/** Widen a contact's bounds by as much as finger and parts may have moved until then; its distance stays that of the pose. */
+/** Widen a contact's bounds by the possible motion of finger and parts until then; its distance is that of its pose. */
 export function widen(c, nowNs, maxSpeed = 3, maxAcceleration = 120) {
   const isTracked = (c.flags & ContactFlag.TRACKED) !== 0;
   const isGeometry = c.source === Source.GEOMETRY;
@@ -270,7 +270,7 @@ export class FrameReader {
   #ended = new Map(); // session: the last number of a run before
   #held = null;
   #isNew = false;
-  #nowNs = null; // of the last reading, their clock; null where that is not known
+  #nowNs = null; // of the last reading, publisher's clock; null if it is not known
   #valid = new Map(); // finger: its newest valid contact, while parts keep their numbers
   #names = null; // of a description: numbers of its service, and the names of parts
   #labels = { of: "", names: new Map() }; // of an incomplete description
@@ -312,8 +312,8 @@ export class FrameReader {
     return { state: STATE_NAMES[state], isValid, isNew, nowNs: now, ageNs: age > 0n ? age : 0n, header, contacts };
   }
 
-  /** The newest valid contact of a finger, as it was published, whose pose is no older than that at the last reading;
-   * null: there is none. For a display, while frames are late. */
+  /** The newest valid contact of a finger, as published, whose pose is at most that old at the last reading; null if
+   * there is none. For a display, while frames are late. */
   lastValid(finger, atMostNs = 100_000_000n) {
     const contact = this.#valid.get(finger);
     return contact !== undefined && this.#nowNs !== null && this.#nowNs - contact.pose_ns <= atMostNs ? contact : null;
@@ -327,7 +327,7 @@ export class FrameReader {
     return session === this.#names.session && epoch === this.#names.epoch ? (this.#names.parts[part] ?? "") : "";
   }
 
-  /** Read one message of a description, whose names count when it is complete. */
+  /** Read one message of a description, whose names are used once it is complete. */
   #describe(bytes) {
     const flaw = flawOf(bytes, "description");
     if (flaw) return flaw;
@@ -386,7 +386,7 @@ export class FrameReader {
 
   #accept(session, sequence, sent, now) {
     const last = this.#last;
-    let before = sequence - 1n; // of the very first none is missing
+    let before = sequence - 1n; // no message is missing before the first
     if (last === null || last.session !== session) this.counts.sessions++;
     if (last !== null && last.session === session) before = last.sequence;
     else if (last !== null) {

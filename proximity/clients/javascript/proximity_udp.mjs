@@ -1,7 +1,7 @@
 // proximity_udp.mjs: frames from a proximity service, and poses and moves to it, over UDP, for Node.
 //
-// Made by `proximity client js`; what is changed here is lost. A browser has no datagrams: there, give
-// what a WebSocket brings to the FrameReader of proximity_client.mjs.
+// Made by `proximity client js`; edits are lost. A browser has no datagrams: there, pass the messages of a
+// WebSocket to the FrameReader of proximity_client.mjs.
 
 import dgram from "node:dgram";
 import fs from "node:fs";

@@ -1,10 +1,10 @@
-// proximity.mjs: exact distances, rays and segments against the parts of a compiled scene, computed here: in
+// proximity.mjs: exact distances, rays and segments against the parts of a compiled scene, computed locally: in
 // browsers, workers and Node, without a service.
 //
-// Made by `proximity library wasm`; what is changed here is lost. A scene is the bytes of a file "....prox", which
-// `proximity compile` writes. Lengths are metres, in the scene's frame. Points are a Float64Array, or any array of
-// numbers, three a point; matrices have 16 numbers, row by row, "scene from part". Answers are those of the Python
-// package, bit for bit where the processor fuses multiply-add and the browser has relaxed vector instructions, as
+// Made by `proximity library wasm`; edits are lost. A scene is the bytes of a file "....prox", written by
+// `proximity compile`. Lengths are in metres, in the scene's frame. Points are a Float64Array, or any array of
+// numbers, three a point; matrices have 16 numbers, row-major, "scene from part". Answers equal those of the Python
+// package, bit for bit if the processor fuses multiply-add and the browser has relaxed vector instructions, as
 // almost all have; see `Engine.instructions`.
 
 import { ContactFlag, RECORDS } from "./layout.mjs";
@@ -34,12 +34,12 @@ export const NO_PART = -1, NO_FACE = -1;
 export const Relation = { APART: 0, TOUCHING: 1, CROSSING: 2, FIRST_INSIDE: 3, SECOND_INSIDE: 4 };
 export const Feature = { NONE: -1, FACE: 0, EDGE: 1, VERTEX: 2 };
 
-export const ErrorCode = { // as in proximity.h; BAD_VERSION: a scene of another version, which is to be compiled again
+export const ErrorCode = { // as in proximity.h; BAD_VERSION: a scene of another version, to be compiled again
   BAD_ARGUMENT: 1, NO_MEMORY: 2, NO_FILE: 3, BAD_FILE: 4, BAD_POSE: 5, NO_INSIDE: 6, NO_PROCESSOR: 7, BROKEN: 8, BAD_VERSION: 9,
   BAD_MESH: 10,
 };
 
-/** What cannot be done: what, where, and what was expected. */
+/** An error: its message gives the cause, the place and the expected input. */
 export class ProximityError extends Error {
   constructor(code, sentence) {
     super(sentence);
@@ -48,7 +48,7 @@ export class ProximityError extends Error {
   }
 }
 
-/** Whether the browser has relaxed vector instructions, and uses proximity.relaxed.wasm. */
+/** Test whether the browser has relaxed vector instructions, and uses proximity.relaxed.wasm. */
 export const hasRelaxed = () => typeof WebAssembly !== "undefined" && WebAssembly.validate(RELAXED);
 
 /** Start an engine. *source*: the bytes or the compiled module of one of the two .wasm files; by default the one that
@@ -78,7 +78,7 @@ async function engineBytes(url) {
   });
 }
 
-/** The bytes at an address; a server's error page is refused. */
+/** The bytes at an address; throws for a server's error page. */
 async function fetched(url, expected, advice = "") {
   const where = String(url?.url ?? url), refuse = (reason) => {
     throw new ProximityError(3, `${where}: ${reason}${advice}`);
@@ -131,7 +131,7 @@ export class Engine {
     }
   }
 
-  /** A scene without parts: add some before it is asked. */
+  /** A scene without parts: add some before the first query. */
   scene() {
     return new Scene(this, this.made("new_scene"));
   }
@@ -214,14 +214,14 @@ export class Engine {
     return this.#calls[name](...words);
   }
 
-  /** The address of what a function makes. */
+  /** Return the address of the object that a function makes. */
   made(name, ...words) {
     const place = this.block(2, 8);
     this.checked(name, ...words, place);
     return this.view.getUint32(place, true);
   }
 
-  /** Call a function that returns a number of an error; its sentence is thrown. */
+  /** Call a function that returns an error code; throw its message. */
   checked(name, ...words) {
     const code = this.#calls[name](...words, this.#error);
     if (code !== 0) throw new ProximityError(code, this.textAt(this.#error + 4));
@@ -274,19 +274,19 @@ export class Scene {
     return engine.view.getInt32(place, true);
   }
 
-  /** Why the distances of a part from a mesh have a sign, or have none; empty for parts of a compiled scene. */
+  /** The reason for the sign method of a part from a mesh; empty for parts of a compiled scene. */
   signReason(part) {
     const address = this.#engine.call("sign_reason", this.#open, this.partNumber(part));
     return address === 0 ? "" : this.#engine.textAt(address);
   }
 
-  /** Remove a part; those behind it move up by one number. */
+  /** Remove a part; the numbers of later parts decrease by one. */
   remove(part) {
     this.#engine.checked("remove", this.#open, this.partNumber(part));
     this.#readNames();
   }
 
-  /** Free what the scene holds; it cannot be asked afterwards. */
+  /** Free the scene's memory; it cannot be queried afterwards. */
   close() {
     if (this.#address !== 0) {
       this.#engine.call("close", this.#address);
@@ -390,7 +390,7 @@ export class Scene {
     return out;
   }
 
-  /** Whether points are inside a part: a Uint8Array of 0 and 1. */
+  /** Test whether points are inside a part: a Uint8Array of 0 and 1. */
   contains(points) {
     const engine = this.#engine, count = rowCount(points, "points");
     const rows = engine.written(0, points), answers = engine.block(1, count);
@@ -543,7 +543,7 @@ export class Contact {
   }
 }
 
-/** Answers for every fingertip at every tick: bounds of distances, predictions, time and position of contact. */
+/** Contacts of every fingertip at every tick: bounds of distances, predictions, time and position of contact. */
 export class Tracker {
   #engine;
   #scene; // its address, or an error if it is closed
@@ -570,11 +570,11 @@ export class Tracker {
     this.#contacts = Array.from({ length: fingers }, (_, finger) => new Contact(engine, this.#records + size * finger));
   }
 
-  /** Answer for all fingers: *positions* has three numbers a finger, not finite where it is not tracked; *poseNs*,
-   * one instant for all fingers or one for each, and *nowNs* are BigInt, ns, on one clock. A list of `Contact`, the
-   * same at each tick. *given*, all optional: velocities, three numbers a finger, m/s; corners, the path of each
-   * fingertip as it bends, equally many corners of three numbers a finger, m, not finite for a finger that has none;
-   * pathBends, the bend at each corner, evenly from 0 to 1 without them; bends, that of each finger at its pose. */
+  /** Compute the contacts of all fingers: *positions* has three numbers a finger, not finite if it is not tracked;
+   * *poseNs*, one instant for all fingers or one for each, and *nowNs* are BigInt, ns, on one clock. Returns a list of
+   * `Contact`, the same at each tick. *given*, all optional: velocities, three numbers a finger, m/s; corners, the path
+   * of each fingertip as it bends, equally many corners of three numbers a finger, m, not finite for a finger without
+   * one; pathBends, the bend at each corner, by default evenly from 0 to 1; bends, that of each finger at its pose. */
   tick(positions, poseNs, nowNs, given) {
     if (this.#address === 0) throw new ProximityError(1, "the tracker is closed");
     this.#scene();

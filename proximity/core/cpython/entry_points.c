@@ -1,8 +1,7 @@
-/* From Python to compiled kernels: arguments are checked, taken apart into words, and results put together.
-
+/* Calls from Python to compiled kernels: validate arguments, split them into words, and combine results.
    An entry point is a builtin function whose `self` is a capsule with its description. It takes exactly the
-   types that its signature declares: anything else is a TypeError. A bundle is an object that keeps arrays
-   alive and has their addresses and lengths ready. */
+   types that its signature declares: others are a TypeError. A bundle is an object that keeps arrays alive
+   and has their addresses and lengths ready. */
 #define Py_LIMITED_API 0x030B0000
 #include <Python.h>
 #define NPY_NO_DEPRECATED_API NPY_1_22_API_VERSION
@@ -15,12 +14,12 @@
 
 enum { MOST_AXES = 4, MOST_VALUES = 24, MOST_WORDS = 96 };
 enum { INT, FLOAT, BOOL, ARRAY, BUNDLE };
-enum { RECORD_SIZE = 256 }; /* factor of the size in the number of a type of records */
-enum { ANSWERED = -1 }; /* what a query returns that has answered all rows */
+enum { RECORD_SIZE = 256 }; /* factor of the size in the code of a record type */
+enum { ANSWERED = -1 }; /* result of a query that has answered all rows */
 
 typedef struct {
     int kind;
-    int number; /* of an array that of its dtype, see type_number; of a bundle that of its kind */
+    int number; /* of an array its dtype, see type_number; of a bundle its kind */
     int axes;
     int64_t lengths[MOST_AXES]; /* -1: any */
 } Value;
@@ -30,10 +29,10 @@ typedef struct {
     char *name;
     int argument_count, result_count, argument_words;
     Py_ssize_t rows_with_gil; /* rows of the first array up to which the interpreter stays locked */
-    /* Of a query: rows are its second, and perhaps its third argument. */
+    /* For a query: rows are its second, and perhaps its third argument. */
     int row_arrays, width, dtype;
-    Py_ssize_t few;     /* rows from which on Python takes over */
-    PyObject *otherwise; /* what answers all other questions */
+    Py_ssize_t few;     /* rows from which Python takes over */
+    PyObject *otherwise; /* answers all other calls */
     Value values[MOST_VALUES]; /* arguments, then results */
 } Entry;
 
@@ -77,7 +76,7 @@ static inline int type_number(PyArrayObject *array)
     return number == NPY_VOID ? number + RECORD_SIZE * (int)PyArray_ITEMSIZE(array) : number;
 }
 
-/* The words of an array; 0 where it is not as declared. */
+/* The words of an array; 0 if it is not as declared. */
 static inline int array_words(const Value *value, PyObject *given, int64_t *words)
 {
     if (!PyArray_Check(given)) {
@@ -122,7 +121,7 @@ static inline int take(const Entry *entry, Py_ssize_t k, PyObject *given, int64_
         }
         PyErr_Clear();
         break;
-    default: /* whole numbers and truth values, NumPy's among them */
+    default: /* integers and booleans, including NumPy's */
         words[0] = given == Py_True ? 1 : given == Py_False ? 0 : PyLong_AsLongLong(given);
         if (words[0] != -1 || !PyErr_Occurred()) {
             return 1;
@@ -261,7 +260,7 @@ static PyMethodDef call_definition = {"entry", (PyCFunction)(void (*)(void))call
 
 static PyObject *packed_name, *one;
 
-/* The table of answers to a few plain rows; NULL without an exception where the question is another one. */
+/* The table of answers to a small batch of plain rows; NULL without an exception for other arguments. */
 static PyObject *ask_few(const Entry *entry, PyObject *const *arguments)
 {
     int64_t words[MOST_WORDS];
@@ -273,7 +272,7 @@ static PyObject *ask_few(const Entry *entry, PyObject *const *arguments)
     Py_ssize_t at = 1, rows = -1;
     for (int k = 0; k < entry->row_arrays; k++) {
         const Value *value = &entry->values[1 + k];
-        /* Of a subclass Python has to ask what it hides: a masked array does. */
+        /* Python handles subclasses, which may hide values, such as masked arrays. */
         PyObject *given = arguments[1 + k];
         if (!PyArray_CheckExact(given) || !array_words(value, given, words + at) ||
             (k > 0 && words[at + 1] != rows)) {
@@ -293,7 +292,7 @@ static PyObject *ask_few(const Entry *entry, PyObject *const *arguments)
     npy_intp lengths[2] = {rows, entry->width};
     PyObject *table = PyArray_EMPTY(entry->width > 1 ? 2 : 1, lengths, entry->dtype, 0);
     if (table != NULL) {
-        words[at++] = 0; /* the order: none */
+        words[at++] = 0; /* no order */
         words[at++] = 0;
         words[at++] = (int64_t)&limit;
         words[at++] = 1;
@@ -304,7 +303,7 @@ static PyObject *ask_few(const Entry *entry, PyObject *const *arguments)
             Py_CLEAR(table);
         }
     }
-    Py_DECREF(packed); /* the caller holds the model */
+    Py_DECREF(packed); /* the caller keeps the model alive */
     return table;
 }
 
@@ -334,7 +333,7 @@ static PyMethodDef query_definition = {"query", (PyCFunction)(void (*)(void))cal
 
 /* --- making entries and bundles ----------------------------------------------------------------------- */
 
-/* Read a value's codes: kind, number, axes, lengths; 0 and an exception where they are not such. */
+/* Read the codes of a value: kind, number, axes, lengths; return 0 with an exception if they are invalid. */
 static int read_value(PyObject *codes, Value *value)
 {
     int64_t numbers[3 + MOST_AXES];
@@ -431,7 +430,7 @@ static PyObject *make_entry(PyObject *self, PyObject *arguments)
     return entry;
 }
 
-/* A query: an entry point, how many arrays of rows it takes, what a row of answers is, and what else answers. */
+/* A query: an entry point, the number of its arrays of rows, the size of an answer, and the fallback. */
 static PyObject *make_query(PyObject *self, PyObject *arguments)
 {
     (void)self;
@@ -512,7 +511,7 @@ static PyType_Slot bundle_slots[] = {
 static PyType_Spec bundle_spec = {"proximity.native._kernels.Bundle", sizeof(Bundle), 0,
                                   Py_TPFLAGS_DEFAULT | Py_TPFLAGS_DISALLOW_INSTANTIATION, bundle_slots};
 
-/* Names of the sets of instructions that there are wrappers for and that this processor has. */
+/* Names of the compiled instruction sets that this processor has. */
 static PyObject *usable_instructions(PyObject *self, PyObject *unused)
 {
     (void)self, (void)unused;
@@ -544,7 +543,7 @@ static int execute(PyObject *module)
         return -1;
     }
     packed_name = PyUnicode_InternFromString("packed");
-    one = PyLong_FromLong(1); /* there is one such object only */
+    one = PyLong_FromLong(1); /* a singleton */
     if (bundle_type == NULL) {
         bundle_type = (PyTypeObject *)PyType_FromSpec(&bundle_spec);
     }

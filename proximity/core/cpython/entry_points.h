@@ -1,11 +1,11 @@
-/* What the parts of the extension share. */
+/* Declarations shared by the files of the extension. */
 #ifndef PROXIMITY_ENTRY_POINTS_H
 #define PROXIMITY_ENTRY_POINTS_H
 
 #include <stddef.h>
 #include <stdint.h>
 
-/* A compiled wrapper: words of arguments, behind which it writes words of results. Not 0: no memory was left. */
+/* A compiled wrapper: words of arguments, followed by words of results. Not 0: out of memory. */
 typedef int (*Wrapper)(void **unused_result, void **unused_error, int64_t words);
 
 /* The wrappers of one set of instructions, made by the build. */
@@ -18,10 +18,10 @@ typedef struct {
 extern const NamedEntry named_entries[]; /* the last one has no name */
 extern const char sources_digest[];   /* of the sources that the wrappers were compiled from */
 extern const char entry_signatures[]; /* a line each: name|rows with the interpreter locked|signature */
-extern const char digest_in_c[];      /* of what is written in C beside them */
+extern const char digest_in_c[];      /* of the C sources */
 
-/* Owner of an array that a kernel made; the references and the address of the data are read by compiled code,
-   whose numbers have 64 bits also where addresses have 32. */
+/* Owner of an array that a kernel made; compiled code reads the reference count and the address of the data,
+   as 64-bit numbers even if addresses have 32 bits. */
 typedef struct {
     uint64_t references;
     void *unused[2];
@@ -31,7 +31,7 @@ typedef struct {
 
 void release_owner(Owner *owner);
 
-/* Whether this processor has a set of instructions, by its name. */
+/* Test whether this processor has a set of instructions, by its name. */
 int has_instructions(const char *name);
 
 #endif

@@ -1,4 +1,4 @@
-/* Which sets of instructions this processor has, and its system saves the registers of. */
+/* Instruction sets that this processor has, and whose registers its system saves. */
 #include "entry_points.h"
 
 #include <string.h>
@@ -39,7 +39,7 @@ int has_instructions(const char *name)
 
 int has_instructions(const char *name)
 {
-    return name[0] != '\0'; /* a module has one set, and does not load where that is not there */
+    return name[0] != '\0'; /* a module has one set, and does not load without it */
 }
 
 #else

@@ -1,5 +1,5 @@
-/* What compiled kernels ask of numba's runtime: memory of arrays, with their references counted, and two
-   functions of C under names of its own. */
+/* The part of numba's runtime that compiled kernels use: reference-counted memory of arrays, and two
+   functions of C under its names. */
 #include "entry_points.h"
 
 #include <math.h>

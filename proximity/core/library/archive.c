@@ -1,5 +1,5 @@
-/* The bytes of a compiled scene: kernels look at header and checksums; its description is JSON, of which the
-   layout, the table of arrays and the names of parts are read here. */
+/* The bytes of a compiled scene: kernels verify header and checksums; this file reads the layout, the table
+   of arrays and the names of parts from its JSON description. */
 #include "core.h"
 
 #include <stdlib.h>
@@ -9,7 +9,7 @@ typedef struct {
     const char *at, *end;
 } Text;
 
-/* --- JSON: functions return 0 where the text is none -------------------------------------------------- */
+/* --- JSON: functions return 0 for invalid text ------------------------------------------------------- */
 
 static int is_one_of(const char *characters, char character)
 {
@@ -33,7 +33,7 @@ static int take(Text *text, char expected)
     return 0;
 }
 
-/* What is between the quotes of a string, with its escapes. */
+/* The contents of a string, with its escapes. */
 static int read_string(Text *text, Text *inside)
 {
     if (!take(text, '"')) {
@@ -50,7 +50,7 @@ static int read_string(Text *text, Text *inside)
     return 1;
 }
 
-/* The text of any value, which nothing but its brackets and strings is looked at of. */
+/* The text of any value; only its brackets and strings are parsed. */
 static int read_value(Text *text, Text *value)
 {
     Text inside;
@@ -106,7 +106,7 @@ static int find(Text object, const char *key, Text *value)
     return 0;
 }
 
-enum { MOST_DIGITS = 18 }; /* of a number of 64 bits in any case */
+enum { MOST_DIGITS = 18 }; /* fit into 64 bits */
 
 static int read_whole(Text *text, int64_t *number)
 {
@@ -153,7 +153,7 @@ static int32_t hexadecimal(const char *at, const char *end)
 
 static char *write_utf8(char *to, int32_t code)
 {
-    if (code < 0x80 && code > 0) { /* a zero, which would end the name, takes two bytes */
+    if (code < 0x80 && code > 0) { /* a zero, which would terminate the name, takes two bytes */
         *to++ = (char)code;
         return to;
     }
@@ -172,7 +172,7 @@ static char *write_utf8(char *to, int32_t code)
     return to;
 }
 
-/* Write a string without its escapes, and a zero behind it; it does not become longer. NULL if it is none. */
+/* Write a string without its escapes, terminated by a zero; it does not become longer. NULL if it is invalid. */
 static char *write_name(Text inside, char *to)
 {
     static const char escapes[] = "\"\\/bfnrt", meant[] = "\"\\/\b\f\n\r\t";
@@ -206,7 +206,7 @@ static char *write_name(Text inside, char *to)
     return to;
 }
 
-/* Read the names of parts; they take no more space than their text. */
+/* Read the names of parts; they take at most the space of their text. */
 static int read_names(Text list, Archive *archive)
 {
     Text name;
@@ -258,7 +258,7 @@ static int read_shape(Text entry, Shape *shape, int64_t *row)
     return take(&lengths, ']');
 }
 
-/* The rows of the array of that name; -1 where it is another than is expected. */
+/* The rows of the array of that name; -1 if it does not match. */
 static int64_t array_of(const Shape *shapes, int64_t count, int64_t table[][3], uint8_t *data, const char *name,
                         int item_bytes, int is_real, int64_t columns, void *array)
 {

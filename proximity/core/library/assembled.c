@@ -1,4 +1,4 @@
-/* Scenes whose parts are added and removed at run time: the arrays of parts are put together anew. */
+/* Scenes whose parts are added and removed at run time: the arrays are assembled again. */
 #include "assembled.h"
 
 #include <stdint.h>
@@ -9,9 +9,9 @@
 
 #define WORD(address) ((int64_t)(intptr_t)(address))
 
-enum { LINE = 64 }; /* bytes, on which arrays begin */
+enum { LINE = 64 }; /* bytes; alignment of arrays */
 
-/* What `plan_scene` gives, see kernels.scene.assembly. */
+/* The results of `plan_scene`, see kernels.scene.assembly. */
 typedef struct {
     int64_t static_nodes[2], entries[3], reals, words;
     Owner *owners[2];
@@ -33,7 +33,7 @@ static void write_source(Source *source, const proximity_scene *scene, int64_t r
 
 /* --- the model ------------------------------------------------------------------------------------------ */
 
-/* Write the rows of parts, and their nodes one after the other. */
+/* Write the rows of parts, and their nodes in sequence. */
 static float *collect(const InstructionSet *set, const Source *sources, Archive *made)
 {
     double rounding = EXACT_ENOUGH;
@@ -51,7 +51,7 @@ static float *collect(const InstructionSet *set, const Source *sources, Archive 
     float *collected = malloc((size_t)numbers * sizeof *collected);
     for (int64_t k = 0; collected != NULL && k < made->part_count; k++) {
         int64_t words[] = {WORD(sources[k].model), sources[k].row, WORD(collected), numbers, last[2], last[3], k};
-        proximity_call(set, COPY_NODES, words); /* which needs no memory */
+        proximity_call(set, COPY_NODES, words); /* allocates no memory */
     }
     return collected;
 }
@@ -114,7 +114,7 @@ static int fill(proximity_scene *scene, const Source *sources, const float *node
     return proximity_call(scene->set, FINISH_SCENE, words);
 }
 
-/* Keep names and reasons, each text with a zero behind it. */
+/* Store names and reasons, each terminated by a zero. */
 static int copy_texts(proximity_scene *scene, const Source *sources)
 {
     int64_t count = scene->archive.part_count;
@@ -176,7 +176,7 @@ proximity_scene *proximity_assemble(const InstructionSet *set, const Source *sou
     return scene;
 }
 
-/* Give a scene the parts of another one, which is freed with those that it had. */
+/* Move the parts of another scene to a scene; the other one is freed with the previous parts. */
 static void exchange(proximity_scene *scene, proximity_scene *made)
 {
     proximity_scene before = *scene;
@@ -224,7 +224,7 @@ int proximity_new_scene(proximity_scene **scene, proximity_error *error)
     return PROXIMITY_OK;
 }
 
-/* The matrix that a part of an added scene has: that of the addition, times its own. */
+/* The matrix of an added part: that of the addition, times its own. */
 static void multiply(const double *outer, double *own)
 {
     double product[16];
@@ -269,7 +269,7 @@ static int check_added(const proximity_scene *scene, const proximity_scene *adde
     return PROXIMITY_OK;
 }
 
-/* Give a scene these parts. */
+/* Replace the parts of a scene. */
 static int rebuild(proximity_scene *scene, const Source *sources, int64_t count, proximity_error *error)
 {
     int is_far;

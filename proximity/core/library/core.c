@@ -1,4 +1,4 @@
-/* Calls of compiled kernels, and sentences about what went wrong. */
+/* Calls of compiled kernels, and error messages. */
 #include "core.h"
 
 #include <stdarg.h>
@@ -17,7 +17,7 @@ const char *proximity_version(void)
     return PACKAGE_VERSION;
 }
 
-/* The set of that name, or the best one where it is NULL; NULL where this processor does not have it. */
+/* The set of that name, or the best one for NULL; NULL if this processor does not have it. */
 const InstructionSet *proximity_best_set(const char *name)
 {
     const InstructionSet *best = NULL;
@@ -29,7 +29,7 @@ const InstructionSet *proximity_best_set(const char *name)
     return best;
 }
 
-/* Whether an entry point could do its work: else no memory was left. */
+/* Test whether an entry point succeeded: otherwise it was out of memory. */
 int proximity_call(const InstructionSet *set, int entry, int64_t *words)
 {
     void *unused[2] = {NULL, NULL};
@@ -62,7 +62,7 @@ static const char *sentence_of(int64_t kind)
     return each->sentence != NULL ? each->sentence : "it is not as it should be";
 }
 
-/* Refuse a file for a fault of that kind: {0} to {4} in its sentence are numbers, {name} is a name. */
+/* Report a fault of a file: {0} to {4} in its message are numbers, {name} is a name. */
 int proximity_refuse_kind(proximity_error *error, int64_t kind, const int64_t *numbers, const char *name,
                           const char *where)
 {
@@ -95,7 +95,7 @@ int proximity_refuse_kind(proximity_error *error, int64_t kind, const int64_t *n
                             told);
 }
 
-/* Append a sentence in which {asked}, {against}, {count} and {share:.0%} are numbers; where it ends. */
+/* Append a message in which {asked}, {against}, {count} and {share:.0%} are numbers; return its end. */
 static size_t append(char *text, size_t size, size_t at, const char *from, const int64_t *numbers, double share)
 {
     static const char *const names[] = {"{asked}", "{against}", "{count}"};

@@ -1,11 +1,11 @@
-/* What the files of the library share; `core_tables.h` is generated from the kernels when they are compiled. */
+/* Declarations shared by the files of the library; `core_tables.h` is generated when the kernels are compiled. */
 #ifndef PROXIMITY_CORE_H
 #define PROXIMITY_CORE_H
 
 #include "core_tables.h"
 #include "proximity.h"
 
-/* A compiled wrapper: words of arguments, behind which it writes words of results. Not 0: no memory was left. */
+/* A compiled wrapper: words of arguments, followed by words of results. Not 0: out of memory. */
 typedef int (*Wrapper)(void **unused_result, void **unused_error, int64_t words);
 
 typedef struct {
@@ -13,7 +13,7 @@ typedef struct {
     Wrapper wrappers[ENTRY_COUNT];
 } InstructionSet;
 
-PROXIMITY_API extern const InstructionSet proximity_sets[]; /* from the least to the best */
+PROXIMITY_API extern const InstructionSet proximity_sets[]; /* in ascending order */
 
 typedef struct {
     int64_t kind;
@@ -22,19 +22,19 @@ typedef struct {
 
 extern const Sentence proximity_sentences[]; /* the last one is NULL */
 extern const Sentence proximity_reasons[];   /* why a sign was chosen; the last one is NULL */
-extern const char *const proximity_exceptions[]; /* where the winding number decides; two */
+extern const char *const proximity_exceptions[]; /* near which faces the winding number gives the sign; two */
 extern const char proximity_flipped[];
-extern const char proximity_layout[];        /* as a file has to say it */
+extern const char proximity_layout[];        /* as required in a file */
 extern const int64_t proximity_unknown_contact[CONTACT_SIZE / 8];
 
-/* The arrays of a file that are looked at, where they lie in it; and the names of its parts. */
+/* The arrays of a file, in place; and the names of its parts. */
 typedef struct {
     double *reals;
     float *words;
     Frame *frames;
     Part *parts;
     int64_t real_count, word_count, frame_count, part_rows, part_count;
-    char *names; /* one behind the other, each with a zero behind it; the scene frees them */
+    char *names; /* each terminated by a zero; the scene frees them */
 } Archive;
 
 int proximity_call(const InstructionSet *set, int entry, int64_t *words);
@@ -42,7 +42,7 @@ int proximity_refuse(proximity_error *error, int code, const char *sentence, ...
 int proximity_no_memory(proximity_error *error, const char *for_what);
 int proximity_refuse_kind(proximity_error *error, int64_t kind, const int64_t *numbers, const char *name,
                           const char *where);
-/* Write why a part has its sign; *found*: what `choose_sign` gives before the share. */
+/* Write the reason for the sign method of a part; *found*: the results of `choose_sign` before the share. */
 void proximity_write_reason(char *text, size_t size, const int64_t *found, double share, int is_flipped);
 int proximity_read_archive(const InstructionSet *set, uint8_t *bytes, size_t size, Archive *archive,
                            proximity_error *error);

@@ -1,4 +1,4 @@
-/* A file in memory: mapped copy-on-write where the system can, read otherwise. */
+/* A file in memory: mapped copy-on-write if the system can, read otherwise. */
 #include "core.h"
 
 #include <errno.h>

@@ -1,4 +1,4 @@
-/* The bodies of a mesh, as a scene: kernels split, weld, sign and build; this takes memory between their steps. */
+/* The bodies of a mesh as a scene: kernels split, weld, sign and build; this file allocates memory between them. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,13 +11,13 @@
 
 enum { REASON_SIZE = 400, BODIES_WORDS = 25, PLAN_WORDS = 23 };
 
-/* A body: the model of it alone, and the memory of that. */
+/* A body: its model, and the memory of that. */
 typedef struct {
     const double *vertices;
     int32_t *faces;
     int64_t vertex_count, face_count, model[8];
     Archive archive;
-    void *rows, *block; /* as `proximity_take_rows` and `proximity_take_block` give them */
+    void *rows, *block; /* from `proximity_take_rows` and `proximity_take_block` */
     char reason[REASON_SIZE];
 } Body;
 
@@ -29,7 +29,7 @@ typedef struct {
     int64_t split[BODIES_WORDS]; /* arguments and results of `split_faces` */
 } Split;
 
-/* Give back the array that a kernel made, whose owner is in a word; a word of 0 has none. */
+/* Free an array of a kernel by its owner in a word, unless that is 0. */
 static void give_back(int64_t word)
 {
     if (word != 0) {
@@ -37,7 +37,7 @@ static void give_back(int64_t word)
     }
 }
 
-/* --- what is given --------------------------------------------------------------------------------------- */
+/* --- arguments ------------------------------------------------------------------------------------------- */
 
 static int check_faces(const int32_t *faces, int64_t count, int64_t vertices, proximity_error *error)
 {
@@ -50,7 +50,7 @@ static int check_faces(const int32_t *faces, int64_t count, int64_t vertices, pr
     return PROXIMITY_OK;
 }
 
-/* The first face with a vertex that is not finite is named. */
+/* Report the first face with a vertex that is not finite. */
 static int check_vertices(const double *vertices, const int32_t *faces, int64_t count, proximity_error *error)
 {
     for (int64_t k = 0; k < 3 * count; k++) {
@@ -114,7 +114,7 @@ static int split_faces(Split *split, const double *vertices, int64_t vertex_coun
     return PROXIMITY_OK;
 }
 
-/* The frame that several bodies share: centre and scale; of scale 0, each has its own. */
+/* The frame shared by several bodies: centre and scale; scale 0: separate frames. */
 static int choose_frame(const Split *split, double *frame)
 {
     double lower[3] = {INFINITY, INFINITY, INFINITY}, upper[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -131,13 +131,13 @@ static int choose_frame(const Split *split, double *frame)
             upper[axis] = fmax(upper[axis], at[axis]);
         }
     }
-    proximity_call(split->set, FRAME_OF_BOX, words); /* which needs no memory */
+    proximity_call(split->set, FRAME_OF_BOX, words); /* allocates no memory */
     memcpy(&frame[3], &words[6], sizeof(double));
     frame[3] *= MOVING_MARGIN;
     return frame[3] > 0.0;
 }
 
-/* Turn all faces round. */
+/* Reverse all faces. */
 static void flip(Body *body)
 {
     for (int32_t *face = body->faces; face < body->faces + 3 * body->face_count; face += 3) {
@@ -147,7 +147,7 @@ static void flip(Body *body)
     }
 }
 
-/* How the faces of a body meet: words of `face_topology`, whose arrays are the caller's. */
+/* Connections between the faces of a body: words of `face_topology`, whose arrays the caller frees. */
 static int connect(const Split *split, const Body *body, int64_t *words)
 {
     int64_t given[] = {WORD(body->faces), body->face_count, 3};
@@ -168,7 +168,7 @@ static int is_inside_out(const Split *split, const Body *body)
     return is_done && volume < 0.0;
 }
 
-/* The rows of a body, and its tree: words of `plan_part`, of which the owners are the caller's. */
+/* The rows of a body, and its tree: words of `plan_part`, whose arrays the caller frees. */
 static int plan(const Split *split, Body *body, double *frame, int64_t *words)
 {
     Archive *archive = &body->archive;

@@ -1,4 +1,4 @@
-/* Notes: sentences on input that was probably meant otherwise, each kind once. */
+/* Notes: sentences on suspicious input, each kind once. */
 #include "scene.h"
 
 #include <math.h>
@@ -16,7 +16,7 @@ void proximity_set_log(proximity_scene *scene, proximity_log *log, void *user)
     }
 }
 
-/* Of the bits of `kinds`, those that are new; from then on they are in `noted`. */
+/* Return the new bits of `kinds`, and add them to `noted`. */
 static int64_t new_kinds(const proximity_scene *scene, int64_t *noted, int64_t kinds)
 {
     return scene->log != NULL && kinds != 0 ? kinds & ~__atomic_fetch_or(noted, kinds, __ATOMIC_RELAXED) : 0;

@@ -6,7 +6,7 @@
 #include <string.h>
 
 enum { IS_NEW = 4, PARTS_A_WORD = 64 };
-static const int64_t CARRIED_NS = 100000000; /* how long a part moves on after the instant of its pose */
+static const int64_t CARRIED_NS = 100000000; /* extrapolation after the instant of a pose */
 
 typedef struct {
     int64_t pose_ns;
@@ -118,7 +118,7 @@ static int is_moving(const Pose *pose)
     return v[0] != 0.0 || v[1] != 0.0 || v[2] != 0.0 || w[0] != 0.0 || w[1] != 0.0 || w[2] != 0.0;
 }
 
-/* Move a matrix by the velocities of a pose for a time. */
+/* Extrapolate a matrix by the velocities of a pose. */
 static void carry(double *matrix, const Pose *pose, double seconds)
 {
     const double *w = pose->turning, rate = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]);
@@ -139,7 +139,7 @@ static void carry(double *matrix, const Pose *pose, double seconds)
     }
 }
 
-/* Write the row of a part at an instant; returns whether it moves on from there. */
+/* Write the row of a part at an instant; return whether it moves on from there. */
 static int add_row(proximity_scene *scene, int64_t part, int64_t at, int64_t instant_ns)
 {
     struct Posts *posts = scene->posts;

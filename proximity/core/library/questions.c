@@ -1,4 +1,4 @@
-/* What is asked of a scene: its parts, points, rays and segments. */
+/* Queries of a scene: its parts, points, rays and segments. */
 #include "scene.h"
 
 #include <math.h>
@@ -79,7 +79,7 @@ static void widen_to(double *lower, double *upper, const double *least, const do
     }
 }
 
-/* The kernels' box of a turned part is around its turned box, which is larger: there corners count, and they are
+/* The kernels' box of a rotated part encloses its rotated box, which is larger: here it encloses the corners,
    rounded as in Python. */
 void proximity_bounds(const proximity_scene *scene, double *lower, double *upper)
 {
@@ -124,7 +124,7 @@ typedef struct {
     int64_t sort_from;         /* rows */
 } Question;
 
-/* Ask for rows that are sorted together; the row that was refused, or what else the kernel said. */
+/* Run a query for rows that are sorted together; return the rejected row, or another result of the kernel. */
 static int ask_block(const proximity_scene *scene, const Question *question, const double *const *rows, int64_t count,
                      double limit, void *answers, int64_t *said)
 {
@@ -140,7 +140,7 @@ static int ask_block(const proximity_scene *scene, const Question *question, con
         }
         at += 3;
     }
-    words[at] = words[at + 1] = 0; /* as they come */
+    words[at] = words[at + 1] = 0; /* unordered */
     if (count >= question->sort_from) {
         if (!proximity_call(scene->set, question->order_entry, order)) {
             return 0;
@@ -259,7 +259,7 @@ int proximity_closest_to_segments(const proximity_scene *scene, const double *st
 
 /* --- two parts ----------------------------------------------------------------------------------------- */
 
-/* Whether a surface of part `inner` is inside another part, 1 or 0, and a point of it; -1: no memory was left. */
+/* Test whether a surface of part `inner` is inside another part, 1 or 0, and a point of it; -1: out of memory. */
 static int has_inside(const proximity_scene *scene, int64_t part, int64_t inner, double *point)
 {
     int64_t faces = scene->archive.parts[inner].face_count;

@@ -24,7 +24,7 @@ void proximity_write_model(int64_t *model, const Archive *a)
 
 /* --- opening ------------------------------------------------------------------------------------------- */
 
-/* Copy what a scene changes, so that the caller's bytes stay as they are. */
+/* Copy the arrays that a scene changes, so that the caller's bytes stay unchanged. */
 static int copy_changed(proximity_scene *scene)
 {
     Archive *archive = &scene->archive;
@@ -55,7 +55,7 @@ static void list_dynamic(proximity_scene *scene)
     scene->sort_steps = count * count;
 }
 
-/* Space for what follows from where parts are. */
+/* Allocate the arrays that depend on the poses. */
 int proximity_begin_changes(proximity_scene *scene)
 {
     size_t count = (size_t)scene->archive.part_count;
@@ -83,7 +83,7 @@ int proximity_begin_changes(proximity_scene *scene)
     return 1;
 }
 
-/* Have kernels look at the model, and complete it. */
+/* Validate the model with kernels, and complete it. */
 static int complete(proximity_scene *scene, proximity_error *error)
 {
     Archive *a = &scene->archive;
@@ -129,7 +129,7 @@ int proximity_choose_set(proximity_scene *scene, proximity_error *error)
     return scene->set != NULL ? PROXIMITY_OK : proximity_refuse_processor(error);
 }
 
-/* Open bytes that the scene has, or that are the caller's. */
+/* Open bytes owned by the scene or by the caller. */
 static int open_scene(uint8_t *bytes, size_t size, int is_own, proximity_scene **opened, proximity_error *error)
 {
     proximity_scene *scene = calloc(1, sizeof *scene);
@@ -159,7 +159,7 @@ static int open_scene(uint8_t *bytes, size_t size, int is_own, proximity_scene *
     return PROXIMITY_OK;
 }
 
-/* Say which file it was; a sentence that becomes too long is cut. */
+/* Prefix an error message with the file name; a message that is too long is cut. */
 static void name_file(const char *path, proximity_error *error)
 {
     if (error != NULL) {
@@ -214,7 +214,7 @@ proximity_scene *proximity_scene_over(const int64_t *model)
     archive->frame_count = model[5];
     archive->part_rows = model[7];
     archive->part_count = model[7] - 1;
-    archive->names = calloc((size_t)model[7], 1); /* it is asked for none */
+    archive->names = calloc((size_t)model[7], 1); /* empty names, which are not used */
     scene->set = proximity_best_set(NULL);
     if (archive->names == NULL || scene->set == NULL || !proximity_begin_changes(scene)) {
         proximity_close(scene);
@@ -287,7 +287,7 @@ static int fail_half_way(proximity_scene *scene, proximity_error *error)
     return proximity_refuse(error, PROXIMITY_BROKEN, "a change of the scene failed half way; close it");
 }
 
-/* The copy of the static tree that the model does not use. */
+/* The copy of the static tree that the model is not using. */
 static int64_t next_static(const proximity_scene *scene, int *is_done)
 {
     int64_t words[] = {scene->model[6], scene->model[7], 0, 0};
@@ -304,7 +304,7 @@ static int make_tree(proximity_scene *scene)
     if (!is_done || !proximity_call(scene->set, MAKE_STATIC, words)) {
         return 0;
     }
-    if (!(words[7] & 1)) { /* there is no space for it: then no part is in it, and each stands by itself */
+    if (!(words[7] & 1)) { /* no space: then it is empty, and each part is separate */
         for (int64_t part = 0; part < scene->archive.part_count; part++) {
             scene->archive.parts[part].is_dynamic = 1;
         }
@@ -324,7 +324,7 @@ static int thin_tree(proximity_scene *scene)
     return is_done && proximity_call(scene->set, THIN_STATIC, words);
 }
 
-/* Write what follows from where parts are; how far they reach, or nan. */
+/* Update all that depends on the poses; return the extent of the parts, or nan. */
 static double bring_up_to_date(proximity_scene *scene)
 {
     Archive *a = &scene->archive;
@@ -339,17 +339,17 @@ static double bring_up_to_date(proximity_scene *scene)
     return reach;
 }
 
-/* Have the trees over parts be as the parts are. */
+/* Update the trees over the parts. */
 static int settle(proximity_scene *scene, proximity_error *error)
 {
     int is_right = 1;
-    if (scene->archive.part_count > 1 && scene->tree != RIGHT) { /* the only part has no tree above it */
+    if (scene->archive.part_count > 1 && scene->tree != RIGHT) { /* a single part has no tree above it */
         is_right = scene->tree == THINNER ? thin_tree(scene) : make_tree(scene);
         list_dynamic(scene);
     }
     scene->tree = RIGHT;
     double reach = is_right ? bring_up_to_date(scene) : NAN;
-    if (reach > 1.0) { /* some part has left the scene's frame */
+    if (reach > 1.0) { /* a part has left the scene's frame */
         is_right = make_tree(scene);
         list_dynamic(scene);
         reach = is_right ? bring_up_to_date(scene) : NAN;
@@ -374,7 +374,7 @@ int64_t proximity_first_unfit(const proximity_scene *scene, int64_t n, const dou
     return proximity_call(scene->set, FIRST_UNFIT, words) ? words[13] : 0;
 }
 
-/* Write poses that can be used; whether that was done. */
+/* Write valid poses; return whether that succeeded. */
 static int write_poses(proximity_scene *scene, const int64_t *rows, int64_t n, const double *matrices,
                        const double *velocities, const double *angular_velocities)
 {

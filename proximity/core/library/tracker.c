@@ -1,4 +1,4 @@
-/* Trackers: the arrays of a tick, kept from one to the next. What a tick does is a kernel's. */
+/* Trackers: the arrays of a tick, kept between ticks. A kernel computes the tick. */
 #include "proximity_tracker.h"
 #include "scene.h"
 
@@ -15,16 +15,16 @@ enum { MOST_CORNERS = 1 << 16 }; /* of a path */
 struct proximity_tracker {
     const proximity_scene *scene;
     size_t count;
-    int64_t table[AT_END]; /* address and lengths of each array, as `track.TrackerArrays` has them */
+    int64_t table[AT_END]; /* address and length of each array, as in `track.TrackerArrays` */
     Settings settings;
     Track *tracks;
     Estimate *motions;
     double *balls, *no_velocities, *bends, *of_parts, *of_corners;
     float *frontiers, *workspace;
-    int64_t corners;          /* of paths, for which there is space */
+    int64_t corners;          /* capacity of the paths */
     int64_t changes, epoch;   /* of the scene at the last tick; -1 before it */
     int64_t last_now_ns;      /* of the last tick */
-    int64_t noted;            /* bits of answers of ticks */
+    int64_t noted;            /* bits of the answers of ticks */
     int64_t *identities;      /* of the scene's parts at the last tick */
     int64_t part_count;
 };
@@ -43,7 +43,7 @@ proximity_tracker_settings proximity_default_settings(void)
     return settings;
 }
 
-/* The sentence about the first setting that cannot be used; NULL where all can. */
+/* The message of the first invalid setting; NULL if all are valid. */
 static const char *unfit_setting(const proximity_tracker_settings *settings)
 {
     if (!(settings->radius >= 0.0 && settings->radius <= LARGEST_RADIUS)) {
@@ -170,7 +170,7 @@ void proximity_reset_tracker(proximity_tracker *tracker)
     tracker->last_now_ns = -MOST_NS;
     int64_t words[] = {WORD(tracker->tracks), (int64_t)tracker->count, WORD(tracker->balls), (int64_t)tracker->count,
                        BALLS_SIZE};
-    proximity_call(tracker->scene->set, FORGET_SURFACES, words); /* which needs no memory */
+    proximity_call(tracker->scene->set, FORGET_SURFACES, words); /* allocates no memory */
 }
 
 int proximity_set_radius(proximity_tracker *tracker, size_t finger, double radius, proximity_error *error)
@@ -182,7 +182,7 @@ int proximity_set_radius(proximity_tracker *tracker, size_t finger, double radiu
     return PROXIMITY_OK;
 }
 
-/* Write the present numbers of the parts in the last answers. */
+/* Update the part numbers in the last answers. */
 static void renumber_parts(proximity_tracker *tracker, const int64_t *identities, int64_t part_count)
 {
     for (size_t k = 0; k < tracker->count; k++) {
@@ -225,7 +225,7 @@ static int adopt_parts(proximity_tracker *tracker)
     return proximity_call(tracker->scene->set, ADOPT_PARTS, words);
 }
 
-/* Have ticks read velocities and paths; whether there is memory for as many corners. */
+/* Set the velocities and paths that ticks read; return whether there is memory for the corners. */
 static int read_from(proximity_tracker *tracker, const double *velocities, const proximity_paths *paths)
 {
     static const double nowhere[6] = {NAN, NAN, NAN, NAN, NAN, NAN}, ends[2] = {0.0, 1.0};
@@ -253,7 +253,7 @@ static int read_from(proximity_tracker *tracker, const double *velocities, const
     return 1;
 }
 
-/* The sentence about what cannot be used of a tick's arguments; NULL where all can. */
+/* The message of the first invalid argument of a tick; NULL if all are valid. */
 static const char *unfit_tick(const proximity_tracker *tracker, const int64_t *pose_ns, int64_t now_ns,
                               const proximity_paths *paths)
 {
@@ -279,7 +279,7 @@ static const char *unfit_tick(const proximity_tracker *tracker, const int64_t *p
     return NULL;
 }
 
-/* The instant, of the poses or of the tick, that no clock shows in nanoseconds; NULL where all can be. As in Python. */
+/* The name of an instant, of the poses or of the tick, that is probably in seconds; NULL if none is. As in Python. */
 static const int64_t *instant_in_seconds(const proximity_tracker *tracker, const int64_t *pose_ns, const int64_t *now_ns)
 {
     int64_t off_ns = proximity_time_between(*pose_ns, *now_ns), newest_ns = INT64_MIN;

@@ -1,4 +1,4 @@
-/* Why a pose cannot be used: kernels find that it cannot, and this finds the sentence. */
+/* Reasons for an invalid pose: kernels detect it, and this file finds the message. */
 #include "scene.h"
 
 #include <math.h>
@@ -19,7 +19,7 @@ static double length_of(const double *m, int first, int step)
     return sqrt(m[first] * m[first] + m[first + step] * m[first + step] + m[first + 2 * step] * m[first + 2 * step]);
 }
 
-/* How far the axes of a matrix are from being of length 1 and at right angles. */
+/* Largest deviation of the axes of a matrix from length 1 and right angles. */
 static double off_orthonormal(const double *m)
 {
     double off = 0.0;
@@ -37,7 +37,7 @@ static double determinant(const double *m)
            m[2] * (m[4] * m[9] - m[5] * m[8]);
 }
 
-/* What is wrong with a matrix, in words behind "the matrix"; an empty text where nothing is. */
+/* The defect of a matrix, in words that follow "the matrix"; an empty text if there is none. */
 static void describe_matrix(const double *m, char *words, size_t size)
 {
     double x = length_of(m, 0, 4), y = length_of(m, 1, 4), z = length_of(m, 2, 4), most = fmax(x, fmax(y, z));

@@ -1,5 +1,5 @@
-/* The loop of a service: newest poses in, filter, tick, frame, seal, out, without an interpreter and without
-   allocation. */
+/* The loop of a service: read poses, filter, tick, write, seal and send the frame, without an interpreter and
+   without allocation. */
 #ifndef __wasm__
 
 #include "loop_parts.h"
@@ -9,7 +9,7 @@ PROXIMITY_API proximity_scene *proximity_loop_scene(const int64_t *model);
 
 enum { LOOK_NS = 50000000, APART_NS = 500000, STOPPING_FRAMES = 3 };
 
-/* A scene for the loop alone; proximity_close() frees it. */
+/* A scene for the loop alone; free it with proximity_close(). */
 proximity_scene *proximity_loop_scene(const int64_t *model)
 {
     return proximity_scene_over(model);
@@ -39,14 +39,14 @@ static int64_t stopwatch_ns(const Loop *loop)
     return loop->counts_processor ? system_thread_ns() : loop->is_ahead ? system_now_ns() : clock_now_ns(loop);
 }
 
-/* By how much the clock of the frames is ahead of that of their readers. */
+/* Lead of the frames' clock over that of their readers. */
 static int64_t skipped_ns(const Loop *loop)
 {
     return loop->is_ahead ? loop->simulated_ns - system_now_ns() : 0;
 }
 
-/* Wait for the next tick; whether a pose is why it comes before it is due. Ticks for poses are half a period, or
-   half a millisecond, apart: a flood of poses takes no more than that. */
+/* Wait for the next tick; return whether a pose triggers it before it is due. Ticks for poses are half a
+   period, or half a millisecond, apart, which limits the cost of a flood of poses. */
 static int wait_for_tick(Loop *loop)
 {
     if (loop->is_simulated) {
@@ -76,7 +76,7 @@ static void skip_what_is_past(Loop *loop, int64_t now_ns)
     loop->due_ns += past * loop->period_ns;
 }
 
-/* What is known of the bends of fingers that are tracked and are on no path. */
+/* Write the bends, with estimated rates, of tracked fingers without a path. */
 static void write_bends(Loop *loop, LoopSource *source, proximity_contact *contacts)
 {
     const double *bends = POINTER(loop->bends);
@@ -98,7 +98,7 @@ static void write_bends(Loop *loop, LoopSource *source, proximity_contact *conta
     }
 }
 
-/* Let nothing be known: a tick was not done, and what is there is of the one before. */
+/* Mark all contacts as unknown: a tick failed, and the contacts are those of the one before. */
 static void forget_all(const Loop *loop, proximity_contact *contacts)
 {
     for (int64_t k = 0; k < loop->count; k++) {
@@ -127,7 +127,7 @@ static void tick_tracker(Loop *loop, proximity_contact *contacts, int64_t now_ns
     write_bends(loop, source, contacts);
 }
 
-/* Make contacts of what a sensor has measured. */
+/* Compute contacts from a sensor's measurements. */
 static void sense_contacts(Loop *loop, proximity_contact *contacts, int64_t now_ns)
 {
     const LoopSensor *sensor = POINTER(((LoopSource *)POINTER(loop->source))->sensor);
@@ -139,7 +139,7 @@ static void sense_contacts(Loop *loop, proximity_contact *contacts, int64_t now_
     proximity_call(set_of(loop), SENSE_CONTACTS, words);
 }
 
-/* Take the newest message of contacts that were made beside the loop. */
+/* Read the newest message of contacts that were computed outside the loop. */
 static void receive_contacts(Loop *loop)
 {
     for (int k = 0; k < PROXIMITY_MOST_AT_ONCE && receive_message(&loop->input) != PROXIMITY_MAILBOX_NOTHING; k++) {
@@ -149,7 +149,7 @@ static void receive_contacts(Loop *loop)
 static void copy_contacts(Loop *loop, proximity_contact *contacts)
 {
     const LoopContacts *given = POINTER(loop->input.message);
-    if (given->source != loop->source) { /* none came yet */
+    if (given->source != loop->source) { /* none has arrived yet */
         forget_all(loop, contacts);
         return;
     }
@@ -161,7 +161,7 @@ static void copy_contacts(Loop *loop, proximity_contact *contacts)
     }
 }
 
-/* Go over to the source that is to be used next; where contacts come as messages, when one of that source is here. */
+/* Switch to the next source; if contacts arrive as messages, once a message of that source has arrived. */
 static void exchange_source(Loop *loop)
 {
     LoopSource *next = POINTER(__atomic_load_n(&loop->next, __ATOMIC_ACQUIRE)), *before = POINTER(loop->source);
@@ -171,12 +171,12 @@ static void exchange_source(Loop *loop)
         if (!next->is_edited) {
             loop->epoch_offset = before->epoch + loop->epoch_offset + 1 - next->epoch;
         }
-        loop->source = taken; /* and whoever looks whether `next` is taken finds this; another one stays there */
+        loop->source = taken; /* a thread that tests whether `next` was read finds this; a newer one stays there */
         __atomic_compare_exchange_n(&loop->next, &taken, 0, 0, __ATOMIC_RELEASE, __ATOMIC_RELAXED);
     }
 }
 
-/* Let times be those of the readers' clock. */
+/* Convert times to the readers' clock. */
 static void write_times(Loop *loop, int64_t pose_ns, int64_t start_ns, int64_t publish_ns)
 {
     proximity_frame_header *frame = POINTER(loop->frame);
@@ -187,7 +187,7 @@ static void write_times(Loop *loop, int64_t pose_ns, int64_t start_ns, int64_t p
     frame->period_ns = loop->period_ns;
 }
 
-/* Finish the header of a frame; its state says how far to trust it. */
+/* Finish the header of a frame, including its state. */
 static int finish_frame(Loop *loop, int64_t start_ns, int64_t publish_ns)
 {
     proximity_frame_header *frame = POINTER(loop->frame);
@@ -224,7 +224,7 @@ static void publish(Loop *loop, uint8_t *message, int64_t size, int kind)
     for (int64_t k = 0; k < loop->output_count; k++) {
         send_message(&loop->outputs[k], message, size, kind, POINTER(loop->datagram));
         if (k == 0 && kind == 0 && loop->log != 0) {
-            proximity_mailbox_add(POINTER(loop->log), message, (uint32_t)size); /* its reader looks now and then */
+            proximity_mailbox_add(POINTER(loop->log), message, (uint32_t)size); /* its reader polls it */
         }
     }
 }
@@ -293,7 +293,7 @@ static void begin(Loop *loop)
     double *positions = POINTER(loop->positions);
     proximity_mailbox *box = POINTER(loop->input.box);
     if (box != NULL && box->header != NULL && !loop->is_simulated) {
-        proximity_mailbox_skip(box); /* what has come while the scene was loaded is old */
+        proximity_mailbox_skip(box); /* messages that arrived while the scene was loaded are old */
     }
     for (int64_t k = 0; k < loop->count; k++) {
         pose_ns[k] = now_ns - loop->stale_after_ns;
@@ -304,7 +304,7 @@ static void begin(Loop *loop)
     loop->is_begun = 1;
 }
 
-/* Say that no frames will come any more. */
+/* Announce that no more frames will come. */
 static void publish_stopping(Loop *loop)
 {
     proximity_frame_header *frame = POINTER(loop->frame);
@@ -321,11 +321,11 @@ static void publish_stopping(Loop *loop)
     }
 }
 
-/* Run until asked to stop, or for as many ticks as wanted; 0, or what is missing: 1 a set of instructions, 2 a timer.
-   It says STOPPING only where it was asked to stop. */
+/* Run until stopped, or for the given number of ticks; return 0, or the missing resource: 1 an instruction
+   set, 2 a timer. The state STOPPING is sent only after a request to stop. */
 int proximity_loop_run(Loop *loop)
 {
-    if (loop->set == 0) { /* to ask the processor takes long */
+    if (loop->set == 0) { /* detecting the processor is slow */
         loop->set = (int64_t)(intptr_t)proximity_best_set(POINTER(loop->instructions));
     }
     if (loop->set == 0) {

@@ -1,4 +1,4 @@
-/* Ends of the loop on Linux that are opened by name, and go to no thread of Python: mailboxes and datagrams. */
+/* Inputs and outputs of the loop on Linux without Python threads: mailboxes and datagrams. */
 #ifndef PROXIMITY_LOOP_ENDS_H
 #define PROXIMITY_LOOP_ENDS_H
 
@@ -24,7 +24,7 @@ enum { NAP_NS = 200000 };
 
 enum { MOST_STRANGERS = 64, MOST_FORGED_BYTES = 1 << 17, NAME_NS = 100000000, OPEN_NS = 5000000 };
 
-/* Open the mailbox that has the name now; whether there is one. Of the next one everything is news. */
+/* Open the present mailbox of that name; return whether there is one. All messages of a later mailbox are new. */
 static int follow_mailbox(LoopInput *input)
 {
     proximity_mailbox *box = POINTER(input->box);
@@ -100,7 +100,7 @@ static int64_t receive_datagram(LoopInput *input)
     return PROXIMITY_MAILBOX_NOTHING;
 }
 
-/* Wait at the mailbox that has the name, which may have to be opened first; whether a message may be there. */
+/* Wait at the mailbox of that name, after opening it if needed; return whether a message may be waiting. */
 static int wait_at_mailbox(LoopInput *input, int64_t until_ns)
 {
     proximity_mailbox *box = POINTER(input->box);
@@ -122,7 +122,7 @@ static int wait_at_socket(LoopInput *input, int64_t until_ns)
     return (ends[0].revents & POLLIN) != 0;
 }
 
-/* Whether there is what waiting at a socket needs. */
+/* Open the timer for waiting at a socket; return whether it is available. */
 static int open_timer(LoopInput *input)
 {
     input->timer = input->socket < 0 ? -1 : timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC);
@@ -136,14 +136,14 @@ static void close_timer(LoopInput *input)
     }
 }
 
-/* Send a datagram; errno where that failed. That nobody listens is no failure. */
+/* Send a datagram; return errno if that failed. A missing receiver is not an error. */
 static int send_datagram(LoopOutput *output, const uint8_t *datagram, size_t size)
 {
     for (int tries = 0; tries < 2; tries++) {
         if (send((int)output->socket, datagram, size, MSG_NOSIGNAL) >= 0) {
             return 0;
         }
-        /* The system may tell here of an earlier datagram, and has not sent this one. */
+        /* The error may be of an earlier datagram; this one was not sent. */
         if (errno != ECONNREFUSED && errno != ECONNRESET && errno != EHOSTUNREACH && errno != EHOSTDOWN) {
             break;
         }
@@ -173,7 +173,7 @@ static void close_timer(LoopInput *input)
 }
 #endif
 
-/* Read the next message; its size, or PROXIMITY_MAILBOX_NOTHING. */
+/* Read the next message; return its size, or PROXIMITY_MAILBOX_NOTHING. */
 static int64_t receive_message(LoopInput *input)
 {
 #ifdef __linux__
@@ -187,7 +187,7 @@ static int64_t receive_message(LoopInput *input)
     return proximity_mailbox_read(POINTER(input->box), POINTER(input->message), (uint64_t)input->longest);
 }
 
-/* Wait for a message until that instant; whether one may be there. */
+/* Wait for a message until that instant; return whether one may be waiting. */
 static int wait_for_message(LoopInput *input, int64_t until_ns)
 {
 #ifdef __linux__
@@ -201,7 +201,7 @@ static int wait_for_message(LoopInput *input, int64_t until_ns)
 #else
     int64_t now_ns = system_now_ns();
     while (!proximity_mailbox_has(POINTER(input->box)) && now_ns < until_ns) {
-        system_sleep(until_ns < now_ns + NAP_NS ? until_ns : now_ns + NAP_NS); /* nobody can wake it there */
+        system_sleep(until_ns < now_ns + NAP_NS ? until_ns : now_ns + NAP_NS); /* no signal can wake it there */
         now_ns = system_now_ns();
     }
     return proximity_mailbox_has(POINTER(input->box));

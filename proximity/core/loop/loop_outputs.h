@@ -1,4 +1,4 @@
-/* Messages of the loop on their way out: numbered, given a checksum and a tag, and sent as publishers do. */
+/* Outgoing messages of the loop: numbered, given a checksum and a tag, and sent as publishers do. */
 #ifndef PROXIMITY_LOOP_OUTPUTS_H
 #define PROXIMITY_LOOP_OUTPUTS_H
 
@@ -28,7 +28,7 @@ static void make_checksum_tables(void)
     }
 }
 
-/* The CRC-32 of bytes whose number is a multiple of eight, as those of messages are. */
+/* The CRC-32 of bytes whose number is a multiple of eight, as that of every message. */
 static uint32_t checksum(const void *data, size_t size)
 {
     const uint8_t *bytes = data;
@@ -52,7 +52,7 @@ static int64_t calendar_ns(void)
     return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
 
-/* Number a message of that kind, 0 of frames, 1 of the description; after the machine slept in another session. */
+/* Number a message of that kind: 0 for frames, 1 for the description. After the machine slept the session is new. */
 static void seal(LoopOutput *output, uint8_t *message, int64_t size, int kind)
 {
     proximity_prefix *prefix = (proximity_prefix *)(void *)message;

@@ -1,4 +1,4 @@
-/* Parts that move: put where they were reported, and carried on from there; bounds are as wide as that is unsure. */
+/* Moving parts: set to their reported poses and extrapolated; bounds widen by the uncertainty. */
 #ifndef PROXIMITY_LOOP_PARTS_H
 #define PROXIMITY_LOOP_PARTS_H
 
@@ -26,7 +26,7 @@ static int is_silent(const LoopMotion *motion, int64_t now_ns)
     return motion->ends_ns <= now_ns;
 }
 
-/* The instant that a part that moves is put at. */
+/* The instant for which a moving part is placed. */
 static int64_t instant_of(const LoopMotion *motion, int64_t instant_ns, int64_t now_ns)
 {
     return is_silent(motion, now_ns) || instant_ns > motion->ends_ns ? motion->ends_ns : instant_ns;
@@ -40,7 +40,7 @@ static void add_row(LoopSource *source, int64_t at, int64_t part, const LoopMoti
     memcpy((double *)POINTER(source->turnings) + 3 * at, motion->turning, sizeof motion->turning);
 }
 
-/* Turn and shift what was added last, to where it is at an instant. */
+/* Rotate and translate the last row added to its pose at an instant. */
 static void carry_row(LoopSource *source, int64_t at, const LoopMotion *motion, int64_t at_ns, int stands)
 {
     double *matrix = (double *)POINTER(source->matrices) + 16 * at, seconds = 1e-9 * (double)(at_ns - motion->pose_ns);
@@ -61,7 +61,7 @@ static void carry_row(LoopSource *source, int64_t at, const LoopMotion *motion, 
     }
 }
 
-/* Put the rows that were added where they are to be. */
+/* Move the parts of the rows that were added. */
 static void put_rows(LoopSource *source, int64_t count)
 {
     if (count > 0) {
@@ -71,12 +71,12 @@ static void put_rows(LoopSource *source, int64_t count)
     }
 }
 
-/* Go over to motions that were reported since; put these parts where they were reported. */
+/* Switch to newly reported motions; move these parts to their reported poses. */
 static void take_motions(LoopSource *source)
 {
     int64_t next = __atomic_load_n(&source->next_motions, __ATOMIC_ACQUIRE), count = 0, *applied = POINTER(source->applied);
     if (next != 0) {
-        source->motions = next; /* and whoever looks whether it was taken finds this */
+        source->motions = next; /* a thread that tests whether it was read finds this */
         __atomic_compare_exchange_n(&source->next_motions, &next, 0, 0, __ATOMIC_RELEASE, __ATOMIC_RELAXED);
     } else if (source->has_looked) {
         return;
@@ -88,7 +88,7 @@ static void take_motions(LoopSource *source)
     for (int64_t part = 0; motions != NULL && part < scene_of(source)->archive.part_count; part++) {
         if (motions[part].number != applied[part]) {
             applied[part] = motions[part].number;
-            if (!motions[part].is_moving || !parts[part].is_dynamic) { /* others are carried on at once */
+            if (!motions[part].is_moving || !parts[part].is_dynamic) { /* others are extrapolated anyway */
                 add_row(source, count++, part, &motions[part]);
             }
         }
@@ -96,7 +96,7 @@ static void take_motions(LoopSource *source)
     put_rows(source, count);
 }
 
-/* Have the tracker begin anew with other parts than before, but go on with its fingers. */
+/* Switch the tracker to other parts, and keep the state of its fingers. */
 static void adopt_parts(Loop *loop, LoopSource *source)
 {
     const int64_t *table = POINTER(source->tracker), *rows_after = POINTER(source->rows_after);
@@ -112,7 +112,7 @@ static void adopt_parts(Loop *loop, LoopSource *source)
     source->is_moved = 1;
 }
 
-/* Put parts where they are at the newest instant of a finger, which distances are for; that instant. */
+/* Place parts at the newest instant of a finger, for which distances are computed; return that instant. */
 static int64_t carry_parts(Loop *loop, int64_t now_ns)
 {
     LoopSource *source = POINTER(loop->source);
@@ -149,13 +149,13 @@ static int64_t carry_parts(Loop *loop, int64_t now_ns)
     return instant_ns;
 }
 
-/* As NumPy has them: what is no number stays so. */
+/* Minimum as in NumPy: nan stays nan. */
 static double lesser(double a, double b)
 {
     return a < b || isnan(a) ? a : b;
 }
 
-/* Promise no more of a contact than its widened bounds do. */
+/* Reduce the claims of a contact to those of its widened bounds. */
 static void promise_less(proximity_contact *contact, double fastest)
 {
     double lower = contact->lower > 0.0 || isnan(contact->lower) ? contact->lower : 0.0, *v = contact->velocity;
@@ -164,13 +164,13 @@ static void promise_less(proximity_contact *contact, double fastest)
         contact->flags ^= PROXIMITY_FLAG_EXACT | PROXIMITY_FLAG_BOUNDED;
     }
     contact->flags &= ~(uint32_t)PROXIMITY_FLAG_CONTACT_FOUND;
-    contact->contact_bend_error += INFINITY; /* what is nan stays so */
+    contact->contact_bend_error += INFINITY; /* nan stays nan */
     double free_s = (contact->flags & PROXIMITY_FLAG_PREDICTED) != 0 ? lower * ROUNDED_DOWN / speed : 0.0;
     contact->time_to_contact_lower = lesser(contact->time_to_contact_lower, free_s);
 }
 
-/* Make bounds hold for parts that stand where they are at another instant than the finger's: of those it is how far
-   they go in between. Of a part of which nothing more is reported it is how far it may have come since. */
+/* Widen bounds for parts that are placed at another instant than the finger's, by their motion in between.
+   For a part without further reports that is the motion since then. */
 static void widen_bounds(Loop *loop, proximity_contact *contacts, int64_t now_ns, int64_t instant_ns)
 {
     const LoopSource *source = POINTER(loop->source);
@@ -183,7 +183,7 @@ static void widen_bounds(Loop *loop, proximity_contact *contacts, int64_t now_ns
             if (is_carried(motion) && !motion->is_hidden) {
                 int64_t off_ns = contact->pose_ns - instant_of(motion, instant_ns, now_ns);
                 off_ns = off_ns < 0 ? -off_ns : off_ns;
-                /* A part that stands for the scene may go on: predictions do not know of it. */
+                /* A part that is static in the scene may in fact move on: predictions ignore that. */
                 int64_t lead_ns = is_silent(motion, now_ns) ? contact->predicted_ns - contact->pose_ns : 0;
                 off = fmax(off, (double)off_ns * motion->top_speed);
                 off_then = fmax(off_then, (double)(off_ns + lead_ns) * motion->top_speed);

@@ -1,4 +1,4 @@
-/* Messages of poses: received and checked as `transport/message_reader.py` does, and kept where they are newer. */
+/* Messages of poses: received and validated as in `transport/message_reader.py`, and used if newer. */
 #ifndef PROXIMITY_LOOP_POSES_H
 #define PROXIMITY_LOOP_POSES_H
 
@@ -16,7 +16,7 @@ static const InstructionSet *set_of(const Loop *loop)
     return POINTER(loop->set);
 }
 
-/* Whether what was received is a message to be used; counted if it is, and if it is not, by its flaw. */
+/* Test whether the received bytes are a message to be used; counted either way, an unused one by its flaw. */
 static int is_usable(LoopInput *input, const uint8_t *message, int64_t size, int64_t now_ns)
 {
     static const uint32_t magics[] = {PROXIMITY_POSES_MAGIC, PROXIMITY_PATH_POSES_MAGIC, PROXIMITY_MEASURED_MAGIC};
@@ -31,7 +31,7 @@ static int is_usable(LoopInput *input, const uint8_t *message, int64_t size, int
         flaw = proximity_check(message, (size_t)size, magics[kind], sizeof *header, sizes[kind],
                                offsetof(proximity_input_header, count));
     }
-    receiver->shares_clock = 1; /* on one machine clocks are one */
+    receiver->shares_clock = 1; /* the same machine has one clock */
     receiver->is_keyed = input->key != 0;
     if (flaw == PROXIMITY_FLAW_NONE && proximity_is_old(receiver, kind, prefix, header->send_ns, now_ns)) {
         flaw = PROXIMITY_FLAW_OLD;
@@ -43,7 +43,7 @@ static int is_usable(LoopInput *input, const uint8_t *message, int64_t size, int
     return flaw == PROXIMITY_FLAW_NONE;
 }
 
-/* Count poses that are left out, and remember how far off the first ones were. */
+/* Count poses that are dropped, and store the error of the first ones. */
 static void count_defects(Loop *loop, int64_t rows, int64_t now_ns)
 {
     const uint8_t *defects = POINTER(loop->defects);
@@ -68,7 +68,7 @@ static void count_defects(Loop *loop, int64_t rows, int64_t now_ns)
     }
 }
 
-/* Keep numbers that come beside positions: of whoever has none in this message they are not known any more. */
+/* Store values that accompany positions; they become unknown for fingers without any in this message. */
 static void keep_optional(Loop *loop, int64_t rows, const uint8_t *records, int64_t stride, int64_t at, int64_t width,
                           double *kept, int64_t *has)
 {
@@ -91,7 +91,7 @@ static void keep_optional(Loop *loop, int64_t rows, const uint8_t *records, int6
     }
 }
 
-/* Take the poses that are in `given` where they are newer; whether that was done. */
+/* Use the poses in `given` that are newer; return whether there are any. */
 static int take_given(Loop *loop, int64_t rows)
 {
     int64_t now_ns = clock_now_ns(loop), count = loop->count;
@@ -105,7 +105,7 @@ static int take_given(Loop *loop, int64_t rows)
     return 1;
 }
 
-/* Take the poses of a message that was checked: those of fingers that are served, where they are newer. */
+/* Use the poses of a valid message: those of served fingers, if newer. */
 static void take_poses(Loop *loop, uint8_t *message)
 {
     proximity_input_header *header = (proximity_input_header *)(void *)message;
@@ -136,7 +136,7 @@ static void take_poses(Loop *loop, uint8_t *message)
     keep_optional(loop, rows, records, stride, offsetof(proximity_finger_pose, bend), 1, POINTER(loop->bends), &loop->has_bends);
 }
 
-/* Take the distances of a message that was checked, likewise, and all that the sensor knows beside them. */
+/* Use the distances of a valid message, likewise, and the other values of the sensor. */
 static void take_measured(Loop *loop, uint8_t *message)
 {
     const proximity_input_header *header = (const proximity_input_header *)(const void *)message;
@@ -145,7 +145,7 @@ static void take_measured(Loop *loop, uint8_t *message)
     const uint8_t *defects = POINTER(loop->defects);
     int64_t *fingers = POINTER(loop->fingers), *given_ns = POINTER(loop->given_ns), rows = 0;
     double *given = POINTER(loop->given);
-    for (; rows < header->count; rows++) { /* of fingers that are served: Python sees to that */
+    for (; rows < header->count; rows++) { /* of served fingers only: Python ensures that */
         fingers[rows] = records[rows].finger;
         given_ns[rows] = records[rows].measured_ns;
         given[rows] = records[rows].signed_distance;
@@ -159,7 +159,7 @@ static void take_measured(Loop *loop, uint8_t *message)
     }
 }
 
-/* Take the poses of a recording at the last of its times that is past, unless they were taken before. */
+/* Use the poses of a recording at the last of its times that has passed, once. */
 static void play_recording(Loop *loop, int64_t now_ns)
 {
     LoopRecording *recording = &loop->recording;
@@ -173,7 +173,7 @@ static void play_recording(Loop *loop, int64_t now_ns)
         recording->start_ns = now_ns - recording->latency_ns;
     }
     int64_t elapsed_ns = now_ns - recording->latency_ns - recording->start_ns;
-    if (recording->round_ns != 0 && elapsed_ns >= recording->round_ns) { /* all that are past at once */
+    if (recording->round_ns != 0 && elapsed_ns >= recording->round_ns) { /* several rounds may have passed */
         recording->start_ns += elapsed_ns / recording->round_ns * recording->round_ns;
         elapsed_ns %= recording->round_ns;
         recording->row = -1;
@@ -195,7 +195,7 @@ static void play_recording(Loop *loop, int64_t now_ns)
     take_given(loop, loop->count);
     if (recording->round_ns == 0 && row == recording->rows - 1) {
         recording->is_over = 1;
-        loop->ticks_wanted = loop->ticks + 1; /* this one */
+        loop->ticks_wanted = loop->ticks + 1; /* the present one */
     }
 }
 

@@ -1,4 +1,4 @@
-/* The clock of `time.monotonic_ns`, that of a thread, and sleeping, as each system has them. */
+/* The clock of `time.monotonic_ns`, that of a thread, and sleeping, for each system. */
 #ifndef PROXIMITY_LOOP_SYSTEM_H
 #define PROXIMITY_LOOP_SYSTEM_H
 
@@ -8,7 +8,7 @@
 #include <windows.h>
 #endif
 
-static int system_clock_is_coarse; /* Windows: that of Python before 3.13, which goes on every 16 ms */
+static int system_clock_is_coarse; /* Windows: the clock of Python before 3.13, with steps of 16 ms */
 
 #ifdef _WIN32
 static int64_t system_now_ns(void)
@@ -22,7 +22,7 @@ static int64_t system_now_ns(void)
     return now.QuadPart / rate.QuadPart * 1000000000 + now.QuadPart % rate.QuadPart * 1000000000 / rate.QuadPart;
 }
 
-/* Of the processor for this thread. */
+/* Processor time of this thread. */
 static int64_t system_thread_ns(void)
 {
     FILETIME begun, ended, kernel, user;
@@ -34,7 +34,7 @@ static int64_t system_thread_ns(void)
 
 static void system_sleep(int64_t until_ns)
 {
-    static __thread HANDLE timer; /* one a thread, until the process ends */
+    static __thread HANDLE timer; /* one per thread, until the process ends */
     LARGE_INTEGER left;
 
     if (timer == NULL)
@@ -63,7 +63,7 @@ static int64_t system_now_ns(void)
 #endif
 }
 
-/* Of the processor for this thread. */
+/* Processor time of this thread. */
 static int64_t system_thread_ns(void)
 {
     return read_clock(CLOCK_THREAD_CPUTIME_ID);

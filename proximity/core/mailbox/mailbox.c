@@ -32,7 +32,7 @@ int proximity_box_has(const proximity_mailbox *box)
     return proximity_mailbox_has(box);
 }
 
-/* One without a file, in zeroed memory of this process: either end of it. The ring is a power of two of bytes. */
+/* A mailbox without a file, in zeroed memory of this process: either end. The ring is a power of two of bytes. */
 void proximity_box_within(proximity_mailbox *box, void *memory, uint64_t ring)
 {
     memset(box, 0, sizeof *box);
@@ -62,7 +62,7 @@ int proximity_box_enlarge(proximity_mailbox *box, uint64_t largest)
     return proximity_mailbox_enlarge(box, largest);
 }
 
-/* Of one that follows another, which was closed, all messages are given. */
+/* Open a mailbox that follows a closed one, at its first message. */
 int proximity_box_open(proximity_mailbox *box, const char *name, int is_next)
 {
     int outcome = proximity_mailbox_open(box, name);

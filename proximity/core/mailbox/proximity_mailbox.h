@@ -1,26 +1,27 @@
 /*
  * proximity_mailbox.h: shm://NAME, a mailbox in shared memory: one writer, any readers, each at its own pace. Linux.
  *
- * The file /dev/shm/proximity.NAME, which only its owner may open, has a header (proximity_mailbox_header) and then a
- * ring of bytes. Positions count bytes since the mailbox was made; a position lies at `position % ring` of the ring,
- * around whose end messages go on at its beginning. At a multiple of 16 stands how long a message is (u32, and 12
- * bytes that are not used), then the message, then what is missing to the next multiple of 16. The writer raises
- * `floor` beyond what it is about to overwrite, writes, and then raises `head`. A reader copies what lies from its
- * position on, and has it if `floor` is not beyond that position then: so it is whole, and nobody waits for anybody.
+ * The file /dev/shm/proximity.NAME, with permissions for its owner only, has a header
+ * (proximity_mailbox_header) and a ring of bytes. Positions count bytes since the mailbox was created; a
+ * position is at `position % ring` of the ring, and messages wrap around its end. Each message starts at a
+ * multiple of 16 with its size (u32, and 12 unused bytes), and is padded to the next multiple of 16. The
+ * writer raises `floor` beyond the bytes it is about to overwrite, writes, and then raises `head`. A reader
+ * copies from its position on and accepts the copy if `floor` is not beyond that position afterwards: the
+ * message is then complete, and neither side waits.
  *
- * The writer holds an exclusive lock of the open file (F_OFD_SETLK), which the system lets go of when it dies. A new
- * writer takes the place of a dead one: it marks the old mailbox as closed, and readers open the new one. A mailbox
- * that is to hold longer messages is made anew in the same way.
+ * The writer has an exclusive lock of the open file (F_OFD_SETLK), which the system releases when it dies. A
+ * new writer replaces a dead one: it marks the old mailbox as closed, and readers open the new one. A mailbox
+ * is replaced in the same way to make room for longer messages.
  *
  *   proximity_mailbox box;
  *   if (proximity_mailbox_open(&box, "proximity") == PROXIMITY_MAILBOX_OK)
  *       size = proximity_mailbox_read(&box, message, sizeof message);
  *
- * A process that forks: what a child has inherited of a writer is to be closed there, which takes nothing from its
- * parent; as long as it is open, the name of a parent that was killed stays in use.
+ * After a fork the child must close an inherited writer, which does not affect its parent; while it is open,
+ * the name of a killed parent stays in use.
  *
- * What is read is a message as from any other transport: check it before it is used. One thread uses a
- * proximity_mailbox at a time. Memory is mapped to be read only, but by its writer.
+ * Validate messages like those from any other transport. One thread uses a proximity_mailbox at a time.
+ * Memory is mapped read-only except by the writer.
  */
 #ifndef PROXIMITY_MAILBOX_H
 #define PROXIMITY_MAILBOX_H
@@ -56,13 +57,13 @@
 
 enum proximity_mailbox_outcome {
     PROXIMITY_MAILBOX_OK = 0,
-    PROXIMITY_MAILBOX_NOBODY,  /* there is no mailbox of that name: nobody writes, now */
+    PROXIMITY_MAILBOX_NOBODY,  /* there is no mailbox of that name, or no writer */
     PROXIMITY_MAILBOX_NAME,    /* too long, or with a slash */
-    PROXIMITY_MAILBOX_IN_USE,  /* another writer is there */
-    PROXIMITY_MAILBOX_OWNER,   /* of another user, or others may open it */
-    PROXIMITY_MAILBOX_FOREIGN, /* no mailbox, or half of one */
+    PROXIMITY_MAILBOX_IN_USE,  /* by another writer */
+    PROXIMITY_MAILBOX_OWNER,   /* of another user, or with permissions for others */
+    PROXIMITY_MAILBOX_FOREIGN, /* not a mailbox, or an incomplete one */
     PROXIMITY_MAILBOX_VERSION, /* of another layout */
-    PROXIMITY_MAILBOX_SYSTEM   /* the system refuses; errno says why */
+    PROXIMITY_MAILBOX_SYSTEM   /* a system error, see errno */
 };
 
 typedef struct proximity_mailbox_header {
@@ -70,13 +71,13 @@ typedef struct proximity_mailbox_header {
     uint32_t layout;
     uint32_t header_size;
     uint64_t ring;      /* bytes, a power of two */
-    int64_t writer;     /* its process; 0: closed, the next mailbox has another file */
-    int64_t written_ns; /* when the newest message was put in, CLOCK_MONOTONIC: a heartbeat */
+    int64_t writer;     /* its process; 0: closed, the next mailbox is another file */
+    int64_t written_ns; /* time of the newest message, CLOCK_MONOTONIC: a heartbeat */
     uint64_t unused[3];
-    uint64_t head;      /* behind the newest message */
-    uint64_t floor;     /* before it nothing is whole */
-    uint64_t newest;    /* where the newest message begins */
-    uint32_t count;     /* of messages; whoever waits for one waits at this number (futex) */
+    uint64_t head;      /* end of the newest message */
+    uint64_t floor;     /* messages before it are overwritten */
+    uint64_t newest;    /* start of the newest message */
+    uint32_t count;     /* of messages; readers wait on this number (futex) */
     uint32_t unused_too;
     uint64_t unused_at_the_end[4];
 } proximity_mailbox_header;
@@ -84,7 +85,7 @@ typedef struct proximity_mailbox_header {
 typedef struct proximity_mailbox {
     proximity_mailbox_header *header; /* NULL: closed */
     uint64_t ring, position;
-    uint64_t overtaken; /* how often the writer was faster by a whole ring */
+    uint64_t overtaken; /* number of times that the writer was a whole ring ahead */
     int file, is_writer;
     char path[256];
 } proximity_mailbox;
@@ -151,14 +152,14 @@ static inline void proximity_mailbox_wake(proximity_mailbox *box)
 #endif
 }
 
-/* Whether its writer has closed it: what waits may be read, and then another file has the name. */
+/* Test whether the writer has closed it: the remaining messages may be read, and the name belongs to another file. */
 static inline int proximity_mailbox_is_closed(const proximity_mailbox *box)
 {
     return __atomic_load_n(&box->header->writer, __ATOMIC_ACQUIRE) == 0;
 }
 
 #ifdef __linux__
-/* Have the lock of the open file, or (F_OFD_GETLK) ask whether somebody else has it; 0: so it is. */
+/* Take the lock of the open file, or (F_OFD_GETLK) test whether another process has it; return 0 if so. */
 static inline int proximity_mailbox_lock(int file, int command)
 {
     struct flock lock;
@@ -171,7 +172,7 @@ static inline int proximity_mailbox_lock(int file, int command)
     return command == F_OFD_GETLK && lock.l_type == F_UNLCK ? -1 : 0;
 }
 
-/* Map an open file, if it is a mailbox as it should be. */
+/* Map an open file, if it is a valid mailbox. */
 static inline int proximity_mailbox_map(proximity_mailbox *box, int file, int is_writer)
 {
     proximity_mailbox_header known;
@@ -210,8 +211,8 @@ static inline int proximity_mailbox_begin(proximity_mailbox *box, const char *na
                                                                                       : PROXIMITY_MAILBOX_OK;
 }
 
-/* Let go of it; a writer tells its readers that nothing more will come, and gives the name back; its forked child
-   does not. Twice is once. */
+/* Close the mailbox; a writer, but not its forked child, marks it as closed for its readers and releases the
+   name. Closing twice has no effect. */
 static inline void proximity_mailbox_close(proximity_mailbox *box)
 {
     struct stat here, there;
@@ -230,7 +231,7 @@ static inline void proximity_mailbox_close(proximity_mailbox *box)
     box->file = -1;
 }
 
-/* Why a file could not be opened, by errno. */
+/* Reason why a file could not be opened, by errno. */
 static inline int proximity_mailbox_not_opened(void)
 {
     return errno == ENOENT   ? PROXIMITY_MAILBOX_NOBODY
@@ -239,7 +240,7 @@ static inline int proximity_mailbox_not_opened(void)
                              : PROXIMITY_MAILBOX_SYSTEM;
 }
 
-/* Open the mailbox of that name to read, at its newest message. */
+/* Open the mailbox of that name for reading, at its newest message. */
 static inline int proximity_mailbox_open(proximity_mailbox *box, const char *name)
 {
     int file, outcome = proximity_mailbox_begin(box, name);
@@ -254,7 +255,7 @@ static inline int proximity_mailbox_open(proximity_mailbox *box, const char *nam
         close(file);
         return outcome;
     }
-    if (proximity_mailbox_is_closed(box)) { /* and still has its name */
+    if (proximity_mailbox_is_closed(box)) { /* and not yet unlinked */
         proximity_mailbox_close(box);
         return PROXIMITY_MAILBOX_NOBODY;
     }
@@ -263,21 +264,21 @@ static inline int proximity_mailbox_open(proximity_mailbox *box, const char *nam
 }
 #endif
 
-/* Whether a message waits. */
+/* Test whether a message is waiting. */
 static inline int proximity_mailbox_has(const proximity_mailbox *box)
 {
     return __atomic_load_n(&box->header->head, __ATOMIC_ACQUIRE) != box->position;
 }
 
 #ifdef __linux__
-/* Whether somebody has it open for writing: it was not closed, and its writer lives. */
+/* Test whether a living writer has it open. */
 static inline int proximity_mailbox_is_written(const proximity_mailbox *box)
 {
     return box->header != NULL && !proximity_mailbox_is_closed(box)
            && (box->is_writer || proximity_mailbox_lock(box->file, F_OFD_GETLK) == 0);
 }
 
-/* Whether nothing more will come here: it was closed, or its name leads to another file, or to none. */
+/* Test whether no further message will come: it was closed, or its name belongs to another file, or to none. */
 static inline int proximity_mailbox_is_over(const proximity_mailbox *box)
 {
     struct stat here, there;
@@ -287,7 +288,7 @@ static inline int proximity_mailbox_is_over(const proximity_mailbox *box)
 }
 #endif
 
-/* Copy the next message, of which the beginning if it is longer than `room`; its size, or PROXIMITY_MAILBOX_NOTHING. */
+/* Copy the next message, cut to `room` bytes; return its size, or PROXIMITY_MAILBOX_NOTHING. */
 static inline int64_t proximity_mailbox_read(proximity_mailbox *box, void *to, uint64_t room)
 {
     const proximity_mailbox_header *header = box->header;
@@ -304,7 +305,7 @@ static inline int64_t proximity_mailbox_read(proximity_mailbox *box, void *to, u
             proximity_mailbox_take(box, position + 16, to, size < room ? size : room);
         __atomic_thread_fence(__ATOMIC_ACQUIRE);
         if (__atomic_load_n(&header->floor, __ATOMIC_RELAXED) <= position && position < head) {
-            /* No writer of ours leaves it so. */
+            /* Only a corrupt mailbox is in this state. */
             if (proximity_mailbox_room_for(size) > head - position || head - position > box->ring) {
                 box->position = head;
                 return PROXIMITY_MAILBOX_NOTHING;
@@ -318,7 +319,7 @@ static inline int64_t proximity_mailbox_read(proximity_mailbox *box, void *to, u
     return PROXIMITY_MAILBOX_NOTHING;
 }
 
-/* Leave out all that waits but the newest message. */
+/* Skip all waiting messages but the newest. */
 static inline void proximity_mailbox_skip(proximity_mailbox *box)
 {
     uint64_t newest = __atomic_load_n(&box->header->newest, __ATOMIC_ACQUIRE);
@@ -327,8 +328,8 @@ static inline void proximity_mailbox_skip(proximity_mailbox *box)
 }
 
 #ifdef __linux__
-/* Wait until a message is there, or it is closed, or that instant has come; whether a message is there. It also ends
-   where a signal came. */
+/* Wait until a message arrives, the mailbox is closed, that instant is reached or a signal arrives; return
+   whether a message is waiting. */
 static inline int proximity_mailbox_wait(proximity_mailbox *box, int64_t until_ns)
 {
     const proximity_mailbox_header *header = box->header;
@@ -343,7 +344,7 @@ static inline int proximity_mailbox_wait(proximity_mailbox *box, int64_t until_n
     return proximity_mailbox_has(box);
 }
 
-/* Have the lock of what has the name already, if its writer is dead. */
+/* Take the lock of the existing mailbox of that name, if its writer is dead. */
 static inline int proximity_mailbox_of_the_dead(const proximity_mailbox *box, proximity_mailbox *dead)
 {
     struct stat here, there;
@@ -356,9 +357,9 @@ static inline int proximity_mailbox_of_the_dead(const proximity_mailbox *box, pr
     if (outcome == PROXIMITY_MAILBOX_OK && proximity_mailbox_lock(file, F_OFD_SETLK) != 0)
         outcome = PROXIMITY_MAILBOX_IN_USE;
     if (outcome == PROXIMITY_MAILBOX_OK && lstat(box->path, &there) != 0)
-        outcome = PROXIMITY_MAILBOX_NOBODY; /* it was closed just now */
+        outcome = PROXIMITY_MAILBOX_NOBODY; /* closed just now */
     else if (outcome == PROXIMITY_MAILBOX_OK && (fstat(file, &here) != 0 || here.st_ino != there.st_ino))
-        outcome = PROXIMITY_MAILBOX_IN_USE; /* another one was faster */
+        outcome = PROXIMITY_MAILBOX_IN_USE; /* another writer was faster */
     if (outcome == PROXIMITY_MAILBOX_OK) {
         __atomic_store_n(&dead->header->writer, getpid(), __ATOMIC_RELEASE);
         return outcome;
@@ -370,7 +371,7 @@ static inline int proximity_mailbox_of_the_dead(const proximity_mailbox *box, pr
     return outcome;
 }
 
-/* A file without a name, whole and locked. */
+/* Create an unnamed file, complete and locked. */
 static inline int proximity_mailbox_new_file(proximity_mailbox *box, uint64_t ring)
 {
     proximity_mailbox_header header;
@@ -386,7 +387,7 @@ static inline int proximity_mailbox_new_file(proximity_mailbox *box, uint64_t ri
     header.ring = ring;
     header.writer = getpid();
     header.written_ns = proximity_mailbox_now_ns();
-    /* All of it at once: who finds no memory left when it writes is killed. */
+    /* Allocate everything now: a process that runs out of memory while it writes is killed. */
     error = posix_fallocate(file, 0, (off_t)(sizeof header + ring));
     if (error != 0)
         errno = error;
@@ -401,8 +402,8 @@ static inline int proximity_mailbox_new_file(proximity_mailbox *box, uint64_t ri
     return outcome;
 }
 
-/* Make a mailbox for messages of so many bytes; it takes the place of the one before, whose lock this process has,
-   and whose readers then look for the new one. `before->header` is NULL where there is none. */
+/* Create a mailbox for messages of up to `largest` bytes. It replaces `before`, whose lock this process has,
+   and whose readers then open the new one; `before->header` is NULL if there is none. */
 static inline int proximity_mailbox_replace(proximity_mailbox *box, proximity_mailbox *before, uint64_t largest)
 {
     char path[64];
@@ -426,7 +427,7 @@ static inline int proximity_mailbox_replace(proximity_mailbox *box, proximity_ma
     return outcome;
 }
 
-/* Open the mailbox of that name to write messages of so many bytes. */
+/* Open the mailbox of that name for writing messages of up to `largest` bytes. */
 static inline int proximity_mailbox_create(proximity_mailbox *box, const char *name, uint64_t largest)
 {
     proximity_mailbox dead;
@@ -441,7 +442,7 @@ static inline int proximity_mailbox_create(proximity_mailbox *box, const char *n
     return outcome;
 }
 
-/* Go on with a mailbox for longer messages; where that cannot be, the one that is there stays. */
+/* Replace a mailbox by one for longer messages; if that fails, the old one stays. */
 static inline int proximity_mailbox_enlarge(proximity_mailbox *box, uint64_t largest)
 {
     proximity_mailbox before = *box;
@@ -453,7 +454,7 @@ static inline int proximity_mailbox_enlarge(proximity_mailbox *box, uint64_t lar
 }
 #endif
 
-/* Put a message in, and wake nobody; whether there is room for one as long. Never waits. */
+/* Write a message without waking readers; return whether it fits into the ring. Never waits. */
 static inline int proximity_mailbox_add(proximity_mailbox *box, const void *message, uint32_t size)
 {
     proximity_mailbox_header *header = box->header;
@@ -476,7 +477,7 @@ static inline int proximity_mailbox_add(proximity_mailbox *box, const void *mess
     return 1;
 }
 
-/* Put a message in, and wake the readers that wait; whether there is room for one as long. */
+/* Write a message and wake waiting readers; return whether it fits into the ring. */
 static inline int proximity_mailbox_write(proximity_mailbox *box, const void *message, uint32_t size)
 {
     if (!proximity_mailbox_add(box, message, size))

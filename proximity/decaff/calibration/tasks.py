@@ -1,7 +1,7 @@
 """Tasks of a calibration, in order: instructions, measurements, and tolerances of repeats.
 
-A task is repeated until enough of its readings agree. Nothing here waits or prints: the user interface passes
-`Ready`, which returns once the person has done a part of the task.
+A task is repeated until enough of its readings agree. This module neither waits nor prints: the user
+interface passes `Ready`, which returns once the person has done a part of the task.
 """
 
 import math

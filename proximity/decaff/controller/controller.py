@@ -27,7 +27,7 @@ class DrumState(Enum):
     RETRACTED = "retracted"
     """Out of the finger's path, or on its path there."""
     APPROACH = "approach"
-    """Stands at, or moves to, the position where the finger will touch."""
+    """At, or moving to, the position where the finger will touch."""
     CONTACT_POSITION = "position"
     """The finger touches; the position is held."""
     CONTACT_FORCE = "force"
@@ -77,7 +77,7 @@ class FrameMark(NamedTuple):
 class Observation:
     """Observations at a sample of the servo.
 
-    There are two clocks. That of the frames may be another machine's, and estimated: it jumps when the
+    There are two clocks. The clock of the frames may be another machine's, and estimated: it jumps when the
     estimate improves, and serves for the ages of frames only. The drum's time is the clock of the samples.
     """
 

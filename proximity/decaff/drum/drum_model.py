@@ -96,7 +96,7 @@ GEARS = {
 }
 """Planetary gears of maxon that fit that motor, by their total reduction.
 
-Those of three stages have the numbers of the data sheet of 86:1 (166167), of the same design. That of two
+Those of three stages have the numbers of the data sheet of 86:1 (166167), of the same design. The one of two
 stages has efficiency, backlash and inertia of the ceramic gear of two stages (GP 32 C, 166936); its torques
 are typical values for this size.
 """

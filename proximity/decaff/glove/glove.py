@@ -1,13 +1,12 @@
 """Model of the glove: finger, linkage, cable, potentiometer, drum, gear and motor, and derived quantities.
 
 One degree of freedom a finger: bend, fingertip, angle of the linkage, travel of the cable, angle of the
-replica, counts, and where the drum must stand are all functions of one another (docs/guide/drums.md). A
-calibration replaces what the cable, the linkage and the motor are thought to do by what was measured
-(`calibration`).
+replica, counts, and the drum's position are all functions of one another (docs/guide/drums.md). A
+calibration replaces the models of cable, linkage and motor by measurements (`calibration`).
 
 The replica is a straight link of some width that turns about the potentiometer, the origin. The roller of the
-drum stands on the side that the link turns to as the finger bends. Angles count from the same axis:
-``replica`` of the link, ``drum`` of the arm that carries the roller, as it would touch.
+drum is on the side to which the link turns as the finger bends. Angles count from the same axis: ``replica``
+of the link, ``drum`` of the arm that carries the roller, at a touch.
 """
 
 import math
@@ -45,20 +44,20 @@ class ArmDrum:
 
     @property
     def clearance(self) -> float:
-        """Between the link's middle and the roller's centre as they touch, m."""
+        """Distance between the link's middle and the roller's centre at a touch, m."""
         return self.roller_radius + 0.5 * self.link_width
 
     @property
     def alpha(self) -> float:
-        """Angle between arm and link as they touch, rad."""
+        """Angle between arm and link at a touch, rad."""
         return math.asin(self.clearance / self.arm)
 
     def drum_angle(self, replica: ArrayLike) -> np.ndarray:
-        """Return where the drum stands as it touches the link, (...), rad."""
+        """Return the drum's angle as it touches the link, (...), rad."""
         return np.asarray(replica, np.float64) + self.alpha
 
     def lever(self, replica: ArrayLike) -> np.ndarray:
-        """Return how far from the potentiometer the roller touches, (...), m."""
+        """Return the distance of the touch from the potentiometer, (...), m."""
         return np.full(np.shape(replica), self.arm * math.cos(self.alpha))
 
 
@@ -66,8 +65,8 @@ class ArmDrum:
 class Glove:
     """One finger of the glove. Raises if the linkage cannot follow the finger.
 
-    Angles of the replica count from where it is with the flat hand and a slack-free cable; ``bend``
-    everywhere is an array of any shape (...).
+    Angles of the replica count from that with the flat hand and a slack-free cable; ``bend`` everywhere is an
+    array of any shape (...).
     """
 
     finger: Finger = field(default_factory=Finger)

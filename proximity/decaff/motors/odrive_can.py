@@ -3,7 +3,7 @@
 ``odrive-can://CHANNEL?bus=socketcan&node=0&bitrate=1000000&kt=0.05``; an identifier is the node's number
 shifted by 5 bits and the number of the message, numbers are little-endian, turns and newton metres are those
 of the motor. The ODrive's own watchdog (``axis.config.enable_watchdog``) must be set by its tool: commands
-feed it, and it ends the motion where this program does not.
+feed it, and it ends the motion if this program fails to.
 
 Source: ODrive documentation, "CAN Protocol": table of messages (can-protocol.csv, firmware 0.5; in 0.6 the
 ones used here are the same, with the heartbeat's bytes beyond the state left unread).

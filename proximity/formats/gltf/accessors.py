@@ -115,7 +115,7 @@ def _with_sparse(document: Document, sparse: Any, base: np.ndarray, name: str) -
 
 
 def _check_bounds(document: Document, accessor: dict[str, Any], stored: np.ndarray, name: str) -> None:
-    """Note bounds that contradict the positions. Many writers omit them."""
+    """Record bounds that contradict the positions. Many writers omit them."""
     measured = {
         "min": np.fmin.reduce(stored).astype(np.float64).tolist(),
         "max": np.fmax.reduce(stored).astype(np.float64).tolist(),

@@ -25,11 +25,11 @@ class Primitive:
     """A surface as stored in the file: the triangles of one material."""
 
     place: str  # for messages
-    key: tuple  # equal where two primitives are the same surface
+    key: tuple  # equal for two primitives with the same surface
     mode: int
     position: int  # accessor
     targets: list[Any]  # of displacements, JSON
-    face_ids: np.ndarray | None  # CAD face of each triangle, or of others where there are several surfaces
+    face_ids: np.ndarray | None  # CAD face of each triangle; shared ids if there are several surfaces
     packed: tuple[int, int] | None  # by Draco: buffer view, and the identifier of positions in it
     points: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))  # (V, 3), stored numbers
     corners: np.ndarray | None = None  # rows of points; None: all of them, in turn

@@ -31,7 +31,7 @@ class Node:
     weights: tuple[float, ...]  # of morph targets: of the node, else of its mesh
     is_hidden: bool  # itself, or a node above it
     matrix: np.ndarray  # (4, 4) float64, world from node; of its skin if it has one
-    above: tuple[str, ...] = ()  # names of the nodes above it, where they have one
+    above: tuple[str, ...] = ()  # names of the named nodes above it
     is_bent: bool = False  # by its skin, which is not applied
 
     @property

@@ -77,7 +77,7 @@ class _Merge:
         return text[:end] + "\n".join(self.records) + "\n" + text[end:]
 
     def _with_roots(self, text: str, path: Path) -> str:
-        """Return the text with the products of part files in place of those that refer to them."""
+        """Return the text with the products of part files instead of the references to them."""
         self.open_paths.append(path)
         source = StepText(text)
         products = products_of(source)

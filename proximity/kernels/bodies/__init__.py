@@ -1,1 +1,1 @@
-"""Faces made into bodies: cleaned, connected across edges, welded, nested and turned."""
+"""Bodies from faces: cleaning, connection across edges, welding, nesting and orientation."""

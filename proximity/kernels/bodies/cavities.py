@@ -1,9 +1,9 @@
-"""Closed shells inside each other: which ones bound the same body, and how they face.
+"""Nesting of closed shells: shells that bound the same body, and their orientation.
 
-A shell with material inside has a positive volume, a cavity a negative one. A shell's sign counts relative
-to that of the shell around it, so that a hollow body that was exported inside out is turned as a whole. A
-shell that faces the same way as the body around it is a body of its own (an insert, or a part that overlaps
-another): nothing in the file says otherwise. A shell with small holes counts as a closed one.
+A shell with material inside has a positive volume, a cavity a negative one. A shell's sign is relative to
+that of the enclosing shell, so that a hollow body exported inside out is flipped as a whole. A shell with the
+same orientation as the body around it is a separate body (an insert, or a part that overlaps another): the
+file contains no other information. A shell with small holes counts as closed.
 """
 
 from math import sqrt
@@ -21,17 +21,18 @@ from proximity.kernels.tree.builder import build_tree, face_boxes, fill_blocks
 from proximity.native import allocating_kernel, kernel
 
 NEARLY_CLOSED = 0.8
-"""A shell with holes has an inside where its winding number is clear on both sides of this share of its area.
-Less than a sign asks for: an outer shell that gets one has been asked about its cavities."""
+"""Minimum share of the area of a shell with holes on which the winding number must be clear on both sides for
+it to have an inside. Less than a sign requires, so that cavities of an outer shell with a sign are
+considered."""
 UNCLEAR_TURNS = 0.1
-"""Largest distance of a clear winding number from a whole one."""
+"""Maximum distance of a clear winding number from an integer."""
 SAMPLE_COUNT = 64
-"""Positions on a shell with holes, of like areas, at which both sides are sampled."""
+"""Samples on both sides of a shell with holes, spread by area."""
 VOTE_COUNT = 5
-"""Faces of a shell that decide whether it lies within another."""
+"""Number of faces that decide whether a shell is inside another."""
 BESIDE = 2.0**-20
-"""Distance at which both sides of a face are sampled, in sizes of the shell: of a face that lies on another
-shell one side is within and one is not, so that the other faces decide."""
+"""Distance of samples on both sides of a face, in sizes of the shell: for a face on another shell one sample
+is inside and one outside, so that the other faces decide."""
 
 
 class Shells(NamedTuple):
@@ -39,29 +40,29 @@ class Shells(NamedTuple):
 
     points: np.ndarray  # (C, 3) float64
     corners: np.ndarray  # (K, 3) int32, rows of points
-    order: np.ndarray  # (K,) int32, faces, those of one shell together
-    starts: np.ndarray  # (P + 1,) int64, in order
+    order: np.ndarray  # (K,) int32, faces, grouped by shell
+    starts: np.ndarray  # (P + 1,) int64, offsets in order
     boxes: np.ndarray  # (P, 6) float64, lower and upper bounds
 
 
 class ShellTree(NamedTuple):
-    """What the winding number of one shell needs."""
+    """Tree of one shell for its winding number."""
 
     centre: np.ndarray  # (3,) float64, of the local frame
     scale: float
     blocks: np.ndarray  # float64
     words: np.ndarray  # float32, nodes and then moments
-    moments: int  # where in words they start
+    moments: int  # their offset in words
 
 
 @allocating_kernel
 def nest_shells(points, corners, labels, volumes, is_closed):
-    """Return for each shell the shell whose body it belongs to, (P,), and whether it is turned, (P,) bool.
+    """Return the shell whose body each shell belongs to, (P,), and whether it is flipped, (P,) bool.
 
-    *points* (C, 3). *corners* (K, 3); rows of *points*, a face each; those of each closed shell run one way.
-    *labels* (K,): the shell of each face, 0 .. P - 1, none without a face. *volumes* (P,): signed, in any
-    unit; a shell of none belongs to itself and stays as it is. *is_closed* (P,): the others have holes; those
-    that have no inside belong to themselves and stay as they are.
+    *points* (C, 3). *corners* (K, 3): rows of *points* for each face; each closed shell is oriented
+    consistently. *labels* (K,): the shell of each face, 0 .. P - 1; every shell has a face. *volumes* (P,):
+    signed, in any unit. *is_closed* (P,): the others have holes. Shells with volume 0, or with holes and
+    without an inside, are separate bodies and never flipped.
     """
     count, is_any_negative = len(volumes), False
     body, is_turned = np.empty(count, np.int64), np.zeros(count, np.bool_)
@@ -96,7 +97,7 @@ def nest_shells(points, corners, labels, volumes, is_closed):
 
 @allocating_kernel
 def rows_by_label(labels, count):
-    """Return where the rows of each of *count* labels start, (count + 1,) int64, and the rows, (K,) int32."""
+    """Return the start of each of *count* labels' rows, (count + 1,) int64, and the rows, (K,) int32."""
     starts, order = np.zeros(count + 1, np.int64), np.empty(len(labels), np.int32)
     for row in range(len(labels)):
         starts[labels[row] + 1] += 1
@@ -111,7 +112,7 @@ def rows_by_label(labels, count):
 
 @allocating_kernel
 def _rows_by_size(sizes):
-    """Rows of *sizes* (P,), rising; equal ones keep their order."""
+    """Return the rows of *sizes* (P,) sorted ascending, stably."""
     count = len(sizes)
     keys, rows = sizes.copy(), np.empty(count, np.int32)
     for row in range(count):
@@ -122,7 +123,7 @@ def _rows_by_size(sizes):
 
 @kernel
 def _is_within(boxes, inner, outer):
-    """Whether by its box a shell may lie within another."""
+    """Test whether a shell's box permits it to be inside another."""
     for axis in range(3):
         if boxes[outer, axis] > boxes[inner, axis] or boxes[outer, 3 + axis] < boxes[inner, 3 + axis]:
             return False
@@ -131,7 +132,7 @@ def _is_within(boxes, inner, outer):
 
 @kernel
 def _is_nested(boxes, sizes, shell):
-    """Whether by its box a shell may lie within another, or another within it."""
+    """Test whether boxes permit a shell to be inside another, or another inside it."""
     for other in range(len(sizes)):
         is_other = other != shell and sizes[other] > 0.0
         if is_other and (_is_within(boxes, shell, other) or _is_within(boxes, other, shell)):
@@ -141,9 +142,9 @@ def _is_nested(boxes, sizes, shell):
 
 @allocating_kernel
 def _smallest_around(shells, sizes, rising):
-    """Return the smallest larger shell that each lies within, (P,) int64, -1 where there is none.
+    """Return the smallest larger shell that encloses each, (P,) int64, -1 for none.
 
-    A shell of size 0 is not one to lie in. Each tree is built once, and only if a box may lie within.
+    A shell of size 0 encloses none. Each tree is built once, and only if a box permits nesting.
     """
     around, smaller_count = np.full(len(sizes), -1, np.int64), 0
     for position in range(len(sizes)):
@@ -165,7 +166,7 @@ def _smallest_around(shells, sizes, rising):
 
 @kernel
 def _is_voted_within(shells, shell, tree):
-    """Whether most sides of some faces of a shell lie within another, given by its tree."""
+    """Test whether most samples next to some faces of a shell are inside another, given by its tree."""
     first, count = shells.starts[shell], shells.starts[shell + 1] - shells.starts[shell]
     total, sampled, last = 0.0, 0, -1
     for vote in range(VOTE_COUNT):
@@ -179,7 +180,7 @@ def _is_voted_within(shells, shell, tree):
 
 @allocating_kernel
 def _clear_side(shells, shell):
-    """1 where a shell with holes has its inside below its faces, -1 above them, 0 if it has none."""
+    """Return 1 if a shell with holes has its inside below its faces, -1 if above them, 0 if it has none."""
     first, end = shells.starts[shell], shells.starts[shell + 1]
     reached, total = np.empty(end - first), 0.0
     for n in range(end - first):
@@ -203,7 +204,7 @@ def _clear_side(shells, shell):
 
 @kernel
 def _normal_and_middle(shells, face):
-    """A normal of a face, as long as twice its area, and its middle."""
+    """Return a face's normal, with a length of twice its area, and its centroid."""
     points = shells.points
     a, b, c = shells.corners[face, 0], shells.corners[face, 1], shells.corners[face, 2]
     ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
@@ -216,7 +217,7 @@ def _normal_and_middle(shells, face):
 
 @kernel
 def _turns_beside(shells, shell, face, tree):
-    """Winding numbers of another shell, given by its tree, above and below a face of *shell*."""
+    """Return the winding numbers of another shell, given by its tree, above and below a face of *shell*."""
     (nx, ny, nz), (x, y, z) = _normal_and_middle(shells, face)
     length, extent = sqrt(nx * nx + ny * ny + nz * nz), 0.0
     for axis in range(3):

@@ -1,9 +1,9 @@
-"""Faces connected across edges.
+"""Connection of faces across edges.
 
-Across an edge of two faces the connection is plain. At an edge of more, bodies touch: pieces that already
-have as many faces running one way along it as the other are whole there and need nothing; the others are
-paired round the edge, each face with the one across its wedge of material (`wedges`). Bodies that touch and
-together have a negative volume are inside out: their material is on the other side.
+An edge of two faces connects them. At an edge of more, bodies touch: pieces with equal numbers of forward and
+backward faces along it are complete there; the others are paired around the edge, each face with the one
+across its wedge of material (`wedges`). Touching bodies with negative total volume are inside out: their
+material is on the other side.
 """
 
 from math import frexp, ldexp
@@ -23,14 +23,14 @@ class Pieces(NamedTuple):
     """K faces in P connected pieces."""
 
     labels: np.ndarray  # (K,) int64, 0 .. P - 1
-    is_turned: np.ndarray  # (K,) bool, runs against most faces of its piece
-    is_open: np.ndarray  # (K, 3) bool, edge k found no partner
-    is_closed: np.ndarray  # (P,) bool, no open edge, and two sides
+    is_turned: np.ndarray  # (K,) bool, oriented against most faces of its piece
+    is_open: np.ndarray  # (K, 3) bool, edge k has no partner
+    is_closed: np.ndarray  # (P,) bool, no open edge, and orientable
 
 
 @allocating_kernel
 def connect_given(given, corners, points, edges, vertices, exponent):
-    """Return the pieces: closed ones that vertex numbers show, and of the others what positions show.
+    """Return the pieces: closed ones from vertex numbers, the others from positions.
 
     *given* (K, 3): rows of *vertices*; *corners* (K, 3): rows of *points*, with their *edges*. *points* are
     scaled by two to the power of *exponent*, to coordinates of at most 1.
@@ -69,7 +69,7 @@ def connect_given(given, corners, points, edges, vertices, exponent):
 
 @kernel
 def unit_exponent(points):
-    """Return the power of two by which coordinates become 1 at most, exactly."""
+    """Return the power of two that scales coordinates to at most 1, exactly."""
     largest = 0.0
     for row in range(len(points)):
         for axis in range(3):
@@ -89,7 +89,7 @@ def scaled(points, exponent):
 
 @allocating_kernel
 def _distinct_count(ids, size):
-    """Number of distinct *ids* (K, 3), below *size*."""
+    """Return the number of distinct *ids* (K, 3), below *size*."""
     is_used, found = np.zeros(size, np.bool_), 0
     for row in range(len(ids)):
         for k in range(3):
@@ -100,7 +100,7 @@ def _distinct_count(ids, size):
 
 @allocating_kernel
 def connect_faces(corners, points, edges):
-    """Return the pieces that *corners* (K, 3) make, none with two equal ones.
+    """Return the pieces formed by *corners* (K, 3), each face with three distinct ones.
 
     *points* are those of the corners, scaled to coordinates of at most 1. *edges*: of the faces.
     """
@@ -129,9 +129,9 @@ def connect_faces(corners, points, edges):
 
 @allocating_kernel
 def _pieces_of(links, is_twisted_face, is_open):
-    """The pieces, faces turned against the first of their piece; closed until an edge says otherwise.
+    """Return the pieces, faces flipped against the first of their piece; closed unless an edge is open.
 
-    A piece with a twisted face has no two sides, as a Moebius strip.
+    A piece with a twisted face is not orientable, like a Moebius strip.
     """
     labels, count = component_labels(links)
     is_turned, is_closed = np.empty(len(labels), np.bool_), np.ones(count, np.bool_)
@@ -145,7 +145,7 @@ def _pieces_of(links, is_twisted_face, is_open):
 
 @allocating_kernel
 def _turn_fewest(pieces):
-    """Turn the other faces in each piece of which most faces are turned."""
+    """Flip the other faces instead in each piece with most faces flipped."""
     labels, is_turned, _, is_closed = pieces
     majority = np.zeros(len(is_closed), np.int64)
     for face in range(len(labels)):
@@ -156,7 +156,7 @@ def _turn_fewest(pieces):
 
 @allocating_kernel
 def _join_across_wedges(corners, points, edges, longest, pieces, links, is_twisted_face):
-    """Join the faces at edges of more than two, the longest of *longest*, across their wedges of material."""
+    """Join faces at edges of more than two, at most *longest*, across their wedges of material."""
     order, starts, forward_counts = edges
     labels, is_turned, is_open, is_sided = pieces
     is_inside_out = _are_inside_out(corners, points, edges, pieces)
@@ -186,7 +186,7 @@ def _join_across_wedges(corners, points, edges, longest, pieces, links, is_twist
             half_edge = order[position]
             face = half_edge // 3
             piece = labels[face]
-            # A piece is whole at an edge that it runs along as often one way as the other.
+            # A piece is complete at an edge with equal numbers of its forward and backward faces.
             if (balances[piece] if is_sided[piece] else counts[piece] % 2) == 0:
                 continue
             is_forward = (position < first + forward_counts[edge]) != is_turned[face]
@@ -208,7 +208,7 @@ def _join_across_wedges(corners, points, edges, longest, pieces, links, is_twist
 
 @allocating_kernel
 def _are_inside_out(corners, points, edges, pieces):
-    """Whether each face is of bodies that touch, of negative volume together: (K,) bool."""
+    """Return a mask of the faces of touching bodies with negative total volume: (K,) bool."""
     touching = unlinked(len(pieces.is_closed))
     for edge in range(len(edges.forward_counts)):
         first, end = edges.starts[edge], edges.starts[edge + 1]

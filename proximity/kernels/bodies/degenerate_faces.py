@@ -1,9 +1,10 @@
-"""Faces that add nothing: without area, or equal to another face.
+"""Redundant faces: without area, or equal to another face.
 
-Such a face goes only where its going leaves no more edges unbalanced (run more often one way than the
-other) than before. A sliver between two rows of faces that meet at different points along a line has no area
-and still closes the surface; the coincident faces of two bodies may run the same way and are both needed.
-Faces are judged in groups connected by edges: a body that occurs twice goes as a whole.
+Such a face is removed only if that leaves no more edges unbalanced (with unequal numbers of forward and
+backward faces) than before. A sliver between two rows of faces that meet at different points along a line has
+no area but closes the surface; coincident faces of two bodies may have the same orientation and are both
+needed. Groups of faces connected by edges are judged together: a body that occurs twice is removed as a
+whole.
 """
 
 import numpy as np
@@ -14,15 +15,15 @@ from proximity.kernels.mesh.positions import first_of_equal_rows, rows_where
 from proximity.native import allocating_kernel
 
 DEGENERATE_HEIGHT = 16.0 * 2.0**-52
-"""A face has no area when its height drowns in the rounding of its coordinates; times the largest of them."""
+"""A face has no area if its height is below this, times the largest coordinate: within rounding."""
 LEFT, SLIVER, DUPLICATE = range(3)
 
 
 @allocating_kernel
 def useless_faces(corners, points, edges):
-    """Return which of *corners* (F, 3) stay and which go, and why, (F,) uint8.
+    """Return which of *corners* (F, 3) stay and which are removed, and why, (F,) uint8.
 
-    *points* (C, 3): scaled to coordinates of at most 1. *edges*: of the faces. Of equal faces the first
+    *points* (C, 3): scaled to coordinates of at most 1. *edges*: of the faces. The first of equal faces
     stays.
     """
     kinds = np.empty(len(corners), np.uint8)
@@ -36,9 +37,9 @@ def useless_faces(corners, points, edges):
 
 @allocating_kernel
 def _equals_earlier_face(corners, edges, kinds):
-    """Whether an earlier face has the same corners in the same winding, (F,) bool."""
+    """Return a mask of faces equal to an earlier one in corners and winding, (F,) bool."""
     crowded_sides, is_twin = np.zeros(len(corners), np.uint8), np.zeros(len(corners), np.bool_)
-    # Equal faces run along their edges the same way: only faces at such edges need a look.
+    # Equal faces have equal half-edges: only faces at edges with several in one direction are candidates.
     for edge in range(len(edges.forward_counts)):
         first, end, forward = edges.starts[edge], edges.starts[edge + 1], edges.forward_counts[edge]
         if forward > 1 or end - first - forward > 1:
@@ -59,7 +60,7 @@ def _equals_earlier_face(corners, edges, kinds):
 
 @allocating_kernel
 def _drop(edges, kinds, is_candidate, kind):
-    """Give that kind to the candidates (F,) that go: groups without which no more edges are unbalanced."""
+    """Set the kind of the candidates (F,) to remove: groups whose removal leaves no more edges unbalanced."""
     if len(rows_where(is_candidate, True)) == 0:
         return
     links, worse = unlinked(len(kinds)), np.zeros(len(kinds), np.int64)
@@ -78,7 +79,7 @@ def _drop(edges, kinds, is_candidate, kind):
                 if last >= 0 and turn == 0:
                     join(links, last, face, 0)
                 last = face
-            if last >= 0 and turn == 1:  # an edge belongs to one group: whatever shares it is connected
+            if last >= 0 and turn == 1:  # an edge belongs to one group: all candidates at it are connected
                 worse[root_of(links, last) >> 1] += abs(without) - abs(balance)
     for face in range(len(kinds)):
         if kinds[face] == LEFT and is_candidate[face] and worse[root_of(links, face) >> 1] <= 0:

@@ -1,4 +1,4 @@
-"""Splitting of faces into bodies: welded, cleaned, and turned outside out; see `mesh.body_split`."""
+"""Split of faces into bodies: welded, cleaned, and oriented outward; see `mesh.body_split`."""
 
 from math import ldexp
 from typing import NamedTuple
@@ -20,16 +20,16 @@ MERGED, WELDED, WELD_DISTANCE, SLIVERS, DUPLICATES, TURNED, TURNED_INSIDE_OUT = 
 
 
 class Stock(NamedTuple):
-    """The faces given, and what the steps so far have made of them."""
+    """The given faces, and the results of the steps so far."""
 
     given: np.ndarray  # (F, 3) int32, rows of vertices
     merged: np.ndarray  # (F, 3) int32, rows of positions
     corners: np.ndarray  # (F, 3) int32, likewise, after welding
     kinds: np.ndarray  # (F,) uint8, see `degenerate_faces`
-    is_turned: np.ndarray  # (F,) bool, to match the orientation of the others
-    is_inside_out: np.ndarray  # (F,) bool, turned (once more) with all others
+    is_turned: np.ndarray  # (F,) bool, flipped to match the orientation of the others
+    is_inside_out: np.ndarray  # (F,) bool, flipped (again) with all others
     points: np.ndarray  # (C, 3) float64, positions scaled to coordinates of at most 1
-    exponent: int  # of two, by which they are scaled: products of three stay far from over- and underflow
+    exponent: int  # of two, of the scale: products of three stay far from over- and underflow
 
 
 @entry(
@@ -37,14 +37,14 @@ class Stock(NamedTuple):
     makes_arrays=True,
 )
 def split_faces(vertices, faces):
-    """Return the bodies that the faces make up.
+    """Return the bodies formed by the faces.
 
-    *vertices* (V, 3) m, finite where a face uses them; *faces* (F, 3), F >= 1, rows of *vertices*.
+    *vertices* (V, 3) m, finite if used by a face; *faces* (F, 3), F >= 1, rows of *vertices*.
 
-    Returned, body by body in the order of their first faces: vertices (W, 3), no two of one body equal,
-    nowhere -0.0; faces (K, 3), numbered within their body's vertices, and the rows of *faces* that they come
-    from (K,), rising within a body; the ends of each body's vertices and faces, (B, 2); and its repairs,
-    (B, 7), see `MERGED`. B = 0: no face has an area.
+    Returned, by body in the order of their first faces: vertices (W, 3), distinct within a body, without
+    -0.0; faces (K, 3), numbered within their body's vertices, and their rows of *faces* (K,), ascending
+    within a body; the ends of each body's vertices and faces, (B, 2); and its repairs, (B, 7), see `MERGED`.
+    B = 0: no face has an area.
     """
     merged, positions = merged_faces(vertices, faces)
     exponent = unit_exponent(positions)
@@ -78,7 +78,7 @@ def split_faces(vertices, faces):
 
 @allocating_kernel
 def _bodies_of_faces(stock, vertices, edges, rows):
-    """Weld and turn the faces; return those left (K,), the body of each (K,), and the number of bodies."""
+    """Weld and orient the faces; return the remaining ones (K,), the body of each (K,), and body count."""
     given, corners = gathered(stock.given, rows), gathered(stock.corners, rows)
     if len(rows) < len(stock.given):
         edges = sorted_half_edges(corners)
@@ -119,10 +119,10 @@ def _bodies_of_faces(stock, vertices, edges, rows):
 
 @allocating_kernel
 def _joined_at_corners(corners, labels, is_closed, corner_count):
-    """Make those pieces one that share a corner of faces that are part of no shell with a volume.
+    """Merge pieces that share a corner of faces in no shell with a volume.
 
-    Sides that were meshed without regard for each other fit nowhere and enclose a volume only together; a
-    sheet with two sides falls into flat pieces. Returns the shells of the faces (K,), and which are closed.
+    Sides meshed independently match at no edge and enclose a volume only together; a two-sided sheet
+    decomposes into flat pieces. Returns the shells of the faces (K,), and which are closed.
     """
     links, piece_at = unlinked(len(is_closed)), np.full(corner_count, -1, np.int64)
     for face in range(len(labels)):
@@ -144,16 +144,16 @@ def _joined_at_corners(corners, labels, is_closed, corner_count):
 
 
 class Uses(NamedTuple):
-    """The bodies at each corner: at corner c those from ``starts[c]`` to ``starts[c + 1]``, rising."""
+    """The bodies at each corner: at corner c those from ``starts[c]`` to ``starts[c + 1]``, ascending."""
 
     starts: np.ndarray  # (C + 1,) int64
     bodies: np.ndarray  # (N,) int64
-    numbers: np.ndarray  # (N,) int32, of the corner among those of that body
+    numbers: np.ndarray  # (N,) int32, of the corner within that body
 
 
 @allocating_kernel
 def _corner_uses(corners, face_starts, corner_count):
-    """Return the bodies at each corner of faces, given body by body; and the corners of each, (B,) int64."""
+    """Return the bodies at each corner of faces, given by body; and the corner count of each, (B,) int64."""
     starts, last_body = np.zeros(corner_count + 1, np.int64), np.full(corner_count, -1, np.int64)
     counts = np.zeros(len(face_starts) - 1, np.int64)
     for body in range(len(counts)):
@@ -180,7 +180,7 @@ def _corner_uses(corners, face_starts, corner_count):
 
 @allocating_kernel
 def _number_by_body(corners, positions, uses, ends):
-    """Number *corners* (K, 3), given body by body, within their bodies; return the vertices of the bodies."""
+    """Number *corners* (K, 3), given by body, within their bodies; return the vertices of the bodies."""
     vertices, last_use = np.empty((len(uses.bodies), 3)), uses.starts.copy()
     for corner in range(len(positions)):
         for use in range(uses.starts[corner], uses.starts[corner + 1]):
@@ -200,7 +200,7 @@ def _number_by_body(corners, positions, uses, ends):
 
 @allocating_kernel
 def _count_lost_faces(stock, uses, repairs):
-    """Count the faces that each body lost: one counts for the body with most of its corners."""
+    """Count the faces lost by each body: a face counts for the body with most of its corners."""
     votes = np.zeros(len(repairs), np.int64)
     for face in range(len(stock.kinds)):
         if stock.kinds[face] == LEFT:
@@ -225,7 +225,7 @@ def _count_lost_faces(stock, uses, repairs):
 
 @allocating_kernel
 def _count_repairs(stock, sources, face_starts, vertex_count, repairs):
-    """Count what was done to the faces *sources* (K,), given body by body, apart from those lost."""
+    """Count the other repairs of the faces *sources* (K,), given by body."""
     given_of = np.full(vertex_count, -1, np.int64)
     merged_of, welded_of = np.full(len(stock.points), -1, np.int64), np.full(len(stock.points), -1, np.int64)
     for body in range(len(repairs)):

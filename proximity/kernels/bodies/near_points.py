@@ -1,4 +1,4 @@
-"""Pairs of near points, by a k-d tree."""
+"""Pairs of near points, from a k-d tree."""
 
 from math import sqrt
 
@@ -9,17 +9,17 @@ from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import allocating_kernel, kernel
 
 NEAR_COUNT = 8
-"""Near points looked at from each; more at one position are found through one another."""
+"""Neighbours stored for each point; more at one position are found through one another."""
 LEAF_SIZE = 8
 STACK_LENGTH = 96
-"""A level of the tree halves a run, and leaves one half waiting: three numbers, for 2**31 points."""
+"""Each level of the tree halves a run, and leaves one half waiting: three numbers, for 2**31 points."""
 
 
 @allocating_kernel
 def near_pairs(points, reach):
-    """Return the points that are among the nearest to each of *points* (N, 3), and how far they are.
+    """Return the nearest neighbours of each of *points* (N, 3), and their distances.
 
-    (N, NEAR_COUNT) int32, the nearest first, -1 where fewer are at most *reach* away; and (N, NEAR_COUNT).
+    (N, NEAR_COUNT) int32, the nearest first, -1 for fewer within *reach*; and (N, NEAR_COUNT).
     """
     order, axes, splits = _tree_over(points)
     near, distances = np.full((len(points), NEAR_COUNT), -1, np.int32), np.empty((len(points), NEAR_COUNT))
@@ -32,9 +32,9 @@ def near_pairs(points, reach):
 
 @allocating_kernel
 def _tree_over(points):
-    """Order points so that each run is halved by its longest axis; return the axes, and where they are cut.
+    """Order points by halving each run along its longest axis; return the axes and cut coordinates.
 
-    Both by the position at which the halves meet.
+    Both are indexed by the position between the halves.
     """
     count = len(points)
     order, axes, splits = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count)
@@ -74,7 +74,7 @@ def _longest_axis(points, order, first, end):
 
 @kernel
 def _find_near(points, tree, row, reach, near, distances_sq):
-    """Fill the points nearest to one, and the squares of their distances; return how many there are."""
+    """Fill the nearest neighbours of a point, and their squared distances; return their number."""
     order, axes, splits = tree
     x, y, z, count = points[row, 0], points[row, 1], points[row, 2], 0
     stack, bounds, depth = stack_i64(STACK_LENGTH), stack_f64(STACK_LENGTH), 2

@@ -1,7 +1,7 @@
-"""Welding of vertices that are nearly equal, where that closes a body.
+"""Welding of nearly equal vertices, where that closes a body.
 
-Only the rims of open pieces are looked at, and what a weld does not close is left as it was given: pulling
-vertices together changes the surface, so it must be worth it.
+Only the rims of open pieces are considered, and welds that close no piece are discarded, since moving
+vertices changes the surface.
 """
 
 from math import sqrt
@@ -17,16 +17,16 @@ from proximity.kernels.mesh.positions import gathered, merged_faces, rows_where
 from proximity.native import allocating_kernel, entry, kernel
 
 MAX_WELD = 1e-6
-"""Share of the diagonal of the body: what exporters leave that write coordinates with six digits."""
+"""Share of the body's diagonal: the error of exporters that write coordinates with six digits."""
 WELD_STEPS = MAX_WELD * 10.0 ** np.arange(-6, 1)
-"""Tried one after the other, the smallest first: whatever closes a body early keeps its finer detail."""
+"""Tried in ascending order: a body that closes early keeps its finer detail."""
 
 
 @allocating_kernel
 def weld_near(corners, points, pieces):
-    """Return *corners* (K, 3) after welding, and which faces collapsed to a line by it, (K,) bool.
+    """Return *corners* (K, 3) after welding, and a mask of faces collapsed to a line by it, (K,) bool.
 
-    *points* (C, 3). *pieces*: those of the faces unwelded; one of them at least is open.
+    *points* (C, 3). *pieces*: of the unwelded faces; at least one is open.
     """
     welded, is_collapsed = corners.copy(), np.zeros(len(corners), np.bool_)
     is_left, is_rim = np.empty(len(corners), np.bool_), np.zeros(len(points), np.bool_)
@@ -69,7 +69,7 @@ def _diagonal(boxes, row):
 
 @kernel
 def distance_between(points, one, other):
-    """Distance of two of *points* (C, 3)."""
+    """Return the distance of two of *points* (C, 3)."""
     x, y, z = (
         points[other, 0] - points[one, 0],
         points[other, 1] - points[one, 1],
@@ -80,7 +80,7 @@ def distance_between(points, one, other):
 
 @allocating_kernel
 def _welded(corners, links):
-    """*corners* (K, 3), each the first that links connect it with, and which faces have two equal: (K,)."""
+    """Return *corners* (K, 3) replaced by their roots, and a mask of faces with two equal ones, (K,)."""
     welded, collapses = np.empty(corners.shape, np.int32), np.empty(len(corners), np.bool_)
     for face in range(len(corners)):
         for k in range(3):
@@ -92,7 +92,7 @@ def _welded(corners, links):
 
 @allocating_kernel
 def _mended_faces(corners, points, links):
-    """Weld corners; return them, which faces are part of a piece that this closes, and which collapse."""
+    """Weld corners; return them, a mask of faces in pieces closed by it, and a mask of collapsed ones."""
     welded, collapses = _welded(corners, links)
     is_mended, standing = np.zeros(len(corners), np.bool_), rows_where(collapses, False)
     if len(standing) == 0:
@@ -123,7 +123,7 @@ def _mended_faces(corners, points, links):
 
 @entry("float64[:, 3], int32[:, 3] -> float64[:, :]", makes_arrays=True)
 def open_edge_middles(vertices, faces):
-    """Return the middles of the edges of a body that are not closed, (E, 3) float64, m.
+    """Return the midpoints of a body's unpaired edges, (E, 3) float64, m.
 
     *vertices* (V, 3) m; *faces* (F, 3). See `mesh.topology.open_edges`.
     """
@@ -154,7 +154,7 @@ def open_edge_middles(vertices, faces):
 
 @allocating_kernel
 def _unpaired_edges(corners):
-    """A half-edge of each edge that is not closed, (E,) int32."""
+    """Return a half-edge of each unpaired edge, (E,) int32."""
     order, starts, forward_counts = sorted_half_edges(corners)
     found, count = np.empty(len(forward_counts), np.int32), 0
     for edge in range(len(forward_counts)):

@@ -1,4 +1,4 @@
-"""Pairing of the faces round an edge, each with the one across its wedge of material."""
+"""Pairing of the faces around an edge, each with the one across its wedge of material."""
 
 from math import atan2, pi, sqrt
 from typing import NamedTuple
@@ -10,18 +10,18 @@ from proximity.kernels.mesh.edges import ends_of, sort_run
 from proximity.native import kernel
 
 POSITION_ROUNDING = 2.0**-22
-"""Positions in files are mostly float32: faces that lie on each other differ by some of its rounding.
-Relative to the largest coordinate; seen from an edge it makes an angle that tells nothing."""
+"""Rounding of positions in files, mostly float32: faces that lie on each other differ by this much. Relative
+to the largest coordinate; smaller angles at an edge are meaningless."""
 BACKWARD = 2**32
-"""Added to the key of a half-edge that runs backward: of faces at one angle the forward ones come first."""
+"""Added to the key of a backward half-edge: of faces at one angle the forward ones come first."""
 
 
 class Wedges(NamedTuple):
-    """The half-edges of one edge that need a partner, and scratch; M rows or more each."""
+    """The half-edges of one edge that need a partner, and scratch; at least M rows each."""
 
     half_edges: np.ndarray  # int32
     is_forward: np.ndarray  # bool, from the lower corner to the higher, after turning
-    partner: np.ndarray  # int64, result: row of the half-edge that a forward one is paired with, or -1
+    partner: np.ndarray  # int64, result: row of the partner of a forward half-edge, or -1
     angles: np.ndarray  # float64
     other_angles: np.ndarray
     keys: np.ndarray  # int64
@@ -32,9 +32,10 @@ class Wedges(NamedTuple):
 
 @kernel
 def pair_around_edge(corners, points, wedges, count):
-    """Fill the partners of *count* half-edges of one edge; return whether paired ones run the same way.
+    """Fill the partners of *count* half-edges of one edge; return whether partners have the same direction.
 
-    As many must run one way as the other. Two that are alone can only belong together, even if one is turned.
+    The numbers of forward and backward ones must be equal. A single pair belongs together, even if one is
+    flipped.
     """
     forward_count = 0
     for row in range(count):
@@ -52,7 +53,7 @@ def pair_around_edge(corners, points, wedges, count):
 
 @kernel
 def _fill_angles(corners, points, wedges, count):
-    """Fill the angle of each face about its edge, from the first face; return the largest rounding of one."""
+    """Fill the angle of each face about its edge, from the first face; return the largest rounding error."""
     start, end = ends_of(corners, wedges.half_edges[0])
     foot, tip = min(start, end), max(start, end)
     x, y, z = points[foot, 0], points[foot, 1], points[foot, 2]
@@ -80,14 +81,14 @@ def _fill_angles(corners, points, wedges, count):
 def _sort_by_angle(wedges, count, noise):
     """Sort rows by angle about the edge, counter-clockwise along its lower to higher corner.
 
-    Seen so, a forward face has its material before it and a backward face behind it. Of faces at one angle
-    the forward ones come first: the material of the one ends where that of the other begins.
+    In this view a forward face has its material before it and a backward face behind it. Of faces at one
+    angle the forward ones come first: the material of one ends where that of the other begins.
     """
     angles, rows, keys = wedges.angles, wedges.other_keys, wedges.keys
     for row in range(count):
         rows[row] = row
     sort_run(angles, rows, 0, count, wedges.other_angles, wedges.other_rows)
-    # Cut the circle open where it is widest, so that no cluster of equal angles is cut.
+    # Cut the circle at its widest gap, so that no cluster of equal angles is cut.
     widest, first = angles[0] + 2.0 * pi - angles[count - 1], 0
     for position in range(1, count):
         if angles[position] - angles[position - 1] >= widest:
@@ -98,8 +99,8 @@ def _sort_by_angle(wedges, count, noise):
         before = angles[position - 1] if position > 0 else angles[count - 1] - 2.0 * pi
         if n > 0 and angles[position] - before > noise:
             cluster += 2 * BACKWARD
-        # Bodies that overlap with their sides in one plane leave it open which face is whose. Files list a
-        # body's faces together: nesting those of one end in the file is the best guess.
+        # Overlapping bodies with coplanar sides leave the assignment of faces open. Files list a body's faces
+        # together: nesting those of one end in the file is the best guess.
         half_edge = np.int64(wedges.half_edges[rows[position]])
         is_forward = wedges.is_forward[rows[position]]
         keys[n] = cluster + (BACKWARD - 1 - half_edge if is_forward else BACKWARD + half_edge)
@@ -109,9 +110,9 @@ def _sort_by_angle(wedges, count, noise):
 
 @kernel
 def _match_wedges(wedges, count):
-    """Match faces round the edge as brackets: material begins at a backward face, ends at a forward one.
+    """Match faces around the edge like brackets: material begins at a backward face, ends at a forward one.
 
-    In the second round faces whose material began before the cut are matched.
+    The second round matches faces whose material began before the cut.
     """
     waiting, depth = wedges.other_rows, 0
     for turn in range(2):

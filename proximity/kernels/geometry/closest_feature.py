@@ -1,8 +1,8 @@
-"""The closest point of one triangle: position, feature, and side.
+"""Closest point of one triangle: position, feature, and side.
 
-Scalar code for the one triangle a walk has found. Edge parameters are measured from the nearer end, the
-normal is compensated, and barycentric weights are solved along the longest edge, so that they give the
-point back even on a needle.
+Scalar code for the triangle that a walk has found. Edge parameters are measured from the nearer end, the
+normal is compensated, and barycentric weights are solved along the longest edge, so that they reproduce the
+point even on a needle.
 """
 
 from math import sqrt
@@ -24,7 +24,7 @@ CLOSEST_FIELDS: Any = {
     "corners": "(3, 3)f8",
 }
 CLOSEST = record("Closest", **CLOSEST_FIELDS)
-"""A triangle and its point that is closest to a query, local."""
+"""A triangle and its closest point to a query, in the local frame."""
 stack_closest, _ = stack_arrays_of(CLOSEST)
 
 
@@ -38,28 +38,28 @@ def read_corners(reals, slot, closest):
 
 @inlined
 def corner_of(closest, k):
-    """Corner *k*, (x, y, z)."""
+    """Return corner *k*, (x, y, z)."""
     return closest.corners[k, 0], closest.corners[k, 1], closest.corners[k, 2]
 
 
 @inlined
 def _arm(closest, k, x, y, z):
-    """From corner *k* to a point."""
+    """Return the vector from corner *k* to a point."""
     ax, ay, az = corner_of(closest, k)
     return x - ax, y - ay, z - az
 
 
 @inlined
 def _edge(closest, k, j):
-    """From corner *k* to corner *j*."""
+    """Return the vector from corner *k* to corner *j*."""
     return _arm(closest, k, *corner_of(closest, j))
 
 
 @inlined
 def over_face(closest, px, py, pz):
-    """Whether the foot of *p* on the plane is strictly inside the triangle, and the height with its sign.
+    """Return whether the foot of *p* is strictly inside the triangle, and the signed height over its plane.
 
-    Fills the unit normal; 0 where there is none.
+    Fills the unit normal; 0 for a triangle without area.
     """
     normal, corners = closest.normal, (*corner_of(closest, 0), *corner_of(closest, 1), *corner_of(closest, 2))
     is_over, height, normal[0], normal[1], normal[2] = height_over(px, py, pz, *corners)
@@ -68,10 +68,10 @@ def over_face(closest, px, py, pz):
 
 @inlined
 def closest_on_face(px, py, pz, height, closest):
-    """Fill *closest* for a point over the face's inside, at *height* along its unit normal.
+    """Fill *closest* for a point over the face's interior, at *height* along its unit normal.
 
     Weights are solved along the longest edge: the third corner's from its height over that edge, the others
-    from the position along it. So they give the point back even on a needle.
+    from the position along it. They reproduce the point even on a needle.
     """
     closest.length = abs(height)
     for axis in range(3):
@@ -88,13 +88,13 @@ def closest_on_face(px, py, pz, height, closest):
     ax, ay, az = vector(closest.arm)
     fx, fy, fz = _arm(closest, i, px - ax, py - ay, pz - az)
     nx, ny, nz = vector(closest.normal)
-    # Heights of the foot and of the third corner over the longest edge, both times its length.
+    # Heights of the foot and of the third corner over the longest edge, times its length.
     foot = dot(nx, ny, nz, *cross(ex, ey, ez, fx, fy, fz))
     full = dot(nx, ny, nz, *cross(ex, ey, ez, cx, cy, cz))
     third = min(max(foot / full, 0.0), 1.0) if full > 0.0 else 0.0
     along = min(max(dot(fx, fy, fz, ex, ey, ez) / longest_sq, 0.0), 1.0)
     tip = dot(cx, cy, cz, ex, ey, ez) / longest_sq
-    # Rounding may put the foot beside a needle: back onto the nearer of the two shorter sides.
+    # Rounding may put the foot outside a needle: move it onto the nearer of the two shorter sides.
     height_sq = full * full / longest_sq
     if third * tip > along:
         third = (along * tip * longest_sq + third * height_sq) / (tip * tip * longest_sq + height_sq)
@@ -111,10 +111,10 @@ def closest_on_face(px, py, pz, height, closest):
 
 @inlined
 def closest_on_edges(px, py, pz, closest):
-    """Fill *closest* for the nearest point of the three edges; return the feature and which one.
+    """Fill *closest* for the nearest point of the three edges; return the feature and its number.
 
-    The second number is the edge (from corner k to k + 1) or the corner. Each edge is measured from its
-    nearer end; one without length answers as its start.
+    The number is the edge (from corner k to k + 1) or the corner. Each edge is measured from its nearer end;
+    an edge without length counts as its start.
     """
     best_sq = -1.0
     feature, which = FEATURE_VERTEX, 0
@@ -150,7 +150,7 @@ def closest_on_edges(px, py, pz, closest):
 
 @inlined
 def closest_on_triangle(px, py, pz, closest):
-    """Fill *closest* for the point of its triangle nearest to *p*; return the feature and which one.
+    """Fill *closest* for the point of its triangle nearest to *p*; return the feature and its number.
 
     All in the local frame. Degenerate: zero area falls back to the edges.
     Source: as `triangle`; the weights are our own.
@@ -161,7 +161,7 @@ def closest_on_triangle(px, py, pz, closest):
         feature, which = FEATURE_FACE, 0
     else:
         feature, which = closest_on_edges(px, py, pz, closest)
-    # From the corner that weighs most: nothing is lost where the point is a corner.
+    # From the corner with the largest weight: a point at a corner is exact.
     base = 0
     for k in range(1, 3):
         if closest.weights[k] > closest.weights[base]:

@@ -1,4 +1,4 @@
-"""Points and directions between the frame of the scene and the local frame of a part."""
+"""Points and directions between the scene's frame and the local frame of a part."""
 
 import numpy as np
 
@@ -9,18 +9,18 @@ from proximity.native.simd import like, load_int, maximum, minimum
 
 ROUNDED_UP = 1.0 + 1e-12
 ROUNDED_DOWN = 1.0 - 1e-12
-"""Factors that make up for the rounding of lengths, times and speeds."""
+"""Factors that cover the rounding of lengths, times and speeds."""
 LENGTH_ROUNDING = 1e-13
-"""More than rounding can put distances and displacements off, relative and in sizes of the scene."""
+"""Bound of the rounding error of distances and displacements, relative and in sizes of the scene."""
 
 
 FARTHEST_LOCAL = 1e100
-"""Local coordinates beyond this are pulled in: the direction stays, the square does not overflow."""
+"""Local coordinates are clamped to this: the direction stays, the square does not overflow."""
 
 
 @inlined
 def looks_like_millimetres(frames, distance):
-    """Whether a point at that distance, m, may have been given in millimetres."""
+    """Test whether a point at that distance, m, may have been given in millimetres."""
     last, size_sq = len(frames) - 1, 0.0
     for axis in range(3):
         edge = frames[last].box_upper[axis] - frames[last].box_lower[axis]
@@ -35,20 +35,20 @@ def looks_like_millimetres(frames, distance):
 
 @inlined
 def can_be_asked(frames, parts, x, y, z):
-    """Whether a point is finite, and not so far that squares overflow."""
+    """Test whether a point is finite and squares of its distances do not overflow."""
     reach = FARTHEST_LOCAL / frames[len(parts) - 1].scale
     return abs(x) <= reach and abs(y) <= reach and abs(z) <= reach
 
 
 @inlined
 def is_alone(parts):
-    """Whether there is one part, to be found: then it is asked itself, without a tree over parts."""
+    """Test whether there is only one part, not hidden: it is queried without a tree over parts."""
     return len(parts) == 2 and not parts[0].is_hidden
 
 
 @inlined
 def direction_to_local(frames, parts, part, x, y, z):
-    """A direction of the scene's frame in that of *part*, as long; scalars or vectors of eight."""
+    """Rotate a direction from the scene's frame to that of *part*; scalars or vectors of eight."""
     if parts[part].is_turned:
         return (
             _along(frames, part, 0, x, y, z),
@@ -66,7 +66,7 @@ def _along(frames, part, column, x, y, z):
 
 @inlined
 def direction_to_scene(frames, parts, part, x, y, z):
-    """A direction of the frame of *part* in the scene's frame."""
+    """Rotate a direction from the frame of *part* to the scene's frame."""
     if parts[part].is_turned:
         turn = frames[part].rotation
         return (
@@ -79,7 +79,7 @@ def direction_to_scene(frames, parts, part, x, y, z):
 
 @inlined
 def to_local(frames, parts, part, x, y, z):
-    """A point of the scene's frame in the local frame of *part*; scalars or vectors of eight."""
+    """Transform a point from the scene's frame to the local frame of *part*; scalars or vectors of eight."""
     dx = x - like(frames[part].translation[0], x)
     dy = y - like(frames[part].translation[1], y)
     dz = z - like(frames[part].translation[2], z)
@@ -94,26 +94,26 @@ def to_local(frames, parts, part, x, y, z):
 
 @inlined
 def rounding_at(frames, x, y, z):
-    """More than what a distance from a point of the scene's frame is off by rounding, m."""
+    """Return a bound of the rounding error of a distance from a point of the scene's frame, m."""
     return LENGTH_ROUNDING * (1.0 / frames[len(frames) - 1].scale + abs(x) + abs(y) + abs(z))
 
 
 @inlined
 def _pull_in(value):
-    # In this order NaN stays.
+    # This order keeps NaN.
     return minimum(like(FARTHEST_LOCAL, value), maximum(like(-FARTHEST_LOCAL, value), value))
 
 
 @inlined
 def turn_to_scene(frames, parts, part, source, at, target, to):
-    """Turn a direction from the part's frame to the scene's."""
+    """Rotate a direction from the part's frame to the scene's."""
     x, y, z = direction_to_scene(frames, parts, part, source[at], source[at + 1], source[at + 2])
     target[to], target[to + 1], target[to + 2] = x, y, z
 
 
 @inlined
 def to_scene(frames, parts, part, source, at, target, to):
-    """Take a point from the part's local frame to the scene's."""
+    """Transform a point from the part's local frame to the scene's."""
     for axis in range(3):
         target[to + axis] = source[at + axis] / frames[part].scale + frames[part].centre[axis]
     turn_to_scene(frames, parts, part, target, to, target, to)
@@ -123,7 +123,7 @@ def to_scene(frames, parts, part, source, at, target, to):
 
 @inlined
 def part_of_slot(words, parts, slot):
-    """The part that a slot belongs to."""
+    """Return the part that a slot belongs to."""
     scene = len(parts) - 1
     if scene == 1:
         return np.int64(0)
@@ -132,7 +132,7 @@ def part_of_slot(words, parts, slot):
 
 @inlined
 def velocity_at(frame, x, y, z):
-    """Velocity of a part at a point of the scene's frame, m/s."""
+    """Return the velocity of a part at a point of the scene's frame, m/s."""
     rx, ry, rz = x - frame.translation[0], y - frame.translation[1], z - frame.translation[2]
     wx, wy, wz = frame.angular_velocity[0], frame.angular_velocity[1], frame.angular_velocity[2]
     return (

@@ -1,4 +1,4 @@
-"""The local frame of a box: moved and scaled without rounding, see `mesh.bvh.LocalFrame`."""
+"""Local frame of a box: moved and scaled without rounding, see `mesh.bvh.LocalFrame`."""
 
 from math import frexp, ldexp
 
@@ -10,7 +10,7 @@ from proximity.native import entry, inlined
 
 @inlined
 def _power_above(value):
-    """The least power of two that is not below a positive number: its exponent."""
+    """Return the exponent of the least power of two that is not below a positive number."""
     share, exponent = frexp(value)
     return exponent - 1 if share == 0.5 else exponent
 
@@ -19,7 +19,7 @@ def _power_above(value):
 def frame_of_box(lower, upper, centre):
     """Return the scale of the local frame of a box, (3,) m, and fill its centre; see `mesh.bvh.LocalFrame`.
 
-    0 where the box is too far away, or too small, to be computed with.
+    Returns 0 if the box is too far away or too small for the arithmetic.
     """
     extent, largest, reach = 0.0, 0.0, 0.0
     for axis in range(3):
@@ -31,7 +31,7 @@ def frame_of_box(lower, upper, centre):
     for axis in range(3):
         middle = 0.5 * lower[axis] + 0.5 * upper[axis]
         centre[axis] = 0.0
-        # Nearer to the origin than two sizes the difference could round; farther, all bits of it fit.
+        # Within two sizes of the origin the difference could round; farther away it is exact.
         if abs(middle) >= 2.0 * grain:
             centre[axis] = np.rint(middle / grain) * grain if grain > 0.0 else middle
         if extent == 0.0:

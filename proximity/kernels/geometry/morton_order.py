@@ -1,4 +1,4 @@
-"""The order of points along a space-filling curve."""
+"""Order of points along a space-filling curve."""
 
 import numpy as np
 
@@ -9,23 +9,23 @@ from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, horizontal_min, maximum, minimum, select, splat, store
 
 CELL_BITS = 7
-"""Bits of the number of a cell along an axis. With ten of them walks are no shorter, and sorting takes a
-third pass (2026-11: batches are 1.04 to 1.12 times as fast with seven, worked out eight at a time)."""
+"""Bits of a cell's number along an axis. Ten bits do not shorten walks, and sorting takes a third pass
+(2026-11: batches are 1.04 to 1.12 times as fast with seven, computed eight at a time)."""
 DIGIT_BITS = 11
-"""Bits of a cell's position along the curve that one pass sorts by; two passes take all."""
+"""Bits of the Morton code sorted in one pass; two passes sort all."""
 SPREAD_BITS = np.array(
     [sum((n >> bit & 1) << 3 * bit for bit in range(CELL_BITS)) for n in range(2**CELL_BITS)], np.uint32
 )
-"""The number of a cell along an axis, with two zeros between any two bits."""
+"""A cell's number along an axis, with two zeros between any two bits."""
 OF_EIGHT = 3 * LANES
 """Coordinates of eight points."""
 LARGEST_FINITE = 1e300
-"""Coordinates beyond are as good as infinite: their difference may be."""
+"""Coordinates beyond this count as infinite: their difference may overflow."""
 
 
 @entry("float64[:, 3] -> int64[:]", makes_arrays=True)
 def morton_order(points):
-    """The rows of *points* along a curve that keeps neighbours together; rows not finite are anywhere."""
+    """Return the rows of *points* in Morton order; rows that are not finite may be anywhere."""
     count = len(points)
     keys, starts = np.empty(count, np.uint32), np.empty(2**DIGIT_BITS, np.int64)
     half_sorted, order = np.empty(count, np.int64), np.empty(count, np.int64)
@@ -37,7 +37,7 @@ def morton_order(points):
 
 @kernel
 def _write_keys(points, keys):
-    """Fill the position along the curve of the cell that each point is in."""
+    """Fill *keys* with the Morton code of each point's cell."""
     count, offsets, cells = len(points), stack_i64(LANES), stack_f64(OF_EIGHT)
     x0 = y0 = z0 = splat(np.inf)
     x1 = y1 = z1 = splat(-np.inf)
@@ -62,7 +62,7 @@ def _write_keys(points, keys):
 
 @inlined
 def _around(values, least, most):
-    """The least and the most of eight lanes so far, with those of *values* that are finite."""
+    """Update the minimum and maximum of eight lanes with the finite ones of *values*."""
     is_finite = absolute(values) < splat(LARGEST_FINITE)
     least = minimum(least, select(is_finite, values, splat(np.inf)))
     return least, maximum(most, select(is_finite, values, splat(-np.inf)))
@@ -70,17 +70,16 @@ def _around(values, least, most):
 
 @inlined
 def _cells(values, lower, rate):
-    """The number of the cell along an axis that each value is in, but for its fraction; of nan, 0."""
+    """Return the cell number, with its fraction, of each value along an axis; 0 for nan."""
     along = (values - splat(lower)) * splat(rate)
     return minimum(maximum(along, splat(0.0)), splat(2.0**CELL_BITS - 1.0))
 
 
 @kernel
 def sort_by_digit(keys, shift, starts, rows, into):
-    """Fill *into* with *rows*, in the order of the bits from *shift* on of their keys (N,), uint32.
+    """Fill *into* with *rows*, sorted by the bits from *shift* on of their keys (N,), uint32.
 
-    As many bits as *starts*, which is scratch, has numbers for. Rows whose bits are equal keep their
-    order.
+    The length of *starts*, which is scratch, gives the number of bits. Equal rows keep their order.
     """
     digits = np.uint32(len(starts) - 1)
     starts[:] = 0

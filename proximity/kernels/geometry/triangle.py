@@ -1,11 +1,11 @@
-"""Distance from a point to triangles: one formula for one triangle or for eight.
+"""Distance from a point to triangles: one formula for scalars and for vectors of eight.
 
-The squared distance to a triangle is the smallest of those to its three edges and, where the foot of the
-point falls inside, that to its plane. Every edge parameter is clamped, so that each edge distance is the
-distance to a real point of the edge; the normal is a compensated cross product and the side of an edge is
-taken from ``normal · (edge × arm)``. So the error stays at a few roundings of the coordinates whatever the
-shape: the textbook barycentric formula divides by the squared area and loses up to 90 % of the distance on
-needles. Degenerate triangles fall back to their edges, edges without length to their ends.
+The squared distance to a triangle is the minimum over its three edges and, if the foot of the point falls
+inside, its plane. Edge parameters are clamped, so that each edge distance is that to a real point of the
+edge. The normal is a compensated cross product, and the side of an edge comes from ``normal · (edge × arm)``.
+The error stays at a few roundings of the coordinates for any shape; the textbook barycentric formula divides
+by the squared area and loses up to 90 % of the distance on needles. Degenerate triangles fall back to their
+edges, edges without length to their ends.
 
 Source for the method: the Voronoi regions of Ericson, Real-Time Collision Detection, 5.1.5; Kahan's
 difference of products (see Jeannerod, Louvet, Muller 2013) for the cross product.
@@ -16,20 +16,20 @@ from proximity.native import inlined
 from proximity.native.simd import fma, like, maximum, minimum, select, square_root
 
 TINY = 1e-60
-"""Below it a squared length, or a squared double area, counts as none: in the local frame that is an edge of
-1e-30, far beneath the rounding of the coordinates."""
+"""Squared lengths and squared double areas below this count as zero: in the local frame an edge of 1e-30, far
+below the rounding of coordinates."""
 
 
 @inlined
 def difference_of_products(a, b, c, d):
-    """a b - c d to 1.5 units in the last place, and so of the right sign (Kahan)."""
+    """Return a b - c d to 1.5 units in the last place, so with the correct sign (Kahan)."""
     cd = c * d
     return fma(a, b, -cd) + fma(-c, d, cd)
 
 
 @inlined
 def cross(ax, ay, az, bx, by, bz):
-    """Vector product, each component compensated; scalars or vectors of eight."""
+    """Return the vector product with compensated components; scalars or vectors of eight."""
     return (
         difference_of_products(ay, bz, az, by),
         difference_of_products(az, bx, ax, bz),
@@ -39,13 +39,13 @@ def cross(ax, ay, az, bx, by, bz):
 
 @inlined
 def dot(ax, ay, az, bx, by, bz):
-    """Scalar product."""
+    """Return the scalar product."""
     return fma(ax, bx, fma(ay, by, az * bz))
 
 
 @inlined
 def edge_distance_sq(p, e):
-    """Squared distance from point *p* to the segment from the origin to *e*; (x, y, z) each."""
+    """Return the squared distance from point *p* to the segment from the origin to *e*; (x, y, z) each."""
     px, py, pz = p
     ex, ey, ez = e
     t = dot(px, py, pz, ex, ey, ez) / maximum(dot(ex, ey, ez, ex, ey, ez), like(TINY, ex))
@@ -56,7 +56,7 @@ def edge_distance_sq(p, e):
 
 @inlined
 def point_triangle_distance_sq(p, a, b, c):
-    """Squared distance from point *p* to triangle *abc*; (x, y, z) each, scalars or vectors of eight.
+    """Return the squared distance from point *p* to triangle *abc*; (x, y, z) each, scalars or vectors.
 
     Local frame: coordinates of the triangle within [-1, 1].
     """
@@ -71,9 +71,9 @@ def point_triangle_distance_sq(p, a, b, c):
     pbx, pby, pbz = px - bx, py - by, pz - bz
     nx, ny, nz = cross(abx, aby, abz, acx, acy, acz)
     normal_sq = dot(nx, ny, nz, nx, ny, nz)
-    # Which side of an edge: normal · (edge x arm) = edge · (arm x normal). The three add up to normal_sq, but
-    # the third must not be taken from that: on a needle with its tip at a, the error of the other two, small
-    # across the needle, would count along it (seen: 1 % of the part's size; costs 2 % of the time).
+    # Side of an edge: normal · (edge x arm) = edge · (arm x normal). The three sum to normal_sq, but the
+    # third must not be computed as the difference: on a needle with its tip at a, the error of the other two,
+    # small across the needle, would count along it (seen: 1 % of the part's size; costs 2 % of the time).
     qx = fma(pay, nz, -(paz * ny))
     qy = fma(paz, nx, -(pax * nz))
     qz = fma(pax, ny, -(pay * nx))
@@ -94,22 +94,22 @@ def point_triangle_distance_sq(p, a, b, c):
             edge_distance_sq((pbx, pby, pbz), (bcx, bcy, bcz)),
         ),
     )
-    # The plane is never farther than an edge when the foot is inside; rounding may say so on needles.
+    # With the foot inside, the plane is never farther than an edge, except by rounding on needles.
     return select(inside, minimum(plane_sq, edge_sq), edge_sq)
 
 
 @inlined
 def point_block_distance_sq(blocks, base, p):
-    """Squared distances from a point, (x, y, z) of float64x8, to the eight triangles at *base*."""
+    """Return squared distances from a point, (x, y, z) of float64x8, to the eight triangles at *base*."""
     return point_triangle_distance_sq(p, *corners_of_block(blocks, base))
 
 
 @inlined
 def height_over(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz):
-    """Whether the foot of *p* on the plane is strictly inside the triangle *abc*, height, and unit normal.
+    """Test whether the foot of *p* is strictly inside triangle *abc*; return that, height, and unit normal.
 
-    Scalars or vectors of eight. The same formula as the walk's, so that both agree on what is inside. A
-    triangle without area has normal and height 0.
+    Scalars or vectors of eight. Same formula as in the walk, so that both agree on the interior. A triangle
+    without area has normal and height 0.
     """
     abx, aby, abz = bx - ax, by - ay, bz - az
     acx, acy, acz = cx - ax, cy - ay, cz - az

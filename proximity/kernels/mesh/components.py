@@ -1,7 +1,7 @@
-"""Connected components by union and find, in which two nodes may run the same way or opposite ways.
+"""Connected components by union-find, with the relative orientation of nodes.
 
-A link of node n is twice the number of a node that it is connected with, and one more where the two run
-opposite ways; a root links to itself. The root of a component is its lowest node.
+The link of a node is twice the number of a connected node, plus one if their orientations are opposite; a
+root links to itself. The root of a component is its lowest node.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from proximity.native import allocating_kernel, kernel
 
 @allocating_kernel
 def unlinked(count):
-    """Return the links of nodes that are not connected, (count,) int64."""
+    """Return the links of unconnected nodes, (count,) int64."""
     links = np.empty(count, np.int64)
     for node in range(count):
         links[node] = 2 * node
@@ -20,7 +20,7 @@ def unlinked(count):
 
 @kernel
 def root_of(links, node):
-    """Twice the root of a node, and one more where the node runs against it; paths there are halved."""
+    """Return twice the root of a node, plus one if their orientations are opposite, with path halving."""
     at = 2 * node
     while links[at >> 1] != at & ~1:
         link = links[at >> 1]
@@ -32,7 +32,7 @@ def root_of(links, node):
 
 @kernel
 def join(links, one, other, is_crossed):
-    """Connect two nodes that run opposite ways if *is_crossed*, 0 or 1; False if they are known not to."""
+    """Connect two nodes, with opposite orientations if *is_crossed* (0 or 1); False on contradiction."""
     first, last = root_of(links, one), root_of(links, other) ^ is_crossed
     low, high = min(first >> 1, last >> 1), max(first >> 1, last >> 1)
     if low == high:
@@ -43,7 +43,7 @@ def join(links, one, other, is_crossed):
 
 @allocating_kernel
 def component_labels(links):
-    """Return the component of each node, (N,) int64, rising with its lowest node; and how many there are."""
+    """Return the component of each node, (N,) int64, by lowest node, and the number of components."""
     labels, found = np.empty(len(links), np.int64), 0
     for node in range(len(links)):
         root = root_of(links, node) >> 1

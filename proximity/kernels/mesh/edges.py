@@ -1,8 +1,8 @@
-"""Half-edges of faces, sorted by edge, and what they tell of a mesh.
+"""Half-edges of faces sorted by edge, and the topology derived from them.
 
-An edge is a pair of corners, whichever way its faces run along it; a *half-edge* is one face's side of an
-edge: half-edge ``3 * face + k`` runs from corner k to corner k + 1 of that face, *forward* if that is from
-the lower corner to the higher. An edge between two equal corners (of a face without area) joins nothing.
+An edge is an unordered pair of corners; a *half-edge* is one face's side of an edge: half-edge ``3 * face +
+k`` runs from corner k to corner k + 1 of that face, *forward* if that is from the lower corner to the higher.
+An edge between two equal corners (of a face without area) connects no faces.
 """
 
 from typing import NamedTuple
@@ -13,21 +13,21 @@ from proximity.kernels.mesh.components import component_labels, join, unlinked
 from proximity.native import allocating_kernel, entry, inlined, kernel
 
 INSERTED = 16
-"""Rows up to which a run is sorted by insertion."""
+"""Longest run that is sorted by insertion."""
 NO_NEIGHBOR = -1
 """No other face has this edge."""
 MANY_NEIGHBORS = -2
-"""More than two faces have this edge, or two that run along it the same way."""
+"""More than two faces have this edge, or two with the same direction."""
 EDGES, BOUNDARY, NONMANIFOLD, MISORIENTED, UNBALANCED = range(5)
-"""Counts of edges: all; of one face, or between equal corners; of more than two faces; of two that run the
-same way; run more often one way than the other."""
+"""Counts of edges: all; with one face, or between equal corners; with more than two faces; with two faces in
+the same direction; with unequal numbers of forward and backward half-edges."""
 
 
 class EdgeRuns(NamedTuple):
     """Half-edges sorted by edge; those of edge e are ``order[starts[e] : starts[e + 1]]``.
 
-    Edges come by their lower, then their higher corner; within one, forward half-edges come first, each kind
-    by number.
+    Edges are sorted by lower, then higher corner; within an edge, forward half-edges come first, each kind by
+    number.
     """
 
     order: np.ndarray  # (3 F,) int32
@@ -37,9 +37,9 @@ class EdgeRuns(NamedTuple):
 
 @allocating_kernel
 def sorted_half_edges(corners):
-    """Return the half-edges of *corners* (F, 3) int32, not negative.
+    """Return the sorted half-edges of *corners* (F, 3) int32, not negative.
 
-    By counting for the lower corners; of the few that share one each run is sorted by itself.
+    Counting sort by the lower corner, then a sort of each short run by the higher one.
     """
     order, keys = np.empty(corners.size, np.int32), np.empty(corners.size, np.uint32)
     ends = _spread(corners, order, keys)
@@ -63,23 +63,23 @@ def sorted_half_edges(corners):
 
 @inlined
 def ends_of(corners, half_edge):
-    """The corners from which and to which a half-edge runs."""
+    """Return the start and end corner of a half-edge."""
     face, k = half_edge // 3, half_edge % 3
     return corners[face, k], corners[face, (k + 1) % 3]
 
 
 @inlined
 def is_loop(corners, half_edge):
-    """Whether both corners of an edge are equal."""
+    """Test whether both corners of an edge are equal."""
     start, end = ends_of(corners, half_edge)
     return start == end
 
 
 @allocating_kernel
 def _spread(corners, order, keys):
-    """Put half-edges to *order* by the lower corner of their edges, and return where each corner's end.
+    """Sort half-edges by the lower corner of their edges into *order*; return the end of each corner's run.
 
-    *keys*: twice the higher corner, and one more where they run backward.
+    *keys*: twice the higher corner, plus one for backward half-edges.
     """
     largest = 0
     for face in range(len(corners)):
@@ -102,7 +102,7 @@ def _spread(corners, order, keys):
 
 @kernel
 def sort_run(keys, rows, first, end, other_keys, other_rows):
-    """Sort a run by its keys; equal ones keep their order. The last two: scratch, as long as the run."""
+    """Sort a run by its keys, stably. *other_keys*, *other_rows*: scratch, with the length of the run."""
     for start in range(first, end, INSERTED):
         for position in range(start + 1, min(start + INSERTED, end)):
             key, row, at = keys[position], rows[position], position
@@ -119,7 +119,7 @@ def sort_run(keys, rows, first, end, other_keys, other_rows):
 
 @kernel
 def _merge(keys, rows, first, middle, end, other_keys, other_rows):
-    """Merge two sorted runs, one behind the other; of equal keys those of the first come first."""
+    """Merge two adjacent sorted runs, stably."""
     count = middle - first
     for k in range(count):
         other_keys[k], other_rows[k] = keys[first + k], rows[first + k]
@@ -138,7 +138,7 @@ def _merge(keys, rows, first, middle, end, other_keys, other_rows):
 def face_topology(corners):
     """Return the face across each edge, (F, 3) int32, or `NO_NEIGHBOR` or `MANY_NEIGHBORS`; counts of edges.
 
-    *corners* (F, 3): one number a position. The counts: (5,), see `EDGES`.
+    *corners* (F, 3): one number per position. The counts: (5,), see `EDGES`.
     """
     edges = sorted_half_edges(corners)
     order, starts, forward_counts = edges
@@ -166,9 +166,10 @@ def face_topology(corners):
 
 @entry("int32[:, 3] -> int, bool", makes_arrays=True)
 def surface_shells(corners):
-    """Return how many surfaces edges of two faces connect, and whether each runs one way at all its edges.
+    """Return the number of surfaces connected by edges of two faces, and whether they are oriented.
 
-    At an edge that is not a boundary as many faces run one way as the other, or all but one.
+    Oriented: at each inner edge the numbers of forward and backward half-edges differ by at most one, and do
+    not differ if their sum is even.
     """
     order, starts, forward_counts = sorted_half_edges(corners)
     links, is_oriented = unlinked(len(corners)), True

@@ -14,14 +14,14 @@ from proximity.native import allocating_kernel, entry, inlined, kernel
 
 @inlined
 def _corner(corners, faces, face, k):
-    """The corner *k* of a face."""
+    """Return corner *k* of a face."""
     corner = faces[face, k]
     return corners[corner, 0], corners[corner, 1], corners[corner, 2]
 
 
 @kernel
 def face_normal(corners, faces, face):
-    """A normal of a face, as long as twice its area."""
+    """Return a face's normal, with a length of twice its area."""
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
     bx, by, bz = corners[b, 0] - ax, corners[b, 1] - ay, corners[b, 2] - az
@@ -31,7 +31,7 @@ def face_normal(corners, faces, face):
 
 @inlined
 def corner_distance_sq(corners, one, other):
-    """Squared distance between two corners."""
+    """Return the squared distance between two corners."""
     x, y, z = (
         corners[other, 0] - corners[one, 0],
         corners[other, 1] - corners[one, 1],
@@ -42,7 +42,7 @@ def corner_distance_sq(corners, one, other):
 
 @kernel
 def double_area(corners, faces, face):
-    """Twice a face's area."""
+    """Return twice a face's area."""
     nx, ny, nz = face_normal(corners, faces, face)
     return sqrt(dot(nx, ny, nz, nx, ny, nz))
 
@@ -58,7 +58,7 @@ def double_areas(corners, faces):
 
 @entry("float64[:, 3], int32[:, 3], float -> bool[:]", makes_arrays=True)
 def thin_faces(corners, faces, height):
-    """Return which faces are not higher than *height* above their longest sides: (F,) bool."""
+    """Return a mask of the faces with at most *height* over their longest side: (F,) bool."""
     are_thin = np.empty(len(faces), np.bool_)
     for face in range(len(faces)):
         longest_sq = 0.0
@@ -71,10 +71,10 @@ def thin_faces(corners, faces, height):
 
 @entry("float64[:, 3], int32[:, 3] -> float", makes_arrays=True)
 def signed_volume(vertices, faces):
-    """Return six times the enclosed volume, of the mesh scaled so that its box reaches 1 from its middle.
+    """Return six times the enclosed volume of the mesh, scaled so that its box reaches 1 from its middle.
 
-    0 where rounding leaves the sign open. By the divergence theorem, about that middle. *vertices* (V, 3): of
-    any size; rows that no face uses may hold anything. Source: Neumaier 1974 for the sum.
+    Returns 0 if rounding leaves the sign open. Divergence theorem about that middle. *vertices* (V, 3): of
+    any size; unused rows may hold any values. Source: Neumaier 1974 for the sum.
     """
     low_x, low_y, low_z, high_x, high_y, high_z = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
     for face in range(len(faces)):
@@ -106,10 +106,10 @@ def signed_volume(vertices, faces):
 
 @entry("float64[:, 3], int32[:, 3], int64[:], int -> float64[:, :]", makes_arrays=True)
 def shell_sizes(corners, faces, labels, count):
-    """Return of each of *count* shells six times its signed volume, twice its area, its reach: (3, count).
+    """Return six times the signed volume, twice the area and the reach of each of *count* shells: (3, count).
 
-    *labels* (F,) int64: the shell of each face, none without one. Volume and reach, the farthest first
-    corner, are measured from the first corner of a shell's first face: a flat one has no volume.
+    *labels* (F,) int64: the shell of each face; every shell has a face. Volume and reach (to the farthest
+    first corner) are measured from the first corner of a shell's first face: a flat shell has no volume.
     """
     sizes, first = np.zeros((3, count)), np.full(count, -1)
     for face in range(len(faces)):
@@ -131,9 +131,9 @@ def shell_sizes(corners, faces, labels, count):
 
 @allocating_kernel
 def enclosed_volumes(corners, faces, labels, count):
-    """Return six times the signed volume of each shell, 0 where rounding leaves the sign open: (count,).
+    """Return six times the signed volume of each shell, 0 if rounding leaves the sign open: (count,).
 
-    Roughly right for shells with small holes. The arguments are those of `shell_sizes`.
+    Approximate for shells with small holes. The arguments are those of `shell_sizes`.
     """
     sizes, volumes = shell_sizes(corners, faces, labels, count), np.zeros(count)
     for shell in range(count):
@@ -144,7 +144,7 @@ def enclosed_volumes(corners, faces, labels, count):
 
 @allocating_kernel
 def shell_boxes(corners, faces, labels, count):
-    """Return the box of each of *count* shells, its lower and upper bounds: (count, 6)."""
+    """Return the box of each of *count* shells as lower and upper bounds: (count, 6)."""
     boxes = np.empty((count, 6))
     for shell in range(count):
         for axis in range(3):
@@ -161,10 +161,10 @@ def shell_boxes(corners, faces, labels, count):
 
 @entry("float64[:, 3], int32[:, 3], float64[:, 3]")
 def add_corner_normals(corners, faces, normals):
-    """Add to each corner the unit normals of its faces, weighted by their angles there; make them unit.
+    """Add to each corner the unit normals of its faces, weighted by their angles there, and normalize.
 
-    *corners* (K, 3) float64, *faces* (F, 3) int32, *normals* (K, 3) zeros. A face without area adds nothing.
-    Source: Thürmer & Wüthrich 1998; Bærentzen & Aanæs 2005 for why these tell the side.
+    *corners* (K, 3) float64, *faces* (F, 3) int32, *normals* (K, 3) zeros. A face without area adds zero.
+    Source: Thürmer & Wüthrich 1998; Bærentzen & Aanæs 2005 for the proof that these decide the side.
     """
     for face in range(len(faces)):
         for k in range(3):

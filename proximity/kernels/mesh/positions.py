@@ -12,10 +12,10 @@ LOW_BITS = 0xFFFFFFFF
 
 @entry("float64[:, 3], int32[:, 3] -> int32[:, :], float64[:, :]", makes_arrays=True)
 def merged_faces(vertices, faces):
-    """Return *faces* by positions instead of vertices, (F, 3) int32, and the positions (K, 3), nowhere -0.0.
+    """Return *faces* by positions instead of vertices, (F, 3) int32, and the positions (K, 3), without -0.0.
 
-    Positions are numbered from 0 without a gap, rising with the first vertex at each. *vertices* (V, 3):
-    finite where a face uses them.
+    Positions are numbered consecutively by the first vertex at each. *vertices* (V, 3): finite if used by a
+    face.
     """
     number = np.full(len(vertices), NO_ROW_YET, np.int32)
     for face in range(len(faces)):
@@ -31,7 +31,7 @@ def merged_faces(vertices, faces):
         if number[vertex] >= 0:
             for axis in range(3):
                 used[number[vertex], axis] = vertices[vertex, axis] + 0.0  # the sum turns -0.0 into 0.0
-    # First the row that each equals, then in place the number of its position.
+    # First the equal row of each, then, in place, the number of its position.
     position = first_of_equal_rows(used)
     found = 0
     for row in range(used_count):
@@ -51,7 +51,7 @@ def merged_faces(vertices, faces):
 
 @allocating_kernel
 def first_of_equal_rows(rows):
-    """Return for each of *rows* (N, 3) float64, nowhere -0.0, the first one that equals it, (N,) int32."""
+    """Return the first equal row of each of *rows* (N, 3) float64, without -0.0: (N,) int32."""
     size = 4
     while size < 2 * len(rows):
         size *= 2
@@ -79,7 +79,7 @@ def _hash_of(bits, row):
 @inlined
 def _mixed_with(mixed, half):
     mixed = ((mixed ^ half) * HASH_FACTOR) & LOW_BITS
-    return mixed ^ (mixed >> 15)  # the low bits of a product know only the low bits of its factors
+    return mixed ^ (mixed >> 15)  # the low bits of a product depend only on the low bits of its factors
 
 
 @inlined
@@ -91,7 +91,7 @@ def _are_equal(rows, one, other):
 
 @allocating_kernel
 def gathered(table, rows):
-    """Return those *rows* of a table (N, 3)."""
+    """Return the given *rows* of a table (N, 3)."""
     taken = np.empty((len(rows), 3), table.dtype)
     for row in range(len(rows)):
         for k in range(3):
@@ -101,7 +101,7 @@ def gathered(table, rows):
 
 @allocating_kernel
 def rows_where(values, wanted):
-    """Return the rows of *values* (N,) that are *wanted*, rising, (K,) int32."""
+    """Return the rows of *values* (N,) that equal *wanted*, ascending, (K,) int32."""
     rows, found = np.empty(len(values), np.int32), 0
     for row in range(len(values)):
         if values[row] == wanted:

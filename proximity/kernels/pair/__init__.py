@@ -1,1 +1,1 @@
-"""Kernels of the shortest connection between two parts."""
+"""Kernels for the shortest connection between two parts."""

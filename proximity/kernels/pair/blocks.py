@@ -1,8 +1,8 @@
-"""The nearest two triangles of two leaf blocks.
+"""Nearest two triangles of two leaf blocks.
 
-Most blocks are dismissed as a whole: what separates them along the best connection so far, or along the mean
-normal of either, is farther than the best. What is left is compared triangle by triangle with eight, and
-dismissed along that connection, along the line between their middles, and along their normals.
+Most pairs of blocks are rejected as a whole: their separation along the current best connection, or along the
+mean normal of either, exceeds the best. In the others, each triangle is tested against eight, and rejected by
+separation along that connection, the line between centroids, or their normals.
 """
 
 from math import sqrt
@@ -39,24 +39,24 @@ from proximity.native.simd import (
 )
 
 REACH_ROUNDING = 1.0 + 2.0**-40
-"""Factor on distances, where their squares have `SHRINK`."""
+"""Factor on distances, corresponding to `SHRINK` on their squares."""
 
 
 @inlined
 def _gap_along(axis, triangle, others, slack, axis_sq):
-    """Squared distances between triangles as seen along an axis of any length, to both sides."""
+    """Return squared separations of triangles along an axis of any length, in both directions."""
     a0, a1, a2 = dot(*axis, *triangle[0]), dot(*axis, *triangle[1]), dot(*axis, *triangle[2])
     b0, b1, b2 = dot(*axis, *others[0]), dot(*axis, *others[1]), dot(*axis, *others[2])
     above = minimum(minimum(b0, b1), b2) - maximum(maximum(a0, a1), a2)
     below = minimum(minimum(a0, a1), a2) - maximum(maximum(b0, b1), b2)
-    # In units of the axis' length, and so is the slack.
+    # In units of the axis' length, as is the slack.
     gap = maximum(maximum(above, below) - slack * square_root(axis_sq), splat(0.0))
     return select(axis_sq > splat(TINY), gap * gap * splat(SHRINK) / axis_sq, splat(0.0))
 
 
 @kernel
 def turn_axis(reals, slots, turn, offset, axis):
-    """Set the axis to the direction of the best connection, from the first part to the second; its square."""
+    """Set the axis to the direction of the best connection, from the first part; return squared length."""
     corners, ends = stack_f64(BOTH), stack_f64(6)
     read_both(reals, slots, turn, offset, corners)
     length_sq = connect(corners, ends)
@@ -68,7 +68,10 @@ def turn_axis(reals, slots, turn, offset, axis):
 
 @inlined
 def _ends_along(axis, triangles):
-    """Where eight triangles begin and end along an axis, all of them together; unused lanes are nan."""
+    """Return the upper ends of eight triangles along an axis, and the interval of all.
+
+    Unused lanes are nan.
+    """
     x, y, z = splat(axis[0]), splat(axis[1]), splat(axis[2])
     a, b, c = dot(x, y, z, *triangles[0]), dot(x, y, z, *triangles[1]), dot(x, y, z, *triangles[2])
     begins, ends = minimum(minimum(a, b), c), maximum(maximum(a, b), c)
@@ -82,13 +85,13 @@ def _ends_along(axis, triangles):
 
 @inlined
 def _block_normal(words, at):
-    """The mean normal of a block's triangles, about 1 long."""
+    """Return the mean normal of a block's triangles, of length about 1."""
     return np.float64(words[at]), np.float64(words[at + 3]), np.float64(words[at + 6])
 
 
 @inlined
 def _gap_to_either_side(axis, one, other, margin):
-    """How far eight triangles are from eight others along an axis of any length; 0 where they overlap."""
+    """Return the separation of two sets of eight triangles along an axis of any length; 0 if they overlap."""
     _, begin, end = _ends_along(axis, one)
     _, other_begin, other_end = _ends_along(axis, other)
     length = sqrt(dot(*axis, *axis))
@@ -98,7 +101,7 @@ def _gap_to_either_side(axis, one, other, margin):
 
 @inlined
 def _gap_between_middles(triangle, others, slack):
-    """Squared distances between triangles as seen along the lines between their middles."""
+    """Return squared separations of triangles along the lines between their centroids."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = triangle
     (px, py, pz), (qx, qy, qz), (rx, ry, rz) = others
     line = (px + qx + rx) - (ax + bx + cx), (py + qy + ry) - (ay + by + cy), (pz + qz + rz) - (az + bz + cz)
@@ -107,9 +110,9 @@ def _gap_between_middles(triangle, others, slack):
 
 @kernel
 def _block_gap(model, boxes, first, second, frame_map, margin, reach, axis):
-    """A distance below which no triangles of two blocks are, looked for until it is beyond *reach*.
+    """Return a lower bound of the distance of two blocks, from successive tests until it exceeds *reach*.
 
-    *boxes*: in words, where the oriented boxes of blocks begin.
+    *boxes*: offset in words of the oriented boxes of blocks.
     """
     reals, words, _, _ = model
     turn, offset = frame_map
@@ -136,7 +139,7 @@ def _block_gap(model, boxes, first, second, frame_map, margin, reach, axis):
 
 @inlined
 def _is_back_to_back(triangle, others, normals, reach):
-    """Which of eight triangles lie in the plane of a triangle and look the other way."""
+    """Return the mask of eight triangles that lie in the plane of a triangle with opposite normals."""
     normal = cross(*between(triangle[0], triangle[1]), *between(triangle[0], triangle[2]))
     highest = splat(0.0)
     for corner in others:
@@ -150,8 +153,8 @@ def _is_back_to_back(triangle, others, normals, reach):
 def nearer_in_blocks(model, pair, first, second, frame_map, slack, best, axis, slots):
     """Update the best squared distance, its slots and its axis with triangles of two blocks; return it.
 
-    Also a squared distance below which none of their triangles are. *pair*: rows of both parts. A best of
-    `meeting_reach` squared stays: then only triangles at which the parts share volume are searched.
+    Also returns a lower bound of their squared distance. *pair*: rows of both parts. A best of
+    `meeting_reach` squared is final: only triangles where the parts share volume are still searched.
     """
     reals, (turn, offset) = model.reals, frame_map
     base, nearer = BLOCK_STRIDE * first, MAP_ROUNDING * slack
@@ -165,7 +168,7 @@ def nearer_in_blocks(model, pair, first, second, frame_map, slack, best, axis, s
     normals = cross(*between(others[0], others[1]), *between(others[0], others[2]))
     normal_sq = dot(*normals, *normals)
     margin, rounding_sq = splat(nearer), splat(SIDE_ROUNDING * slack * SIDE_ROUNDING * slack)
-    # Triangles of the first block that are too far along the axis as a whole are not looked at.
+    # Skip triangles of the first block that are too far along the axis.
     ends, _, _ = _ends_along(axis, corners_of_block(reals, base))
     _, begin, _ = _ends_along(axis, others)
     gaps = maximum((splat(begin - 2.0 * nearer) - ends) * splat(SHRINK), splat(0.0))
@@ -211,7 +214,10 @@ def nearer_in_blocks(model, pair, first, second, frame_map, slack, best, axis, s
 
 @kernel
 def _shares_at_any(model, pair, slot, base, which, frame_map, slack, slots):
-    """Whether two parts share volume at a triangle and some of eight others, *which*: then set the slots."""
+    """Test whether two parts share volume at a triangle and one of eight others; if so, set the slots.
+
+    *which*: bits of the others to test.
+    """
     tried, inside = stack_i64(2), stack_f64(6)
     while which:
         tried[0], tried[1] = slot, base + trailing_zeros(which)

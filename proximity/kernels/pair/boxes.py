@@ -1,7 +1,7 @@
 """Boxes of two parts, and points of the second, in the local frame of the first.
 
-A box of the second part is taken there with a box around it. How far boxes are apart along the best
-connection so far bounds their distance, too: there turned boxes are no larger than they are.
+A box of the second part is replaced by the axis-aligned box around it in that frame. The separation of boxes
+along the current best connection is another bound of their distance, not enlarged by rotation.
 """
 
 import numpy as np
@@ -12,16 +12,16 @@ from proximity.native import inlined, kernel
 from proximity.native.simd import fma, like, maximum, minimum, splat
 
 SHRINK = 1.0 - 2.0**-40
-"""Factor on squared distances of boxes: it makes up for their rounding."""
+"""Factor on squared distances of boxes: covers their rounding."""
 MAP_ROUNDING = 2.0**-48
-"""More than rounding can move a box that is taken into the other frame, in sizes of coordinates."""
+"""Bound of the rounding of a box mapped to the other frame, in sizes of coordinates."""
 POSE_SIZE = 12
-"""Numbers of a part's pose: rotation, row by row, and translation."""
+"""Numbers of a part's pose: rotation by rows, and translation."""
 
 
 @kernel
 def frames_between(frames, first, second, turn, offset):
-    """Fill the map from the local frame of part *second* to that of *first*: (9,) row by row, and (3,)."""
+    """Fill the map from the local frame of part *second* to that of *first*: (9,) by rows, and (3,)."""
     one, other = stack_f64(POSE_SIZE), stack_f64(POSE_SIZE)
     for k in range(9):
         one[k], other[k] = frames[first].rotation[k], frames[second].rotation[k]
@@ -32,7 +32,7 @@ def frames_between(frames, first, second, turn, offset):
 
 @kernel
 def frames_at(frames, first, second, one, other, turn, offset):
-    """As `frames_between`, of parts in poses *one* and *other*, (`POSE_SIZE`,)."""
+    """Fill the map like `frames_between`, for parts in poses *one* and *other*, (`POSE_SIZE`,)."""
     ratio = frames[first].scale / frames[second].scale
     moved = stack_f64(3)
     for axis in range(3):
@@ -53,7 +53,7 @@ def frames_at(frames, first, second, one, other, turn, offset):
 
 @inlined
 def mapped(turn, offset, x, y, z):
-    """A point of the second frame, or eight, in the first."""
+    """Map a point of the second frame, or eight, to the first."""
     return (
         fma(like(turn[0], x), x, fma(like(turn[1], x), y, fma(like(turn[2], x), z, like(offset[0], x)))),
         fma(like(turn[3], x), x, fma(like(turn[4], x), y, fma(like(turn[5], x), z, like(offset[1], x)))),
@@ -63,7 +63,7 @@ def mapped(turn, offset, x, y, z):
 
 @inlined
 def to_second(frame_map, x, y, z):
-    """A point of the first frame in that of the second; `frames_between` gives the map."""
+    """Map a point of the first frame to the second, by the inverse of the map from `frames_between`."""
     turn, offset = frame_map
     inverse_sq = 1.0 / (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
     dx, dy, dz = x - offset[0], y - offset[1], z - offset[2]
@@ -76,7 +76,7 @@ def to_second(frame_map, x, y, z):
 
 @inlined
 def rounding_size(frames, first, second, offset):
-    """The size of coordinates of both parts in the frame of the first, for `MAP_ROUNDING`."""
+    """Return the size of coordinates of both parts in the frame of the first, for `MAP_ROUNDING`."""
     ratio = abs(frames[first].scale / frames[second].scale)
     size = 1.0 + 2.0 * ratio
     for k in range(3):
@@ -86,21 +86,21 @@ def rounding_size(frames, first, second, offset):
 
 @inlined
 def gap_along(one, other, axis):
-    """Gap between the boxes of two parts along an axis, m; negative where they overlap. *one*: its frame."""
+    """Return the gap between parts' boxes along an axis, m; negative if they overlap. *one*: its frame."""
     return max(one.box_lower[axis] - other.box_upper[axis], other.box_lower[axis] - one.box_upper[axis])
 
 
 @inlined
 def _reach_along(turn, row, hx, hy, hz):
-    """Half the side of the box around turned boxes with those half sides."""
+    """Return the half side of the axis-aligned box around rotated boxes with those half sides."""
     return fma(splat(abs(turn[row])), hx, fma(splat(abs(turn[row + 1])), hy, splat(abs(turn[row + 2])) * hz))
 
 
 @inlined
 def mapped_boxes(words, base, turn, offset):
-    """The eight boxes at *base* of the second part, each with a box around it in the first frame.
+    """Return the axis-aligned boxes, in the first frame, around the eight boxes at *base* of the second part.
 
-    Unused lanes, of which the sides are infinite, become anything.
+    Unused lanes, with infinite sides, are undefined.
     """
     (lx, ly, lz), (ux, uy, uz) = wide_boxes_of(words, base)
     half = splat(0.5)
@@ -116,7 +116,7 @@ def mapped_boxes(words, base, turn, offset):
 
 @inlined
 def gaps_sq(one, other, slack):
-    """Squared distances between boxes, *slack* nearer along each axis."""
+    """Return squared distances between boxes, reduced by *slack* along each axis."""
     zero = splat(0.0)
     gx = maximum(maximum(other[0][0] - one[1][0], one[0][0] - other[1][0]) - slack, zero)
     gy = maximum(maximum(other[0][1] - one[1][1], one[0][1] - other[1][1]) - slack, zero)
@@ -126,7 +126,7 @@ def gaps_sq(one, other, slack):
 
 @inlined
 def box_at(words, position, axis, box):
-    """Write the box at a child's position: lower and upper corner, and where it ends along an axis; (7,)."""
+    """Write the box at a child's position: lower and upper corner, and its upper end along an axis; (7,)."""
     end = 0.0
     for k in range(3):
         low, high = np.float64(lower_at(words, position, k)), np.float64(upper_at(words, position, k))
@@ -137,7 +137,7 @@ def box_at(words, position, axis, box):
 
 @inlined
 def mapped_box_at(words, position, turn, offset, axis, box):
-    """As `box_at`, of the second part: the box around it in the first frame, and where it begins."""
+    """Write a box of the second part like `box_at`, in the first frame, and its lower end along an axis."""
     begin = 0.0
     for row in range(3):
         middle, reach = offset[row], 0.0
@@ -155,13 +155,13 @@ def mapped_box_at(words, position, turn, offset, axis, box):
 
 @inlined
 def _axis_along(axis, turn, k):
-    """Component of an axis of the first frame along axis *k* of the second."""
+    """Return the component of an axis of the first frame along axis *k* of the second."""
     return axis[0] * turn[k] + axis[1] * turn[3 + k] + axis[2] * turn[6 + k]
 
 
 @inlined
 def ends_of(boxes, axis):
-    """Where eight boxes end along an axis."""
+    """Return the upper ends of eight boxes along an axis."""
     (lx, ly, lz), (ux, uy, uz) = boxes
     x, y, z = splat(axis[0]), splat(axis[1]), splat(axis[2])
     return maximum(x * lx, x * ux) + (maximum(y * ly, y * uy) + maximum(z * lz, z * uz))
@@ -169,7 +169,7 @@ def ends_of(boxes, axis):
 
 @inlined
 def begins_of(words, base, turn, offset, axis):
-    """Where the eight boxes at *base* of the second part begin along an axis of the first frame."""
+    """Return the lower ends of the eight boxes at *base* of the second part along an axis of the first."""
     (lx, ly, lz), (ux, uy, uz) = wide_boxes_of(words, base)
     x = splat(_axis_along(axis, turn, 0))
     y = splat(_axis_along(axis, turn, 1))
@@ -180,12 +180,12 @@ def begins_of(words, base, turn, offset, axis):
 
 @inlined
 def farther(bounds, begins, ends, slack):
-    """The larger of squared distances and those along an axis."""
+    """Return the maximum of squared distances and those along an axis."""
     gap = maximum(begins - ends - slack, splat(0.0))
     return maximum(bounds, gap * gap * splat(SHRINK))
 
 
 @inlined
 def lanes_of(box):
-    """A box, (6,), in all lanes."""
+    """Broadcast a box, (6,), to all lanes."""
     return (splat(box[0]), splat(box[1]), splat(box[2])), (splat(box[3]), splat(box[4]), splat(box[5]))

@@ -1,9 +1,9 @@
-"""The deepest point of one part's surface inside another part: branch and bound over pieces of triangles.
+"""Deepest point of one part's surface inside another part: branch and bound over pieces of triangles.
 
-The distance to one triangle of the outer surface is convex: nowhere on a piece is the depth more than at the
-corner farthest from it, nor more than half the sum of the distances to two triangles. Pieces are cut where
-they cross the outer surface and at the edges of the nearest triangle, so that plane regions are settled at
-once.
+The distance to one triangle of the outer surface is convex: the depth on a piece is at most the distance of
+the farthest corner, and at most half the sum of the distances to two triangles. Pieces are cut where they
+cross the outer surface and at the edges of the nearest triangle, so that plane regions are resolved
+immediately.
 """
 
 from math import sqrt
@@ -43,15 +43,15 @@ from proximity.native.simd import bits, splat, trailing_zeros
 
 NODES = 1024
 PIECE = record("Piece", corners="(3, 3)f8", bound="f8")
-"""A piece of the inner surface, in the outer local frame, and a depth that it nowhere exceeds."""
+"""A piece of the inner surface, in the outer local frame, and an upper bound of its depth."""
 stack_pieces, _ = stack_arrays_of(PIECE)
 LEAST_CUT = 2.0**-10
-"""A cut leaves at least this share of a piece on either side."""
+"""Minimum share of a piece on either side of a cut."""
 
 
 @inlined
 def _find_crossing(reals, reference, query, best):
-    """A triangle of a block that crosses that of the query."""
+    """Find a triangle of a block that crosses that of the query."""
     _, triangle, rounding_sq = query
     base = BLOCK_STRIDE * ~reference
     apart_sq = triangles_apart(triangle, corners_of_block(reals, base), rounding_sq)
@@ -66,7 +66,7 @@ _walk_crossing = depth_first(open_meeting, in_blocks(_find_crossing))
 
 @inlined
 def _corner(pieces, row, k):
-    """A corner of a piece."""
+    """Return a corner of a piece."""
     corners = pieces[row].corners
     return corners[k, 0], corners[k, 1], corners[k, 2]
 
@@ -80,7 +80,7 @@ def _put(pieces, row, k, p):
 
 @kernel
 def _crossing_slot(model, outer, a, b, c, workspace):
-    """A triangle of the outer part that crosses a piece, or `NO_SLOT`."""
+    """Return a slot of the outer part whose triangle crosses a piece, or `NO_SLOT`."""
     lower = min(a[0], b[0], c[0]), min(a[1], b[1], c[1]), min(a[2], b[2], c[2])
     upper = max(a[0], b[0], c[0]), max(a[1], b[1], c[1]), max(a[2], b[2], c[2])
     rounding = splat(SIDE_ROUNDING * SIDE_ROUNDING)
@@ -92,9 +92,9 @@ def _crossing_slot(model, outer, a, b, c, workspace):
 
 @kernel
 def _cut(pieces, count, heights, bound):
-    """Replace the piece behind the last one by its parts above and below height 0; return the count.
+    """Replace the piece after the last one by its parts above and below height 0; return the count.
 
-    Where it would leave next to nothing on one side, the longest edge is halved.
+    The longest edge is halved instead if one side would be nearly empty.
     """
     low, high = min(heights[0], heights[1], heights[2]), max(heights[0], heights[1], heights[2])
     a, b, c = _corner(pieces, count, 0), _corner(pieces, count, 1), _corner(pieces, count, 2)
@@ -108,7 +108,7 @@ def _cut(pieces, count, heights, bound):
             h = 0.0, -1.0, 1.0
         else:
             h = 1.0, 0.0, -1.0
-    # Turned until the first corner is alone on its side, or on the cut.
+    # Rotate until the first corner is alone on its side, or on the cut.
     while not ((h[0] > 0.0) != (h[1] > 0.0) and (h[0] > 0.0) != (h[2] > 0.0)):
         a, b, c = b, c, a
         h = h[1], h[2], h[0]
@@ -122,7 +122,7 @@ def _cut(pieces, count, heights, bound):
 
 @inlined
 def _add_piece(pieces, count, a, b, c, bound):
-    """Append a piece that has area; return the count."""
+    """Append a piece, unless it has no area; return the count."""
     _put(pieces, count, 0, a)
     _put(pieces, count, 1, b)
     _put(pieces, count, 2, c)
@@ -145,7 +145,7 @@ def _fill_heights(reals, slot, pieces, row, heights):
 
 @kernel
 def _fill_beyond(reals, slot, pieces, row, heights):
-    """Fill how far corners of a piece are beyond the edge that cuts it best; return the length cut off."""
+    """Fill heights of a piece's corners beyond the edge with the deepest cut; return the length cut off."""
     a, b, c = corners_at(reals, offset_of(slot))
     normal, best = cross(*between(a, b), *between(a, c)), 0.0
     heights[0] = heights[1] = heights[2] = 0.0
@@ -167,7 +167,7 @@ def _fill_beyond(reals, slot, pieces, row, heights):
 
 @kernel
 def _bound_of_piece(reals, slot, other, pieces, row, far):
-    """A depth that a piece nowhere exceeds: half the sum of the distances to two triangles; its corner."""
+    """Return an upper bound of a piece's depth, from distances to two triangles; fill the corner *far*."""
     farthest = -1.0
     for k in range(3):
         x, y, z = _corner(pieces, row, k)
@@ -179,10 +179,10 @@ def _bound_of_piece(reals, slot, other, pieces, row, far):
 
 @kernel
 def _is_shallow(model, outer, pieces, count, middle, slot, goal, heights, workspace):
-    """Whether no point of a piece is deeper than *goal*: 1, or 0 where that is open, or -1 where to cut it.
+    """Return 1 if no point of a piece is deeper than *goal*, 0 if unknown, -1 if the piece must be cut.
 
-    A point deeper than that stays inside when it is displaced by as much, along the normal of a near face.
-    *heights*: filled where it is to be cut.
+    A deeper point stays inside when displaced by *goal* along the normal of a near face. *heights*: filled if
+    the piece must be cut.
     """
     x, y, z = normal_of_slot(model.reals, slot)
     for k in range(3):
@@ -204,7 +204,7 @@ def _is_shallow(model, outer, pieces, count, middle, slot, goal, heights, worksp
 
 @kernel
 def _bound_or_cut(model, outer, pieces, count, state, limits, workspace):
-    """Settle a piece, the one behind the last, or replace it by smaller ones; return the count."""
+    """Resolve the piece after the last, or replace it by smaller ones; return the count."""
     reals, heights, far, goal = model.reals, stack_f64(3), stack_f64(3), goal_of(state, limits)
     a, b, c = _corner(pieces, count, 0), _corner(pieces, count, 1), _corner(pieces, count, 2)
     middle = (a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0, (a[2] + b[2] + c[2]) / 3.0
@@ -240,7 +240,7 @@ def _bound_or_cut(model, outer, pieces, count, state, limits, workspace):
 
 @kernel
 def _search_pieces(model, outer, pieces, count, state, limits, budget, workspace):
-    """Settle pieces of the inner surface; what the budget leaves counts with its bound."""
+    """Resolve pieces of the inner surface; pieces beyond the budget contribute their bound."""
     while count > 0 and state.steps < budget and count + 3 < CAPACITY:
         count -= 1
         state.steps += 1
@@ -254,7 +254,7 @@ def _search_pieces(model, outer, pieces, count, state, limits, budget, workspace
 
 @kernel
 def search_surface(model, inner, outer, frame_map, cap, state, limits, budget, workspace):
-    """Look for the deepest point of the inner part's surface."""
+    """Search for the deepest point of the inner part's surface."""
     reals, words, frames, parts = model
     turn, offset = frame_map
     nodes, pieces = stack_i64(NODES), stack_pieces(CAPACITY)
@@ -297,7 +297,7 @@ def search_surface(model, inner, outer, frame_map, cap, state, limits, budget, w
 
 @kernel
 def _read_block(reals, block, frame_map, bound, pieces):
-    """Fill the triangles of a block as pieces, in the outer frame; return the count."""
+    """Copy the triangles of a block into pieces, in the outer frame; return the count."""
     count = 0
     for slot in range(LANES * block, LANES * block + LANES):
         at = offset_of(slot)

@@ -1,10 +1,10 @@
-"""The point of one part that lies deepest inside another, with bounds of its depth.
+"""Deepest point of one part inside another, with bounds of its depth.
 
-First pieces of the inner part's surface are searched (`deepest_pieces`), then boxes of the volume that both
-have in common, by branch and bound.
+Branch and bound, first over pieces of the inner part's surface (`deepest_pieces`), then over boxes of the
+common volume.
 
-Within the volume the depth is largest at a critical point: its nearest points lie on all sides of it. A box
-near which all outer faces look to one side has none, and what it contains is settled by its surroundings.
+Within the volume the depth is largest at a critical point, which has nearest points on all sides. A box whose
+near outer faces all face one side has none, and its surroundings bound its depth.
 
 Source: critical points of the distance function, Chazal, Lieutier 2005; the bounds are ours.
 """
@@ -45,17 +45,17 @@ from proximity.native import entry, inlined, kernel, record
 from proximity.native.simd import absolute, bits, maximum, minimum, splat, trailing_zeros
 
 VOLUME_BOX = record("VolumeBox", middle="(3,)f8", half="(3,)f8", bound="f8")
-"""A box of the common volume, outer local frame: middle, half sides, and a depth that it nowhere exceeds."""
+"""A box of the common volume, outer local frame: centre, half sides, and an upper bound of the depth."""
 stack_boxes, _ = stack_arrays_of(VOLUME_BOX)
 SIDES = 8
-"""Directions that are tried for the side to which all faces near a box look."""
+"""Number of directions tried as a common side of all faces near a box."""
 FACING = 2.0**-10
-"""Least cosine between faces and the side to which all of them look."""
+"""Minimum cosine between the faces' normals and their common side."""
 
 
 @inlined
 def _find_averted(reals, reference, query, best):
-    """A triangle of a block that meets the box of the query, and does not look to its side."""
+    """Find a triangle of a block that meets the box of the query and does not face its direction."""
     (lower, upper), (x, y, z) = query
     base = BLOCK_STRIDE * ~reference
     a, b, c = corners_of_block(reals, base)
@@ -81,7 +81,7 @@ _walk_averted = depth_first(open_meeting, in_blocks(_find_averted))
 
 @inlined
 def _box_corner(boxes, row, k):
-    """One of the eight corners of a waiting box."""
+    """Return one of the eight corners of a waiting box."""
     middle, half = boxes[row].middle, boxes[row].half
     return (
         middle[0] + (half[0] if k & 1 else -half[0]),
@@ -92,7 +92,7 @@ def _box_corner(boxes, row, k):
 
 @kernel
 def _bound_in_box(model, outer, boxes, row, middle, distance, slot, bound, goal, workspace):
-    """A depth that no point of a box exceeds: from one triangle, or from two on opposite sides."""
+    """Return an upper bound of the depth in a box: from one triangle, or from two on opposite sides."""
     reals, farthest = model.reals, 0.0
     for k in range(8):
         farthest = max(farthest, distance_to_slot(reals, slot, _box_corner(boxes, row, k)))
@@ -114,7 +114,7 @@ def _bound_in_box(model, outer, boxes, row, middle, distance, slot, bound, goal,
 
 @inlined
 def _away(reals, slot, p, distance, workspace):
-    """The unit direction from the nearest point of a triangle to *p*."""
+    """Return the unit direction from the nearest point of a triangle to *p*."""
     closest = workspace.closest[0]
     read_corners(reals, slot, closest)
     closest_on_triangle(p[0], p[1], p[2], closest)
@@ -124,7 +124,7 @@ def _away(reals, slot, p, distance, workspace):
 
 @kernel
 def _has_critical(model, outer, boxes, row, middle, distance, slot, is_inside, bound, workspace):
-    """Whether a box may have a critical point of the depth: outer faces near it look to all sides."""
+    """Test whether a box may have a critical point of the depth: nearby outer faces have no common side."""
     if distance == 0.0:
         return True
     x, y, z = _away(model.reals, slot, middle, distance, workspace)
@@ -137,7 +137,7 @@ def _has_critical(model, outer, boxes, row, middle, distance, slot, is_inside, b
         _, averted = _walk_averted(model, root, 0, query, best, workspace.stacks)
         if averted == NO_SLOT:
             return False
-        # Turned towards the face that looks elsewhere, until all do or none can.
+        # Rotate towards the face found, until all faces agree or none can.
         nx, ny, nz = normal_of_slot(model.reals, averted)
         x, y, z = x + nx, y + ny, z + nz
         length = sqrt(dot(x, y, z, x, y, z))
@@ -149,7 +149,7 @@ def _has_critical(model, outer, boxes, row, middle, distance, slot, is_inside, b
 
 @kernel
 def _foot(reals, slot, p, frame_map, workspace):
-    """The point of a triangle of the inner part that is nearest to *p*, in the outer frame."""
+    """Return the point of a triangle of the inner part nearest to *p*, in the outer frame."""
     closest = workspace.closest[0]
     read_corners(reals, slot, closest)
     closest_on_triangle(p[0], p[1], p[2], closest)
@@ -158,7 +158,7 @@ def _foot(reals, slot, p, frame_map, workspace):
 
 @kernel
 def search_volume(model, inner, outer, frame_map, boxes, state, limits, budget, workspace):
-    """Look for deep points within the volume that both parts may have in common: in a first box and below."""
+    """Search for deep points in the common volume of both parts, starting from the first box."""
     ratio = abs(model.frames[inner].scale / model.frames[outer].scale)
     count, known, inner_known = 1, np.int64(NO_SLOT), np.int64(NO_SLOT)
     while count > 0 and state.steps < budget and count + 2 < CAPACITY:
@@ -196,7 +196,7 @@ def search_volume(model, inner, outer, frame_map, boxes, state, limits, budget, 
 
 @kernel
 def _halve(boxes, row, bound):
-    """Replace a box by its halves along the longest side; return the count."""
+    """Split a box in half along its longest side; return the count."""
     box, other, axis = boxes[row], boxes[row + 1], 0
     for k in range(1, 3):
         axis = k if box.half[k] > box.half[axis] else axis
@@ -212,7 +212,7 @@ def _halve(boxes, row, bound):
 
 @kernel
 def fill_common_box(model, inner, outer, frame_map, box):
-    """Fill the common box of both parts, outer local frame; return a depth that no point of it exceeds."""
+    """Fill the common box of both parts, outer local frame; return an upper bound of the depth in it."""
     frames, corner, least = model.frames, stack_f64(3), np.inf
     turn, offset = frame_map
     for axis in range(3):
@@ -234,10 +234,10 @@ def fill_common_box(model, inner, outer, frame_map, box):
 
 @entry(ModelArrays, "int, int, float, float, int, DeepestAnswer[:]")
 def deepest_point(model, inner, outer, tolerance, rest, budget, answers):
-    """Fill how deep points of one part are inside another at most; (1,).
+    """Fill bounds of the maximum depth of one part's points inside another; (1,).
 
-    *tolerance*, *rest*: share of the depth, and length, m, that may be left between its bounds. *budget*:
-    steps at most. The lower bound that is in *answers* before is known from elsewhere.
+    *tolerance*, *rest*: permitted gap between the bounds, relative to the depth and as a length, m. *budget*:
+    maximum steps. *answers* holds a known lower bound on entry.
     """
     frames, scale, deepest = model.frames, model.frames[outer].scale, answers[0]
     workspace, state, boxes = new_workspace(), stack_search(1)[0], stack_boxes(CAPACITY)

@@ -1,4 +1,4 @@
-"""What both searches for the deepest point share: the state, distances to the outer part, walks by a box."""
+"""State, distances to the outer part and box queries shared by both searches for the deepest point."""
 
 from math import sqrt
 
@@ -16,14 +16,14 @@ from proximity.native import inlined, record
 from proximity.native.simd import select, splat32
 
 CAPACITY = 512
-"""Pieces or boxes that wait at once."""
+"""Capacity for waiting pieces or boxes."""
 WIDENING = np.float32(2.0**-20)
-"""Local units by which boxes are widened for the rounding to float32."""
+"""Padding of boxes, local units, for rounding to float32."""
 DEEPEST_SEARCH = record(
     "DeepestSearch",
-    best="f8",  # outer part's local frame, as all that follows: depth of the deepest point found so far
+    best="f8",  # outer part's local frame, as all below: depth of the deepest point found
     position="(3,)f8",
-    bound="f8",  # the largest of what was settled
+    bound="f8",  # largest bound of resolved pieces and boxes
     steps="i8",
 )
 stack_search, _ = stack_arrays_of(DEEPEST_SEARCH)
@@ -31,7 +31,7 @@ stack_search, _ = stack_arrays_of(DEEPEST_SEARCH)
 
 @inlined
 def nearest_outer(model, outer, p, known, workspace):
-    """Distance to the outer surface and slot of its nearest triangle; *known*: a slot near by, or none."""
+    """Return the distance to the outer surface and its nearest slot; *known*: a slot nearby, or none."""
     best_sq = np.inf
     if known != NO_SLOT:
         best_sq = slot_distance_sq(model.reals, known, *p)
@@ -42,7 +42,7 @@ def nearest_outer(model, outer, p, known, workspace):
 
 @inlined
 def contains(model, part, p, slot, workspace):
-    """Whether a part contains *p*, of which the nearest triangle is known."""
+    """Test whether a part contains *p*, with known nearest triangle."""
     state = state_in_part(model, part, p)
     return (
         signed_of_slot(model, part, slot, p, workspace.closest[0]) < 0.0
@@ -53,13 +53,13 @@ def contains(model, part, p, slot, workspace):
 
 @inlined
 def goal_of(state, limits):
-    """A bound up to this settles a piece; *limits*: the share and the length, local, left between bounds."""
+    """Return the bound at which a piece is resolved; *limits*: relative and absolute (local) gap."""
     return state.best * (1.0 + limits[0]) + limits[1]
 
 
 @inlined
 def keep_deeper(state, depth, p):
-    """Keep a point inside both parts if it is the deepest so far."""
+    """Record a point inside both parts if it is the deepest so far."""
     state.steps += 1
     if depth > state.best:
         state.best = depth
@@ -68,7 +68,7 @@ def keep_deeper(state, depth, p):
 
 @inlined
 def _meets_box(words, base, box):
-    """Which children of a node meet a box: lower and upper corners, float32."""
+    """Return the mask of a node's children that meet a box: lower and upper corners, float32."""
     lower, upper = boxes_of(words, base)
     is_met = (lower[0] <= splat32(box[1][0])) & (upper[0] >= splat32(box[0][0]))
     is_met = is_met & (lower[1] <= splat32(box[1][1])) & (upper[1] >= splat32(box[0][1]))
@@ -77,7 +77,7 @@ def _meets_box(words, base, box):
 
 @inlined
 def open_meeting(words, base, query, reach):
-    """Children of a node that meet the box of a query."""
+    """Open the children of a node that meet the box of a query."""
     is_met = _meets_box(words, base, query[0])
     bounds = select(is_met, splat32(np.float32(0.0)), splat32(np.float32(np.inf)))
     return bounds, bounds, bounds <= splat32(reach)
@@ -85,7 +85,7 @@ def open_meeting(words, base, query, reach):
 
 @inlined
 def widened_box(lower, upper, margin):
-    """A box in float32, wider by a margin and by rounding."""
+    """Return a box in float32, padded by a margin and for rounding."""
     return (
         (
             np.float32(lower[0] - margin) - WIDENING,
@@ -102,13 +102,13 @@ def widened_box(lower, upper, margin):
 
 @inlined
 def distance_to_slot(reals, slot, p):
-    """Distance to one triangle."""
+    """Return the distance to one triangle."""
     return sqrt(slot_distance_sq(reals, slot, *p))
 
 
 @inlined
 def normal_of_slot(reals, slot):
-    """The unit normal of a triangle; 0 where it has no area."""
+    """Return the unit normal of a triangle; 0 if it has no area."""
     a, b, c = corners_at(reals, offset_of(slot))
     x, y, z = cross(*between(a, b), *between(a, c))
     length = sqrt(dot(x, y, z, x, y, z))

@@ -1,8 +1,9 @@
-"""Whether two solids share volume at a pair of triangles that meet.
+"""Test whether two solids share volume at a pair of meeting triangles.
 
-Surfaces that meet along a line share volume next to it where the wedges of material around the line overlap:
-of a face a half-space, of an edge the space between its two faces. Faces that overlap in one plane bound a
-common volume where their normals agree. A point inside both solids, found in that direction, confirms it.
+Surfaces that meet along a line share volume next to it if the wedges of material around the line overlap: the
+wedge of a face is a half-space, that of an edge the space between its two faces. Coplanar overlapping faces
+bound a common volume if their normals agree. A point inside both solids, found in that direction, confirms
+it.
 
 Source: neighbourhoods of edges and faces in set operations, Requicha, Voelcker 1985.
 """
@@ -30,26 +31,27 @@ from proximity.native.simd import load_int
 MEETING = 2.0**-44
 """Surfaces nearer than this meet; in sizes of coordinates."""
 ON_SURFACE = 8.0
-"""Points within this multiple of `MEETING` of a line or plane lie on it."""
+"""Tolerance, in multiples of `MEETING`, for points on a line or plane."""
 LEAST_OVERLAP = 2.0**-30
-"""Wedges that overlap by a smaller angle touch."""
+"""Wedges that overlap by a smaller angle only touch."""
 SCALES = 4
-"""Distances from the line at which interior points are tried, each 16 times shorter than the last."""
+"""Number of distances from the line at which interior points are tried, each 16 times shorter than the
+last."""
 APART_HERE, PASSING, SHARING = 0, 1, 2
-"""Results: no common volume at the pair; surfaces pass through each other; an interior point is found."""
+"""Results: no common volume at the pair; surfaces cross; an interior point is found."""
 COMMON_SIZE = 63
-"""Coordinates of the corners of a common piece: 6 corners, 6 ends and 9 crossings of edges at most."""
+"""Coordinates of the corners of a common piece: at most 6 corners, 6 ends and 9 crossings of edges."""
 
 
 @inlined
 def meeting_reach(slack):
-    """Distance, local units, below which surfaces meet; *slack*: size of coordinates."""
+    """Return the distance, local units, below which surfaces meet; *slack*: size of coordinates."""
     return MEETING * slack
 
 
 @kernel
 def _add_common(corners, triangle, point, reach, points, count):
-    """Append *point* if it lies on a triangle, 0 or 1; return the count."""
+    """Append *point* if it is on the triangle with number *triangle*, 0 or 1; return the count."""
     off = between(point, on_triangle(corners, triangle, *point, stack_closest(1)[0]))
     if dot(*off, *off) > reach * reach:
         return count
@@ -90,7 +92,7 @@ def _common_points(corners, reach, points):
 def common_line(corners, reach, line):
     """Fill a point inside the common piece of two triangles and its direction, (6,); return its length.
 
-    The length is 0 where they meet in a point. Where they do not meet, *line* keeps its content.
+    The length is 0 if they meet in a point. *line* is unchanged if they do not meet.
     """
     points, total = stack_f64(COMMON_SIZE), 0.0
     count = _common_points(corners, reach, points)
@@ -99,7 +101,7 @@ def common_line(corners, reach, line):
     for k in range(6):
         line[k] = 0.0
     for row in range(count):
-        total += row + 1.0  # unequal weights: no other corner is likely to lie at the mean
+        total += row + 1.0  # unequal weights: the mean is unlikely to coincide with another corner
         for k in range(3):
             line[k] += (row + 1.0) * points[3 * row + k]
     longest_sq = 0.0
@@ -117,7 +119,7 @@ def common_line(corners, reach, line):
 
 @inlined
 def _across(x, y, z, line):
-    """The unit vector across a line in the plane of a vector and the line, and its length before."""
+    """Return the unit vector across a line in the plane of a vector and the line, and its original length."""
     along = dot(x, y, z, line[3], line[4], line[5])
     x, y, z = x - along * line[3], y - along * line[4], z - along * line[5]
     length = sqrt(dot(x, y, z, x, y, z))
@@ -132,7 +134,7 @@ def _set(rays, number, x, y, z):
 
 @inlined
 def _ray(rays, number):
-    """One of three rays."""
+    """Return one of three rays."""
     return rays[3 * number], rays[3 * number + 1], rays[3 * number + 2]
 
 
@@ -140,8 +142,8 @@ def _ray(rays, number):
 def _fill_wedge(model, part, slot, frame_map, corners, number, line, reach, rays):
     """Fill rays that bound the material of triangle *number*, 0 or 1, around a line; return its edge there.
 
-    (9,): within the face, inwards, and within the face across the edge; the edge is -1 within the face, and
-    -2 where the face has no area.
+    (9,): within the face, inwards, and within the face across the edge. The edge is -1 within the face, and
+    -2 if the face has no area.
     """
     a, b, c = corner_of(corners, number, 0), corner_of(corners, number, 1), corner_of(corners, number, 2)
     normal = cross(*between(a, b), *between(a, c))
@@ -169,7 +171,7 @@ def _fill_wedge(model, part, slot, frame_map, corners, number, line, reach, rays
 
 @kernel
 def _fill_ray_beyond(model, part, slot, edge, frame_map, number, line, rays):
-    """Fill the ray within the face across an edge, if there is one."""
+    """Fill the ray within the face across an edge, if that face exists."""
     reals, words, _, parts = model
     face = load_int(words, parts[part].slot_faces + slot)
     neighbor = load_int(words, parts[part].neighbors + 3 * face + edge)
@@ -189,7 +191,7 @@ def _fill_ray_beyond(model, part, slot, edge, frame_map, number, line, rays):
 
 @inlined
 def _angle(x, y):
-    """An angle that grows as that of a vector does, from 0 to 4."""
+    """Return a number from 0 to 4 that increases monotonically with the angle of a vector."""
     if y >= 0.0:
         return y / (x + y) if x > 0.0 else (1.0 - x / (y - x) if x < 0.0 or y > 0.0 else 0.0)
     return 2.0 + y / (x + y) if x < 0.0 else 3.0 + x / (x - y)
@@ -197,7 +199,7 @@ def _angle(x, y):
 
 @inlined
 def _vector(angle):
-    """The vector at an angle of `_angle`."""
+    """Return the vector at an angle of `_angle`."""
     turn = floor(angle)
     rest, turn = angle - turn, turn % 4
     x, y = (1.0 - rest, rest) if turn % 2 == 0 else (-rest, 1.0 - rest)
@@ -206,7 +208,7 @@ def _vector(angle):
 
 @kernel
 def _common_direction(one, other, direction):
-    """Fill the unit direction in the middle of what two wedges have in common; whether there is any."""
+    """Fill the unit direction in the middle of the intersection of two wedges; return False if empty."""
     u, v = _ray(one, 0), _ray(one, 1)
     end = _angle(dot(*_ray(one, 2), *u), dot(*_ray(one, 2), *v))
     x, y = dot(*_ray(other, 0), *u), dot(*_ray(other, 0), *v)
@@ -227,7 +229,7 @@ def _common_direction(one, other, direction):
 
 @inlined
 def _is_flat(corners, number, reach):
-    """Whether the other triangle lies in the plane of triangle *number*."""
+    """Test whether the other triangle is coplanar with triangle *number*."""
     a = corner_of(corners, number, 0)
     normal = cross(*between(a, corner_of(corners, number, 1)), *between(a, corner_of(corners, number, 2)))
     highest = 0.0
@@ -238,7 +240,7 @@ def _is_flat(corners, number, reach):
 
 @kernel
 def _width(corners, reach, line):
-    """How far the common piece of two triangles reaches across its line."""
+    """Return the half width of the common piece of two triangles across its line."""
     points, widest = stack_f64(COMMON_SIZE), 0.0
     for row in range(_common_points(corners, reach, points)):
         x, y, z = points[3 * row] - line[0], points[3 * row + 1] - line[1], points[3 * row + 2] - line[2]
@@ -248,10 +250,10 @@ def _width(corners, reach, line):
 
 @kernel
 def find_inside(model, first, second, frame_map, margin, inside):
-    """Move a point along a direction, (6,) in the first local frame, until it is inside both; whether it is.
+    """Move a point along a direction, (6,) in the first local frame, until it is inside both; return success.
 
-    *inside* holds the point, then the vector to the farthest place; it is filled with the point and the unit
-    direction.
+    *inside* holds the point, then the vector to the farthest point to try; it receives the point found and
+    the unit direction.
     """
     workspace = new_workspace()
     reset_recent(workspace)
@@ -272,9 +274,9 @@ def find_inside(model, first, second, frame_map, margin, inside):
 
 @kernel
 def share_at(model, first, second, slots, frame_map, slack, inside):
-    """How two parts share volume at a pair of triangles: `APART_HERE`, `PASSING` or `SHARING`.
+    """Return how two parts share volume at a pair of triangles: `APART_HERE`, `PASSING` or `SHARING`.
 
-    *inside*, (6,), first local frame: filled with a point inside both parts, where they share volume, and the
+    *inside*, (6,), first local frame: receives a point inside both parts, if they share volume, and the
     direction in which it was found.
     """
     corners, line, reach = stack_f64(BOTH), stack_f64(6), meeting_reach(slack)

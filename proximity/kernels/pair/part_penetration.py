@@ -1,9 +1,9 @@
-"""How far a part must move along a direction until it is free of another, for the first time, with bounds.
+"""First displacement of a part along a direction that separates it from another, with bounds.
 
-From below: a line along the direction passes through a point that both parts have in common. As long as the
-stretches of the line inside the one and inside the other overlap, the parts do. From above: parts that are
-some distance apart stay so while one of them moves by less. Neither depends on how finely surfaces are
-divided, and so the depth does not go to 0 where a mesh is refined.
+Lower bound: a line along the direction passes through a common point of both parts, and the parts overlap
+while its intervals inside the two do. Upper bound: parts at some distance stay apart while one of them moves
+by less. Neither depends on the resolution of the surfaces, so the depth does not go to 0 when a mesh is
+refined.
 
 Source: directional penetration depth, Dobkin, Hershberger, Kirkpatrick, Suri 1993; the enclosure is ours.
 """
@@ -36,24 +36,24 @@ from proximity.native import entry, inlined, kernel, record
 MOST_PROBES = 48
 CLOSEST_PROBE_TOLERANCE = 0.1
 NEAR_CEILING = 0.8
-"""Share of the tolerance below a displacement at which parts are apart, where it is looked next."""
+"""Offset of the next probe below a separating displacement, as a share of the tolerance."""
 SKIPPED_AHEAD = 2.0**-36
-"""Local units ahead of a point that are not looked at: the point may lie on a face."""
+"""Local units skipped ahead of a point, which may lie on a face."""
 
 PROBE_APART, PROBE_OVERLAPS, PROBE_UNDECIDED = 1, 0, -1
 PROBE_RESULT = record(
     "ProbeResult",
-    state="i8",  # one of the three above
-    gap="f8",  # m: the parts are so far apart
-    point="(3,)f8",  # scene's frame: a point of both
+    state="i8",  # PROBE_APART, PROBE_OVERLAPS or PROBE_UNDECIDED
+    gap="f8",  # m: lower bound of the distance of the parts
+    point="(3,)f8",  # scene's frame: a common point
 )
 DISPLACEMENTS = record(
     "Displacements",
-    lower="f8",  # m: the first part is free nowhere below
-    upper="f8",  # m: it is free here
+    lower="f8",  # m: no smaller displacement separates the parts
+    upper="f8",  # m: this displacement separates them
     floor="f8",  # m: the next probe is between these two
     ceiling="f8",
-    next_stride="f8",  # share beyond the floor of the next probe: 0 at first, flush parts come free there
+    next_stride="f8",  # relative offset of the next probe from the floor: 0 at first, to separate flush parts
     first_stride="f8",
 )
 stack_result, stack_displacements = stack_arrays_of(PROBE_RESULT)[0], stack_arrays_of(DISPLACEMENTS)[0]
@@ -61,14 +61,14 @@ stack_result, stack_displacements = stack_arrays_of(PROBE_RESULT)[0], stack_arra
 
 @inlined
 def _unit(x, y, z):
-    """A direction with its length taken out, and the length; 0 where there is none."""
+    """Return a normalized direction and its length; zeros for a zero vector."""
     length = sqrt(dot(x, y, z, x, y, z))
     return (x / length, y / length, z / length, length) if length > 0.0 else (0.0, 0.0, 0.0, 0.0)
 
 
 @inlined
 def _boxes_apart_from(one, other, direction):
-    """From which displacement on the boxes of two parts are apart."""
+    """Return the displacement from which on the boxes of two parts are apart."""
     apart = np.inf
     for k in range(3):
         if direction[k] > 0.0:
@@ -80,7 +80,7 @@ def _boxes_apart_from(one, other, direction):
 
 @kernel
 def _inside_ahead(model, part, point, direction, longest, workspace):
-    """How far from a point on, m, at most *longest*, a part's inside reaches along a unit direction."""
+    """Return the length, m, at most *longest*, of a part's inside along a unit direction from a point."""
     reals, words, frames, parts = model
     scale = frames[part].scale
     x, y, z = to_local(frames, parts, part, point[0], point[1], point[2])
@@ -99,7 +99,7 @@ def _inside_ahead(model, part, point, direction, longest, workspace):
 
 @kernel
 def _point_of_both(model, first, second, slots, frame_map, shift, found, workspace):
-    """Fill a point that is inside both of two parts next to two triangles; whether it is found."""
+    """Find a point inside both parts next to two triangles; return success."""
     frames, parts = model.frames, model.parts
     inside, direction = stack_f64(6), stack_f64(3)
     slack = rounding_size(frames, first, second, frame_map[1])
@@ -118,9 +118,9 @@ def _point_of_both(model, first, second, slots, frame_map, shift, found, workspa
 
 @kernel
 def _probe(model, first, second, faces, shift, nearest, found, normal, last, budget, workspace):
-    """Fill *found* with how the parts lie with the first one shifted; return the steps.
+    """Determine the relation of the parts with the first one shifted, into *found*; return the steps.
 
-    *nearest*, m: how far apart at most is of interest. *normal*, *last* slots: renewed where they are found.
+    *nearest*, m: larger distances are irrelevant. *normal*, *last* slots: updated if found.
     """
     frames, slots = model.frames, stack_i64(2)
     turn, offset, one, other = stack_f64(9), stack_f64(3), stack_f64(POSE_SIZE), stack_f64(POSE_SIZE)
@@ -165,7 +165,7 @@ def _probe(model, first, second, faces, shift, nearest, found, normal, last, bud
 
 @kernel
 def _learn(model, first, second, at, direction, shift, known, found, workspace):
-    """Take into account what a probe has found with the first part displaced by *at*."""
+    """Update the known bounds with the result of a probe at displacement *at*."""
     if found.state == PROBE_APART:
         known.upper = max(min(known.upper, at - found.gap * ROUNDED_DOWN), known.lower)
         known.ceiling = min(known.ceiling, known.upper)
@@ -182,7 +182,7 @@ def _learn(model, first, second, at, direction, shift, known, found, workspace):
         begin -= _inside_ahead(model, first, here, along, np.inf, workspace)
         end = min(end * ROUNDED_DOWN, known.upper)
     known.next_stride = 4.0 * known.next_stride + known.first_stride
-    # Stretches that only meet leave an instant at which the parts may be free.
+    # Intervals that only touch leave an instant at which the parts may be apart.
     if begin < known.lower * ROUNDED_DOWN:
         known.lower = max(known.lower, end)
         known.floor = max(known.floor, end)
@@ -195,11 +195,11 @@ def _learn(model, first, second, at, direction, shift, known, found, workspace):
 
 @entry(ModelArrays, "int, int, int32[:], int32[:], float64[:], float, float, int, DepthAnswer[:]")
 def depth_along(model, first, second, faces, other_faces, direction, limit, tolerance, budget, depths):
-    """Fill how far the first part must move along a unit *direction*, scene's frame; (1,).
+    """Fill bounds of the first part's separating displacement along a unit *direction*, (1,).
 
-    *faces*, *other_faces*: one of each of their surfaces. *limit*, m: a depth beyond it is not looked for.
-    *tolerance*: share of it by which its bounds may differ. *budget*: steps at most; 0: as many as it takes.
-    The first probe is at the upper bound that *depths* holds before; 0: nowhere.
+    *direction*: scene's frame. *faces*, *other_faces*: one of each of their surfaces. *limit*, m: the search
+    ends beyond this depth. *tolerance*: permitted relative gap of the bounds. *budget*: maximum steps; 0: no
+    limit. The first probe is at the upper bound in *depths* on entry, or 0.
     """
     known, found, depth = stack_displacements(1)[0], stack_result(1)[0], depths[0]
     frames, shift = model.frames, stack_f64(3)
@@ -224,7 +224,7 @@ def depth_along(model, first, second, faces, other_faces, direction, limit, tole
         _learn(model, first, second, at, direction, shift, known, found, workspace)
         probes += 1
         if known.ceiling - known.floor <= tolerance * known.ceiling + 1e-12 * size:
-            # A gap that is left open below: it is looked on beyond it.
+            # Search beyond a gap that stays open below.
             known.ceiling = known.upper
             known.floor = max(known.floor, min(at, known.upper))
         is_open = (

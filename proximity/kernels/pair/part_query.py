@@ -1,4 +1,4 @@
-"""The shortest connection of two parts, as Python asks for it."""
+"""Shortest connection of two parts: entry point for Python."""
 
 from math import sqrt
 
@@ -20,21 +20,21 @@ from proximity.native.simd import load_int
 
 @entry(ModelArrays, "int, int, float, float, int, ClearanceAnswer[:]")
 def connect_parts(model, first, second, limit, tolerance, budget, answers):
-    """Fill the shortest connection of two parts, (1,): 0 long where they cross.
+    """Fill the shortest connection of two parts, (1,): of length 0 if they cross.
 
-    Only connections shorter than *limit*, m, are looked for, and none that is shorter by less than a share of
-    *tolerance*. *budget*: opened nodes and blocks at most; 0: as many as it takes. What is not found is inf
-    long, between nan and `NO_FACE`.
+    Only connections shorter than *limit*, m, are searched; the result may exceed the shortest by the relative
+    *tolerance*. *budget*: maximum opened nodes and blocks; 0: no limit. If none is found, the length is inf,
+    the points nan and the faces `NO_FACE`.
     """
     answer, frames = answers[0], model.frames
-    # The same answer for both orders of the parts.
+    # The order of the parts does not change the answer.
     is_crossing = _shortest(model, min(first, second), max(first, second), limit, tolerance, budget, answer)
     if first > second:
         points, faces = answer.points, answer.faces
         for k in range(3):
             points[k], points[3 + k] = points[3 + k], points[k]
         faces[0], faces[1] = faces[1], faces[0]
-    # In this order a distance that is nan is none.
+    # Written so that nan does not touch.
     is_touching = answer.distance <= rounding_at(frames, *vector(answer.points))
     answer.relation = CROSSES if is_crossing else (TOUCHES if is_touching else APART)
     one, other = frames[first], frames[second]
@@ -44,7 +44,7 @@ def connect_parts(model, first, second, limit, tolerance, budget, answers):
 
 @kernel
 def _shortest(model, first, second, limit, tolerance, budget, answer):
-    """Fill distance, ends and faces of an answer; whether the parts cross."""
+    """Fill distance, ends and faces of an answer; return whether the parts cross."""
     _, words, frames, parts = model
     slots, scale = stack_i64(2), frames[first].scale
     slots[0] = slots[1] = NO_SLOT
@@ -61,7 +61,7 @@ def _shortest(model, first, second, limit, tolerance, budget, answer):
         answer.faces[0] = answer.faces[1] = NO_FACE
         return False
     distance = fill_connection(model, first, second, best == CROSSING, slots, answer.points)
-    # Where all was looked into, the bound is the distance but for its rounding.
+    # After a complete search the bound equals the distance, except for rounding.
     is_exact = best == CROSSING or (tolerance == 0.0 and lower_sq >= best > 0.0)
     answer.lower = distance if is_exact else min(sqrt(lower_sq) / scale, distance)
     answer.distance = distance
@@ -80,7 +80,7 @@ def fill_connection(model, first, second, is_crossing, slots, points):
 
 @kernel
 def fill_ends(model, first, second, frame_map, is_crossing, slots, points):
-    """As `fill_connection`, with the second part where *frame_map* takes it."""
+    """Fill ends like `fill_connection`, with the second part mapped by *frame_map*."""
     reals, _, frames, parts = model
     corners, ends = stack_f64(BOTH), stack_f64(6)
     read_both(reals, slots, frame_map[0], frame_map[1], corners)
@@ -95,9 +95,10 @@ def fill_ends(model, first, second, frame_map, is_crossing, slots, points):
 
 @kernel
 def turn_normal(model, first, frame_map, slots, normal):
-    """Set the direction, scene's frame, by which the first part moves away where two triangles touch.
+    """Set the direction, scene's frame, that separates the first part where two triangles touch.
 
-    It is normal to that one of them beyond which the other is. *frame_map*: from the second part's frame.
+    It is the normal of the triangle that has the other on its outer side. *frame_map*: from the second part's
+    frame.
     """
     corners, local = stack_f64(BOTH), stack_f64(3)
     read_both(model.reals, slots, frame_map[0], frame_map[1], corners)

@@ -1,16 +1,14 @@
-"""Distance from a triangle to eight others, whether they cross, and the shortest connection of two triangles.
+"""Distance and crossing of a triangle and eight others, and the shortest connection of two triangles.
 
-Two triangles that do not cross are nearest at a corner of one and anywhere on the other, or between the
-insides of two edges. The latter is the distance of two lines, of which the normal is a compensated cross
-product: so the error stays at a few roundings of the coordinates, however parallel the edges are; edges that
-are parallel altogether are nearest at a corner as well.
+Two triangles that do not cross are nearest at a corner of one and any point of the other, or between the
+interiors of two edges. The latter is the distance of two lines, whose normal is a compensated cross product:
+the error stays at a few roundings of the coordinates for nearly parallel edges. Exactly parallel edges are
+nearest at a corner as well.
 
-Triangles cross where an edge of one has its ends on both sides of the other and passes its three edges on the
-same side. The side on which two lines pass each other is the sign of one volume, which serves both: of three
-edges and three edges there are nine. Sides count where they are more than rounding: what is not is so near
-that the distance tells.
-
-Triangles that meet without a clear side do not cross here: `meeting` decides.
+Triangles cross if an edge of one has its ends on both sides of the other and passes its three edges on the
+same side. The side on which two lines pass each other is the sign of a volume shared by both tests: nine for
+three edges and three edges. Sides count if they exceed rounding; otherwise the distance is small enough to
+decide. Triangles that meet without a clear side do not cross here: `meeting` decides.
 
 Source: Ericson, Real-Time Collision Detection, 5.1.8 and 5.1.9 (distances); Segura, Feito 2001 (crossing by
 signed volumes).
@@ -27,22 +25,22 @@ from proximity.native import inlined, kernel
 from proximity.native.simd import like, minimum, select, splat
 
 CROSSING = -1.0
-"""Squared distance of triangles that cross."""
+"""Squared distance returned for crossing triangles."""
 SIDE_ROUNDING = 2.0**-46
-"""Heights and distances below it, times the size of coordinates, are of no side."""
+"""Heights and distances below this, times the size of coordinates, have no side."""
 BOTH = 18
 """Numbers of two triangles: three corners each, x, y and z."""
 
 
 @inlined
 def between(start, end):
-    """The vector from one point to another."""
+    """Return the vector from one point to another."""
     return end[0] - start[0], end[1] - start[1], end[2] - start[2]
 
 
 @inlined
 def in_all_lanes(a, b, c):
-    """The corners of a triangle, (x, y, z) each, in all lanes."""
+    """Broadcast the corners of a triangle, (x, y, z) each, to all lanes."""
     return (
         (splat(a[0]), splat(a[1]), splat(a[2])),
         (splat(b[0]), splat(b[1]), splat(b[2])),
@@ -52,7 +50,7 @@ def in_all_lanes(a, b, c):
 
 @inlined
 def _sides(value, least_sq):
-    """Where a number is above and below zero by more than its rounding, of which the square is given."""
+    """Return masks of numbers above and below zero by more than their rounding, with square *least_sq*."""
     is_clear = value * value > least_sq
     zero = like(0.0, value)
     return is_clear & (value > zero), is_clear & (value < zero)
@@ -60,9 +58,9 @@ def _sides(value, least_sq):
 
 @inlined
 def edges_apart(p, d, q, e, rounding_sq):
-    """Squared distance of the edges from *p* along *d* and from *q* along *e*; on which sides they pass.
+    """Return squared distances of the edges *p* along *d* and *q* along *e*, and the sides they pass on.
 
-    Inf where they are not nearest in their insides. *rounding_sq*: squared, of a length.
+    Inf unless they are nearest in their interiors. *rounding_sq*: square of the rounding of a length.
     """
     normal = cross(d[0], d[1], d[2], e[0], e[1], e[2])
     normal_sq = dot(*normal, *normal)
@@ -83,19 +81,19 @@ def edges_apart(p, d, q, e, rounding_sq):
 
 @inlined
 def _passes(first, second, third):
-    """Whether a line passes three edges on the same side."""
+    """Test whether a line passes three edges on the same side."""
     return (first[0] & second[0] & third[0]) | (first[1] & second[1] & third[1])
 
 
 @inlined
 def _is_through(start, end):
-    """Whether two ends are on both sides of a plane."""
+    """Test whether two ends are on different sides of a plane."""
     return (start[0] & end[1]) | (start[1] & end[0])
 
 
 @inlined
 def _heights(triangle, edges, points, rounding_sq):
-    """On which side of a triangle's plane three points are."""
+    """Return the sides of a triangle's plane on which three points are."""
     normal = cross(*edges[0], *edges[1])
     least_sq = rounding_sq * dot(*normal, *normal)
     return (
@@ -107,7 +105,7 @@ def _heights(triangle, edges, points, rounding_sq):
 
 @inlined
 def _from_corners(points, triangle):
-    """Squared distance from the nearest of three points to a triangle."""
+    """Return the squared distance from the nearest of three points to a triangle."""
     return minimum(
         point_triangle_distance_sq(points[0], *triangle),
         minimum(
@@ -118,10 +116,10 @@ def _from_corners(points, triangle):
 
 @inlined
 def triangles_apart(a, b, rounding_sq):
-    """Squared distances of triangles *a* and *b*, three corners (x, y, z) each; `CROSSING` where they cross.
+    """Return squared distances of triangles *a* and *b*, three corners (x, y, z) each, or `CROSSING`.
 
-    Vectors of eight, of which those of one triangle are the same in all lanes. *rounding_sq*: the square of
-    `SIDE_ROUNDING` times the largest coordinate, likewise.
+    Vectors of eight; one of the triangles is the same in all lanes. *rounding_sq*: the square of
+    `SIDE_ROUNDING` times the largest coordinate.
     """
     d = between(a[0], a[1]), between(a[1], a[2]), between(a[2], a[0])
     e = between(b[0], b[1]), between(b[1], b[2]), between(b[2], b[0])
@@ -154,14 +152,14 @@ def triangles_apart(a, b, rounding_sq):
 
 @inlined
 def corner_of(corners, triangle, k):
-    """Corner *k* of a triangle, 0 or 1; after the third comes the first again."""
+    """Return corner *k*, modulo 3, of a triangle, 0 or 1."""
     at = 9 * triangle + 3 * (k % 3)
     return corners[at], corners[at + 1], corners[at + 2]
 
 
 @inlined
 def _keep_nearer(apart_sq, one, other, ends):
-    """Keep a connection in *ends*, (6,), where it is shorter; return the lesser squared length."""
+    """Store a connection in *ends*, (6,), if it is shorter; return the lesser squared length."""
     dx, dy, dz = between(one, other)
     length_sq = dx * dx + dy * dy + dz * dz
     if length_sq < apart_sq:
@@ -186,7 +184,7 @@ def read_both(reals, slots, turn, offset, corners):
 
 @kernel
 def on_triangle(corners, triangle, x, y, z, closest):
-    """The point of a triangle, 0 or 1, that is nearest to another point."""
+    """Return the point of a triangle, 0 or 1, nearest to another point."""
     for k in range(3):
         closest.corners[k, 0], closest.corners[k, 1], closest.corners[k, 2] = corner_of(corners, triangle, k)
     closest_on_triangle(x, y, z, closest)
@@ -195,7 +193,7 @@ def on_triangle(corners, triangle, x, y, z, closest):
 
 @inlined
 def between_edges(p, d, q, e):
-    """Whether two edges are nearest in their insides, and where."""
+    """Return whether two edges are nearest in their interiors, and the two points."""
     nx, ny, nz = cross(*d, *e)
     normal_sq = dot(nx, ny, nz, nx, ny, nz)
     if not normal_sq > TINY:
@@ -210,7 +208,7 @@ def between_edges(p, d, q, e):
 
 @kernel
 def connect(corners, ends):
-    """Fill the points of two triangles that are nearest to each other, (6,); return their squared distance.
+    """Fill the points of two triangles nearest to each other, (6,); return their squared distance.
 
     *corners*: (`BOTH`,).
     """

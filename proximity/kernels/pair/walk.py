@@ -1,12 +1,12 @@
-"""The nearest two triangles of two parts, or two that cross: walks over both trees at once.
+"""Nearest or crossing triangles of two parts: simultaneous traversal of both trees.
 
-Everything is computed in the local frame of the first part, and boxes in float64. The larger box of a pair
-is opened, and its eight children are compared with the other box at once. A box of the second part is taken
-into the frame of the first with a box around it.
+All computations are in the local frame of the first part, with boxes in float64. The larger box of a pair is
+opened, and its eight children are tested against the other box together. A box of the second part is replaced
+by the axis-aligned box around it in that frame.
 
-A walk from nothing opens the nearest pair first; its limits are squared distances. A walk from the frontier
-of the last one continues where that ended: limits, which are distances, are lowered by how far a part has
-moved, and only entries that are then nearer than the best are opened again.
+A search without a frontier opens the nearest pair first; its limits are squared distances. A search from the
+last frontier continues from it: limits, which are distances, are reduced by the motion of the parts, and only
+entries nearer than the best are opened again.
 """
 
 from math import sqrt
@@ -53,16 +53,16 @@ from proximity.native import inlined, kernel
 from proximity.native.simd import bits, splat, square_root, store, trailing_zeros
 
 MOST_TURNS = 4
-"""Times that a search between surfaces goes to and fro."""
+"""Maximum alternations of the initial search between the surfaces."""
 MOST_PAIRS = 2 * MAX_DEPTH * (LANES - 1) + LANES * LANES + 3 * LANES
-"""Each opened box leaves at most seven children waiting; at first all children of both roots wait."""
+"""Each opened box leaves at most seven waiting children; at first all children of both roots wait."""
 
 
 @inlined
 def _children_sq(model, query, one, other, is_first):
-    """Squared distances of the eight children of a node with a box that none of them is nearer than.
+    """Return lower bounds of the squared distances of a node's eight children from a box.
 
-    *one*, *other*: that of the part whose node is opened (*is_first*: the first) is a node, the other the
+    *one*, *other*: for the part whose node is opened (*is_first*: the first) a node, for the other the
     position of a box.
     """
     (_, (turn, offset), slack, _, _, axis, box, _), words = query, model.words
@@ -83,7 +83,7 @@ def _children(model, query, one, other, is_first):
 
 @inlined
 def _look_into_sq(model, query, first, second, best):
-    """The best squared distance with what two blocks have, and one below which none of their triangles is."""
+    """Update the best squared distance with two blocks; also return a lower bound of theirs."""
     pair, frame_map, slack, _, _, axis, _, slots = query
     return nearer_in_blocks(model, pair, first, second, frame_map, slack, best, axis, slots)
 
@@ -97,7 +97,7 @@ def _look_into(model, query, first, second, best):
 
 @inlined
 def _reach_sq(query, best):
-    """Squared distance from which on nothing is looked for: the best, less a share."""
+    """Return the squared distance at which the search ends: the best, reduced by the tolerance."""
     return best * query[4]
 
 
@@ -112,10 +112,9 @@ _walk_from_frontier = dual_first(_children, _look_into, _reach, is_kept=True)
 
 @kernel
 def begin_short(model, first, second, turn, offset, best, axis, slots):
-    """Set slots and axis to those of a short connection, if it is below *best*; return the lesser square.
+    """Set slots and axis to a short connection, if below *best*; return the lesser squared length.
 
-    It is that of the last slots, or else, from the second part's middle, the nearest of the nearest, to and
-    fro.
+    Uses the last slots or, without any, alternating closest-point queries from the second part's centre.
     """
     reals, _, _, parts = model
     stacks, tried = stack_f32(STACKS_SIZE), stack_i64(2)
@@ -144,7 +143,7 @@ def begin_short(model, first, second, turn, offset, best, axis, slots):
 
 @kernel
 def _keep_shorter(reals, tried, turn, offset, best, axis, slots):
-    """Keep slots whose connection is shorter than the best, and its direction; return the lesser square."""
+    """Store slots with a connection shorter than the best, and its direction; return the lesser square."""
     direction = stack_f64(3)
     length_sq = turn_axis(reals, tried, turn, offset, direction)
     if not length_sq < best:
@@ -156,7 +155,7 @@ def _keep_shorter(reals, tried, turn, offset, best, axis, slots):
 
 @kernel
 def _nearest_on(reals, slot, x, y, z):
-    """The point of a triangle that is nearest to another point."""
+    """Return the point of a triangle nearest to another point."""
     closest = stack_closest(1)[0]
     read_corners(reals, slot, closest)
     closest_on_triangle(x, y, z, closest)
@@ -165,7 +164,7 @@ def _nearest_on(reals, slot, x, y, z):
 
 @inlined
 def _begin(model, first, second, frame_map, best, share, axis, box, slots):
-    """The query of a walk, and the best squared distance to begin with."""
+    """Return the query of a walk, and the initial best squared distance."""
     slack, (turn, offset) = rounding_size(model.frames, first, second, frame_map[1]), frame_map
     meeting_sq = meeting_reach(slack) * meeting_reach(slack)
     axis[0], axis[1], axis[2] = 0.0, 0.0, 0.0
@@ -175,18 +174,18 @@ def _begin(model, first, second, frame_map, best, share, axis, box, slots):
 
 @inlined
 def _ratio(frames, first, second):
-    """Length of the second part's local unit in the first's."""
+    """Return the length of the second part's local unit in the first's."""
     return abs(frames[first].scale / frames[second].scale)
 
 
 @kernel
 def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, slots):
-    """Squared distance, in the local frame of part *first*, to part *second*; one that none is below; steps.
+    """Return squared distance of two parts, local frame of *first*, its lower bound, and the steps.
 
-    `CROSSING` where they cross. *frame_map*: `frames_between` them. *best*: only what is nearer is looked
-    for, and nothing that is nearer by less than a share of *tolerance*. *budget*: opened nodes and blocks at
-    most; 0: as many as it takes. *slots* (2,) int64: of the last answer, or `NO_SLOT`; filled with those of
-    the nearest triangles, or of two that cross, or `NO_SLOT`.
+    `CROSSING` if they cross. *frame_map*: from `frames_between`. *best*: initial bound of the search; the
+    result may exceed the minimum by the relative *tolerance*. *budget*: maximum opened nodes and blocks; 0:
+    no limit. *slots* (2,) int64: of the last answer, or `NO_SLOT`; receives those of the nearest or crossing
+    triangles, or `NO_SLOT`.
     """
     words, parts, (turn, offset) = model.words, model.parts, frame_map
     limits, entries = stack_f64(MOST_PAIRS), stack_i32_rows(MOST_PAIRS, 3)
@@ -210,7 +209,7 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
     best, count, steps = _walk_from_nothing(model, query, ratio, frontier, count, best, budget)
     if best == query[3] and slots[0] != NO_SLOT:
         return 0.0, 0.0, steps
-    # What still waits was not looked into.
+    # Waiting entries have not been searched.
     return best, min(_reach_sq(query, best), lower_limits(frontier, count, 0.0)), steps
 
 
@@ -218,10 +217,10 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
 def nearest_from_frontier(
     model, first, second, frame_map, frontier, count, moved, best, tolerance, budget, slots
 ):
-    """As `nearest_of_parts`, from a frontier of *count* entries, 0: none, which it renews.
+    """Compute `nearest_of_parts` from a frontier of *count* entries (0: none), and update it.
 
-    *moved*: how far anything on either part has moved since, local units. Also returns the new count;
-    `OVERFLOW` where there was no room for the frontier: then nothing else is of use.
+    *moved*: maximum displacement of any point of either part since, local units. Also returns the new count,
+    or `OVERFLOW` if the frontier was too small; the other results are then invalid.
     """
     words, parts, axis, box = model.words, model.parts, stack_f64(3), stack_f64(7)
     share = 1.0 / (1.0 + tolerance)

@@ -1,1 +1,1 @@
-"""One part as a model of its own: its arrays, in memory of the caller, and its sign."""
+"""One part as a separate model: its arrays, in memory of the caller, and its sign."""

@@ -1,4 +1,4 @@
-"""The choice of how inside is decided for a part, checked by sampling; see `scene.sign` for the methods.
+"""Choice of the sign method of a part, checked by sampling; see `scene.sign` for the methods.
 
 Source: Bærentzen & Aanæs 2005 (pseudo-normals), Jacobson et al. 2013 (winding numbers).
 """
@@ -29,28 +29,28 @@ from proximity.kernels.thresholds import CONTACT_DEPTH
 from proximity.native import allocating_kernel, entry, kernel
 
 SAMPLE_NEAR, SAMPLE_FAR = 1e-6, 3e-2
-"""Distances of samples from the surface, in sizes of the part: just beside it, and where other faces may be
-nearest."""
+"""Distances of samples from the surface, in sizes of the part: directly at it, and where other faces may be
+nearer."""
 CLEAR_TURNS = 0.95
-"""An open surface has an inside where just below it the winding number is above this ..."""
+"""An open surface has an inside if the winding number just below it is above this ..."""
 CLEAR_SHARE = 0.95
-"""... on this share of its area. A sheet, a hemisphere or a box without its lid does not get there."""
+"""... on this share of its area. A sheet, a hemisphere or a box without its lid fails."""
 SURFACE_SHARE = 1e-9
-"""Sizes of the part: no side is right on the surface itself, to rounding."""
+"""Sizes of the part: within this distance of the surface rounding makes the side arbitrary."""
 MAX_UNCLEAR_TURNS = 0.2
-"""Distance of a winding number from a whole one, above which it tells no side."""
+"""Distance of a winding number from the nearest integer above which the side is undefined."""
 
 
 @entry(ModelArrays, "bool, bool -> int, int, int, int, int, float", makes_arrays=True)
 def choose_sign(model, is_watertight, is_balanced):
-    """Choose a part's sign and write what it needs: folded faces, a sign grid. Return why.
+    """Choose a part's sign and write its data: folded faces, a sign grid. Return the reason.
 
-    *model*: as `part_model.fill_part` leaves it. *is_watertight*: every edge has two faces that run along it
-    opposite ways; *is_balanced*: as many run along it one way as the other.
+    *model*: filled by `part_model.fill_part`. *is_watertight*: every edge has two faces with opposite
+    directions; *is_balanced*: every edge has equal numbers of forward and backward half-edges.
 
-    Returned: ``REASON_...``; points that were compared, and how many of them are against pseudo-normals;
-    faces that are thin or next to thin ones, and others that are folded or pass through others; the share of
-    the surface below which the winding number is clear.
+    Returned: ``REASON_...``; numbers of points compared and of contradictions to pseudo-normals; numbers of
+    faces thin or next to thin ones, and of others folded or crossing others; share of the surface below which
+    the winding number is clear.
     """
     reals, words, frames, parts = model
     corners, faces, neighbors, slot_faces = tables_of(model)
@@ -85,7 +85,7 @@ def choose_sign(model, is_watertight, is_balanced):
 
 @entry(ModelArrays, "int, bool, int32[:]", makes_arrays=True)
 def restore_sign(model, sign, has_grid, folded):
-    """Write the sign of a part whose sign is known; *folded*: faces near which the winding number decides."""
+    """Write a sign that is already known; *folded*: faces near which the winding number decides."""
     _, words, _, parts = model
     _, faces, _, slot_faces = tables_of(model)
     marks = np.zeros(len(faces), np.bool_)
@@ -99,7 +99,7 @@ def restore_sign(model, sign, has_grid, folded):
 
 @kernel
 def _size(frames):
-    """Longest side of the part's box, local."""
+    """Return the longest side of the part's box, local."""
     extent = 0.0
     for axis in range(3):
         extent = max(extent, frames[0].own_upper[axis] - frames[0].own_lower[axis])
@@ -132,7 +132,7 @@ def _fill_grid(model):
 
 @kernel
 def _write_folded(words, parts, folded):
-    """Write which faces of each block are folded, (blocks,) uint8, into the notes on blocks."""
+    """Write the mask of folded faces of each block, (blocks,) uint8, into the notes on blocks."""
     numbers = words.view(np.int32)
     for block in range(len(folded)):
         numbers[parts[0].block_notes + block] = np.int64(folded[block]) << FOLDED_AT
@@ -140,7 +140,7 @@ def _write_folded(words, parts, folded):
 
 @kernel
 def _bit_count(marks):
-    """Number of bits that are set."""
+    """Return the number of bits that are set."""
     count = np.int64(0)
     for slot in range(LANES * len(marks)):
         count += (marks[slot // LANES] >> (slot % LANES)) & 1
@@ -149,17 +149,17 @@ def _bit_count(marks):
 
 @allocating_kernel
 def _contradictions(model, samples, beside, folded):
-    """Number of points that were compared, and of those at which the two methods disagree about the side.
+    """Return the numbers of compared points and of points where the two methods disagree about the side.
 
-    *beside*, *folded* (blocks,) uint8: which slots have faces beside thin ones, and which are left to the
-    winding number.
+    *beside*, *folded* (blocks,) uint8: slots with faces next to thin ones, and slots that use the winding
+    number.
 
     Notes
     -----
-    Where a surface does not meet itself, it winds 0 times around what is just above it and once around what
-    is just below. Where it does, curves in which it meets itself part it into regions, and in some of them
-    that is wrong everywhere: so a look at each region would do. The sign grid is looked at next to all faces,
-    for regions some cells wide; faces next to which it tells nothing are sampled, for those of small faces.
+    A surface without self-intersections has winding number 0 just above it and 1 just below.
+    Self-intersection curves divide any other surface into regions, and in some of them this fails everywhere:
+    one sample per region suffices. The sign grid is checked next to all faces, for regions some cells wide;
+    faces next to cells without a side are sampled, for regions of small faces.
     """
     _, words, frames, parts = model
     corners, faces, _, slot_faces = tables_of(model)
@@ -170,13 +170,13 @@ def _contradictions(model, samples, beside, folded):
     )  # fmt: skip
     for face in range(len(faces)):
         is_clear[face] = is_clear[face] and len(faces) > FACE_SAMPLE_COUNT
-    # What is folded over has been looked at, and gets its sides from the winding number.
+    # Folded faces have already been checked, and use the winding number.
     for slot in range(len(slot_faces)):
         if (folded[slot // LANES] >> (slot % LANES)) & 1:
             is_clear[slot_faces[slot]] = True
     above = _beside_surface(face_samples(corners, faces, is_clear), SAMPLE_NEAR * size)
     asked = 4 * len(samples) + len(above) + len(uncertain)
-    # Asked as if nothing were folded: a surface of which much is meets itself.
+    # Without folds: a surface with many of them intersects itself.
     _write_folded(words, parts, beside)
     against = np.int64(0)
     for offset in (-SAMPLE_NEAR, SAMPLE_NEAR, -SAMPLE_FAR, SAMPLE_FAR):
@@ -198,10 +198,10 @@ def _beside_surface(samples, offset):
 
 @allocating_kernel
 def _differing(model, points, is_inside):
-    """At how many local points the sign of a part's distances and the winding number differ.
+    """Count the local points at which the sign of a part's distances and the winding number differ.
 
-    *is_inside* (N,): what the sign grid tells of them; then only those are asked where that differs. (0,): it
-    tells nothing.
+    *is_inside* (N,): sides from the sign grid; winding numbers are computed only at points that contradict
+    it. (0,): no sides.
     """
     _, _, frames, _ = model
     world, distances, count, size = np.empty_like(points), np.empty((len(points), 1)), 0, _size(frames)
@@ -210,7 +210,7 @@ def _differing(model, points, is_inside):
         for axis in range(3):
             centre = frames[0].centre[axis]
             world[row, axis] = points[row, axis] / scale + centre
-            # Far from the origin this rounds; both methods are asked about the point that it has become.
+            # Far from the origin this rounds; both methods get the rounded point.
             points[row, axis] = (world[row, axis] - centre) * scale
     signed_alone(model, world, distances)
     for row in range(len(points)):
@@ -229,14 +229,14 @@ def _differing(model, points, is_inside):
 
 @kernel
 def _turns(model, points, row):
-    """The winding number of the part at a local point."""
+    """Return the winding number of the part at a local point."""
     reals, words, _, parts = model
     return winding_number(reals, words, 0, parts[0].moments, points[row, 0], points[row, 1], points[row, 2])
 
 
 @allocating_kernel
 def _clear_share(model, samples):
-    """The share of the area with a winding number near 1 just below and near 0 just above."""
+    """Return the share of the area with a winding number near 1 just below and near 0 just above."""
     step, clear_count = SAMPLE_NEAR * _size(model.frames), 0
     below, above = _beside_surface(samples, -step), _beside_surface(samples, step)
     for row in range(len(samples)):

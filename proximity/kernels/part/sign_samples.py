@@ -1,4 +1,4 @@
-"""Samples of a part's surface, for checks of a sign: a point and the face's unit normal, six numbers each."""
+"""Surface samples of a part, to check its sign: a point and the face's unit normal, six numbers each."""
 
 from math import sqrt
 
@@ -9,7 +9,7 @@ from proximity.kernels.mesh.positions import rows_where
 from proximity.native import allocating_kernel, kernel
 
 POINT_SAMPLE_COUNT = 64
-"""Points on the surface, by area."""
+"""Number of points on the surface, distributed by area."""
 # fmt: off
 RANDOM_SAMPLES = np.array([
     .62509547, .58643884, .20784613, .89721380, .01212614, .49927093, .77568569, .35512946, .18982131,
@@ -36,18 +36,19 @@ RANDOM_SAMPLES = np.array([
     .15078802, .37440928, .06064413,
 ]).reshape(64, 3)
 # fmt: on
-"""Random numbers, the same for every part: a share of the surface, and the weights of two corners, which are
-spread evenly over a face."""
+"""Random numbers, the same for every part: a share of the area, and the weights of two corners, uniform over
+a face."""
 FACE_SAMPLE_COUNT = 128
-"""Points above those faces whose sides the sign grid does not tell, at most; where a part has no more faces
-than this, above any of them."""
+"""Maximum number of points above faces without a side in the sign grid; for parts with at most this number of
+faces, above any face."""
 FACE_SAMPLE_WEIGHTS = np.array([[100, 100, 100], [298, 1, 1], [1, 298, 1], [1, 1, 298]]) / 300.0
-"""Weights of a face's corners at the points: in its middle, and near its corners, which reach in first."""
+"""Weights of a face's corners at the samples: its middle, and near each corner, since corners enter other
+regions first."""
 
 
 @allocating_kernel
 def surface_samples(corners, faces):
-    """Return samples of faces, by area: points and unit normals, (N, 6); none if no face has an area."""
+    """Return samples by area: points and unit normals, (N, 6); none if no face has an area."""
     sums, total = np.empty(len(faces)), 0.0
     for face in range(len(faces)):
         total += double_area(corners, faces, face)
@@ -63,7 +64,7 @@ def surface_samples(corners, faces):
 
 @kernel
 def _first_above(sums, value):
-    """The first of sums, which rise, that is above a value; their number where none is."""
+    """Return the index of the first of ascending *sums* above a value, or their number."""
     low, high = 0, len(sums)
     while low < high:
         middle = (low + high) // 2
@@ -76,9 +77,9 @@ def _first_above(sums, value):
 
 @allocating_kernel
 def face_samples(corners, faces, is_left_out):
-    """Return samples spread evenly over faces, whatever their areas: points and unit normals, (N, 6).
+    """Return samples spread evenly over faces, independent of area: points and unit normals, (N, 6).
 
-    *is_left_out* (F,): faces on which there are none.
+    *is_left_out* (F,): faces to skip.
     """
     among = rows_where(is_left_out, False)
     sample_count = len(FACE_SAMPLE_WEIGHTS) * len(among)
@@ -94,7 +95,7 @@ def face_samples(corners, faces, is_left_out):
 
 @kernel
 def _add_sample(corners, faces, face, u, v, w, samples, count):
-    """Add the point of a face with these weights, unless the face has no area; how many there are then."""
+    """Add the point of a face with these weights, unless the face has no area; return the new count."""
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     for axis in range(3):
         j, k = (axis + 1) % 3, (axis + 2) % 3

@@ -1,1 +1,1 @@
-"""The closest point of one part: exact, within a budget, or from the last answer."""
+"""Closest point of one part: exact, within a budget, or from the last answer."""

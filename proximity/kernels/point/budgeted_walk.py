@@ -1,4 +1,4 @@
-"""The closest point within a budget of steps, with a certified lower bound when it is spent.
+"""Closest point within a budget of steps, with a certified lower bound if the budget ends the search.
 
 See `traverse.best_first` for the order in which nodes are opened.
 """
@@ -25,27 +25,27 @@ from proximity.native.simd import maximum, minimum, narrow, select, splat, splat
 NO_TOLERANCE = 0.0, 0.0
 """Tolerance of an exact search, see `_target_sq`."""
 FAR_OUT = 2.0**40
-"""Part sizes from which on squares are taken in float64. Up to there a coordinate beyond 2 that is rounded to
-float32 puts a gap off by 2^-23 of itself at most: `BOUND_SHRINK` makes up for it; up to 2 the boxes do."""
+"""Part sizes from which on squares are taken in float64. Below, rounding a coordinate beyond 2 to float32
+changes a gap by at most 2^-23 of itself, covered by `BOUND_SHRINK`; up to 2 the boxes' padding covers it."""
 BOUND_SHRINK = 1.0 - 2.0**-19
-"""Factor on a computed float32 bound: makes up for its roundings, twice over."""
+"""Factor on a computed float32 bound: covers twice its rounding."""
 DOWN = 1.0 - 2.0**-50
-"""Factor on a lower bound in float64: makes up for a few roundings, as of a root and a division."""
+"""Factor on a lower bound in float64: covers a few roundings, such as a root and a division."""
 
 
 @inlined
 def _query_in(frames, parts, part, point):
-    """A point of the scene's frame as seen from *part*: x, y, z, `factor_of`, and whether it is far out."""
+    """Return a scene point in the frame of *part*: x, y, z, `factor_of`, and whether it is far."""
     x, y, z = point
     px, py, pz = to_local(frames, parts, part, x, y, z)
-    # Not far where it is NaN: nothing is opened then, in float32.
+    # NaN counts as near: float32 bounds then open no node.
     is_far = abs(px) > FAR_OUT or abs(py) > FAR_OUT or abs(pz) > FAR_OUT
     return px, py, pz, factor_of(frames, part), is_far
 
 
 @inlined
 def _bounds(words, base, query):
-    """Squared distances (float32x8) below which nothing in the children of a node lies, in the scene's scale.
+    """Return lower bounds (float32x8) of the squared distances to a node's children, in the scene's scale.
 
     *query*: see `_query_in`. Unused lanes give inf, or NaN in a part that is too small for bounds.
     """
@@ -62,16 +62,16 @@ def _bounds(words, base, query):
 
 @inlined
 def _prune_bound(target_sq):
-    """The float32 number, at or above *target_sq*, up to which a bound may hide something nearer."""
+    """Return the float32 limit, at or above *target_sq*, for bounds of subtrees to open."""
     return min(np.float32(target_sq * (1.0 + 2.0**-22)), LARGEST_BOUND)
 
 
 @inlined
 def _target_sq(best, tolerance):
-    """The squared distance from which on nothing more is looked for: a little below the best found.
+    """Return the squared distance at which the search ends: a little below the best found.
 
-    *tolerance*: the share of the distance that may be missed, 0 for an exact search, and a length (scene's
-    scaled frame) within which it is exact.
+    *tolerance*: permitted relative error of the distance, 0 for an exact search, and a length (scene's scaled
+    frame) within which the search is exact.
     """
     best_sq, best_slot = best
     share, exact_within = tolerance
@@ -86,14 +86,14 @@ def _target_sq(best, tolerance):
 
 @inlined
 def factor_of(frames, part):
-    """Factor from squared local lengths of *part* to the scene's scale: a power of two."""
+    """Return the factor from squared local lengths of *part* to the scene's scale: a power of two."""
     ratio = frames[len(frames) - 1].scale / frames[part].scale
     return ratio * ratio
 
 
 @inlined
 def known_sq(model, part, slot, point):
-    """Squared distance from a point of the scene's frame to one triangle, in the scene's scaled frame."""
+    """Return the squared distance from a point of the scene's frame to one triangle, in the scene's scale."""
     reals, _, frames, parts = model
     px, py, pz = to_local(frames, parts, part, point[0], point[1], point[2])
     return slot_distance_sq(reals, slot, px, py, pz) * factor_of(frames, part)
@@ -101,7 +101,7 @@ def known_sq(model, part, slot, point):
 
 @inlined
 def best_known(model, part, slot, point):
-    """The same to the nearest triangle of the block that *slot* is in; and its slot."""
+    """Return the same to the nearest triangle of the slot's block, and its slot."""
     reals, _, frames, parts = model
     px, py, pz = to_local(frames, parts, part, point[0], point[1], point[2])
     best_sq, slot = best_of_block(reals, slot, px, py, pz)
@@ -110,7 +110,7 @@ def best_known(model, part, slot, point):
 
 @inlined
 def _nearer_in_leaf(reals, reference, query, best):
-    """`nearer_in_block`, of squared distances in the scene's scaled frame."""
+    """Update *best* like `nearer_in_block`, with squared distances in the scene's scaled frame."""
     px, py, pz, factor, _ = query
     lanes = splat(px), splat(py), splat(pz)
     found_sq, slot = nearer_in_block(reals, ~reference, lanes, best[0] / factor, best[1])
@@ -119,12 +119,12 @@ def _nearer_in_leaf(reals, reference, query, best):
 
 @inlined
 def _bounds_with_slabs(words, parts, reference, query, above):
-    """`_bounds` of the node *reference*, or *above*, what is known of all of it, or by slabs: the greatest.
+    """Return the greatest of three bounds of a node's children: `_bounds`, its own bound *above*, slabs.
 
-    In this order unused lanes stay NaN or inf.
+    This order keeps NaN and inf in unused lanes.
     """
     bounds = maximum(splat32(above), _bounds(words, NODE_STRIDE * reference, query))
-    # Nodes of the trees over parts come after those of the parts, and have no slabs.
+    # Nodes of the trees over parts follow those of the parts, and have no slabs.
     scene = len(parts) - 1
     if reference < parts[scene - 1].root + parts[scene - 1].node_count:
         px, py, pz, factor, _ = query
@@ -138,13 +138,13 @@ _walk = best_first(_query_in, _bounds, _bounds_with_slabs, _nearer_in_leaf, _tar
 
 @inlined
 def nearest_with_budget(model, start, part, point, best, tolerance, budget, workspace):
-    """The nearest surface of a subtree to a point of the scene's frame, as far as *budget* steps tell.
+    """Find the nearest surface of a subtree to a point of the scene's frame, within *budget* steps.
 
-    *point*: (x, y, z). *start*: the reference to walk from, in the frame of *part* (the scene's row for the
-    tree over parts). *best*: squared distance (scene's scaled frame) and slot of what is known already;
-    nothing farther is looked at. *tolerance*: see `_target_sq`. Returns the smallest squared distance found,
-    its slot, the squared distance below which nothing lies (where the search has ended, that of the best, or
-    with a tolerance what is near enough to it), and the steps taken.
+    *point*: (x, y, z). *start*: first reference, in the frame of *part* (the scene's row: the tree over
+    parts). *best*: initial squared distance (scene's scaled frame) and slot; farther triangles are pruned.
+    *tolerance*: see `_target_sq`. Returns the smallest squared distance found, its slot, a lower bound of the
+    squared distance (after a complete search that of the best, or less by the tolerance), and the steps
+    taken.
     """
     (best_sq, slot), lower_sq, work = _walk(model, start, part, point, best, tolerance, budget, workspace)
     return best_sq, slot, lower_sq, work

@@ -1,22 +1,21 @@
-"""The closest surface of a point that moved a little: a search from the last answer.
+"""Closest surface of a point that moved a little, searched from the last answer.
 
-A search ends at a *frontier*: nodes that were opened, with their children that were not, or are leaves. Of
-each of these a plane is kept that has all of it behind, perpendicular to the connection between its nearest
-point and the query, as that was when the plane was made. From a plane a point is never farther than from what
-is behind; and after a small move hardly nearer, for what is neglected is of second order. So the next search
-looks at planes, eight at once, and opens what may hold something nearer than the face that was the nearest.
-Not all planes are looked at: from the distance by which a node's planes are out of reach follows how far the
-point may go before they count again.
+A search ends at a *frontier*: opened nodes, whose children are unopened nodes or leaves. For each of these
+children a plane is stored that separates it from the query, perpendicular to the connection between its
+nearest point and the query at the time the plane was made. The distance to the plane is a lower bound and,
+after a small move, a tight one: the neglected terms are of second order. The next search tests eight planes
+at a time and opens the children that may be nearer than the previous nearest face. Not all planes are tested:
+the least excess of a node's planes over the reach gives the displacement at which they must be tested again.
 
-Five recorded fingers near a bumpy ring of 90 k even triangles take 10 steps a tick in place of 199 (p50),
-half the time; ten near a gear of 118 bodies 55 in place of 243, which is no faster. Near plane faces a walk
-takes 7 steps a finger and is as fast; parts with frames of their own are walked, and gain nothing.
+Five recorded fingers near a bumpy ring of 90 k even triangles take 10 steps a tick instead of 199 (p50), half
+the time; ten near a gear of 118 bodies 55 instead of 243, which is no faster. Near plane faces a walk takes 7
+steps a finger and is as fast; parts with separate frames are walked, without gain.
 
-Tried and dropped (2026-11): distances less the travel since, instead of planes. Of first order, they
-opened twice as many near plane faces as a walk from the root.
+Tried and dropped (2026-11): distances less the displacement since, instead of planes. Being of first order,
+they opened twice as many nodes near plane faces as a walk from the root.
 
 Sources: Li & Chen 1998, "Incremental 3D collision detection with hierarchical data structures" (the
-frontier). That a distance to a convex set lies nowhere below its tangents is textbook.
+frontier). Supporting planes as lower bounds of the distance to a convex set are textbook.
 """
 
 from math import sqrt
@@ -48,46 +47,47 @@ from proximity.native.simd import (
 )
 
 FRONTIER_CAPACITY = 112
-"""Nodes of a frontier; one that would get more begins anew from the root."""
+"""Maximum nodes of a frontier; beyond it the search restarts at the root."""
 DUE_WORD = FRONTIER_CAPACITY // 2
-"""Nodes for which one word of bits says whether they are due."""
+"""Nodes per word of due bits."""
 FRONTIER_GROUP = 4 * LANES
-"""Numbers a node, which come first: its children's planes, x, y, z of the direction and offset."""
+"""Numbers per node, stored first: its children's planes, x, y, z of the direction and offset."""
 FRONTIER_X, FRONTIER_Y, FRONTIER_Z, FRONTIER_OFFSET = 0, LANES, 2 * LANES, 3 * LANES
 FRONTIER_DUE = FRONTIER_GROUP * FRONTIER_CAPACITY
-"""A number a node: the travel up to which the planes of its unopened children are out of reach."""
+"""One number per node: the displacement up to which the planes of its unopened children are out of reach."""
 FRONTIER_NODES = FRONTIER_DUE + FRONTIER_CAPACITY
-"""Its number."""
+"""One number per node: the node's."""
 FRONTIER_TRAVEL = FRONTIER_NODES + FRONTIER_CAPACITY
-"""Distance that the point has come since the frontier began; then its last position. In the tree's frame."""
+"""Accumulated displacement of the point since the frontier began; then its last position. In the tree's
+frame."""
 FRONTIER_LIMIT = FRONTIER_TRAVEL + 4
-"""Nodes that the frontier may get until it begins anew, to be lean again."""
+"""Nodes at which the frontier is rebuilt, to stay small."""
 FRONTIER_SIZE = FRONTIER_LIMIT + 1
 FRONTIER_BEGINS = -1
-"""Count that stands for no frontier yet."""
+"""Count of a frontier not yet built."""
 LONG_WALK = 20
-"""Steps: a walk that takes fewer is as fast as looking through a frontier."""
+"""Steps: a shorter walk is as fast as testing a frontier."""
 MOST_NODES = 2**24
-"""Up to which float32 tells all apart."""
+"""Maximum node number, up to which float32 represents integers exactly."""
 FARTHEST_POINT = 1e3
-"""Part sizes: from farther away all planes look alike in float32."""
+"""Part sizes: from farther away float32 cannot distinguish the planes."""
 MOST_TRAVEL = np.float32(2.0)
-"""Part sizes that a point may have come until its frontier begins anew: it may not be worth keeping here."""
+"""Part sizes: displacement after which the frontier is rebuilt, since it may no longer pay."""
 FLOAT32_ROUNDING = 2.0**-19
-"""Rounding of what is computed in float32, several times over: relative, and in part sizes."""
+"""Rounding error of float32 results, several times over: relative, and in part sizes."""
 SMALLEST_LENGTH_SQ = np.float32(1e-30)
-"""Squared lengths below this give no direction."""
+"""Squared lengths below this have no usable direction."""
 NONE, ONE, INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 BEHIND_NONE = np.float32(-np.inf)
-"""Offset of the plane of a child that is in the frontier itself: out of reach for ever."""
+"""Plane offset of a child that is a node of the frontier: always out of reach."""
 CLOSING_SHARE = np.float32(0.49)
-"""Share of the distance by which a plane is out of reach that the point may travel; a half, since the nearest
-face may recede as the plane comes, less what the sum is rounded by."""
+"""Share of a plane's excess over the reach that the point may move: half, since the nearest face may recede
+as the plane approaches, less the rounding of the sum."""
 
 
 @inlined
 def _plane_of_block(reals, base, px, py, pz):
-    """A plane that has all triangles of a block behind, and is nearly as far from *p* as they are."""
+    """Return a plane with all triangles of a block behind it, at nearly their distance from *p*."""
     wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners_of_block(reals, base)
     to_a = dot(wide_x - ax, wide_y - ay, wide_z - az, wide_x - ax, wide_y - ay, wide_z - az)
@@ -98,7 +98,7 @@ def _plane_of_block(reals, base, px, py, pz):
     least_sq = horizontal_min(select(is_used, least, splat(np.inf)))
     if not SMALLEST_LENGTH_SQ < least_sq < np.inf:
         return 0.0, 0.0, 0.0, 0.0
-    # The corner that is nearest; triangles share corners.
+    # The nearest corner; triangles share corners.
     corner, nearest = 0, bits(to_a <= splat(least_sq))
     if not nearest:
         corner, nearest = 1, bits(to_b <= splat(least_sq))
@@ -119,7 +119,7 @@ def _plane_of_block(reals, base, px, py, pz):
 
 @inlined
 def _plane_of_box(words, position, qx, qy, qz):
-    """The plane of one child's box as it is from *q*: direction and offset; and how far the box is."""
+    """Return the plane of one child's box seen from *q*: direction and offset; and the box's distance."""
     at_x = min(max(qx, lower_at(words, position, 0)), upper_at(words, position, 0))
     at_y = min(max(qy, lower_at(words, position, 1)), upper_at(words, position, 1))
     at_z = min(max(qz, lower_at(words, position, 2)), upper_at(words, position, 2))
@@ -134,7 +134,7 @@ def _plane_of_box(words, position, qx, qy, qz):
 
 @inlined
 def _reach(best_sq, slack):
-    """Largest computed distance of a plane that may have something behind it as near as the best."""
+    """Return the largest computed plane distance at which a child may be as near as the best."""
     return np.float32(sqrt(best_sq) * (1.0 + FLOAT32_ROUNDING) + slack)
 
 
@@ -145,7 +145,7 @@ def _keep_node(words, node, frontier, count, vx, vy, vz):
     at_x, at_y, at_z = nearest_in_boxes(words, base, vx, vy, vz)
     gap_x, gap_y, gap_z = vx - at_x, vy - at_y, vz - at_z
     gap_sq = fma(gap_x, gap_x, fma(gap_y, gap_y, gap_z * gap_z))
-    # Of unused lanes all becomes NaN: they are never opened.
+    # Unused lanes become NaN: they are never opened.
     share = select(gap_sq > splat32(SMALLEST_LENGTH_SQ), splat32(ONE) / square_root(gap_sq), splat32(NONE))
     gap_x, gap_y, gap_z = gap_x * share, gap_y * share, gap_z * share
     store(frontier, at + FRONTIER_X, gap_x)
@@ -157,21 +157,21 @@ def _keep_node(words, node, frontier, count, vx, vy, vz):
 
 @inlined
 def _keep_plane(frontier, at, plane):
-    """Keep the plane of one child: its direction and offset."""
+    """Store the plane of one child: direction and offset."""
     frontier[at + FRONTIER_X], frontier[at + FRONTIER_Y] = plane[0], plane[1]
     frontier[at + FRONTIER_Z], frontier[at + FRONTIER_OFFSET] = plane[2], plane[3]
 
 
 @inlined
 def _keep_point(frontier, travel, qx, qy, qz):
-    """Keep where the point is, and how far it has come."""
+    """Store the point's position and its accumulated displacement."""
     frontier[FRONTIER_TRAVEL], frontier[FRONTIER_TRAVEL + 1] = travel, qx
     frontier[FRONTIER_TRAVEL + 2], frontier[FRONTIER_TRAVEL + 3] = qy, qz
 
 
 @inlined
 def _travel_since(frontier, qx, qy, qz, slack):
-    """Upper bound of the distance that the point has come since the frontier began."""
+    """Return an upper bound of the point's accumulated displacement since the frontier began."""
     sx, sy, sz = (
         qx - frontier[FRONTIER_TRAVEL + 1],
         qy - frontier[FRONTIER_TRAVEL + 2],
@@ -183,7 +183,7 @@ def _travel_since(frontier, qx, qy, qz, slack):
 
 @inlined
 def _begin_frontier(words, root, frontier, vx, vy, vz):
-    """Make a frontier of the root alone."""
+    """Build a frontier of only the root."""
     for k in range(0, FRONTIER_CAPACITY, LANES):
         store(frontier, FRONTIER_DUE + k, splat32(INFINITE))
     _keep_node(words, root, frontier, 0, vx, vy, vz)
@@ -191,7 +191,7 @@ def _begin_frontier(words, root, frontier, vx, vy, vz):
 
 @inlined
 def _due_nodes(frontier, count, travel):
-    """Which nodes are due: two words of bits, one for the first `DUE_WORD`."""
+    """Return the mask of nodes that are due, in two words, the first for `DUE_WORD` nodes."""
     due, also_due = np.int64(0), np.int64(0)
     if travel <= MOST_TRAVEL:
         for k in range(0, min(count, DUE_WORD), LANES):
@@ -203,9 +203,9 @@ def _due_nodes(frontier, count, travel):
 
 @inlined
 def _next_due(due, also_due, fresh):
-    """The next node to look at: of those that are due, or else *fresh*, the next one that is new.
+    """Return the next node to test: one that is due, or else *fresh*, the next new one.
 
-    Returns it, and the three as they are from then on.
+    Returns it and the updated three arguments.
     """
     if due:
         return np.int64(trailing_zeros(due)), due & (due - 1), also_due, fresh
@@ -216,7 +216,7 @@ def _next_due(due, also_due, fresh):
 
 @inlined
 def _away(frontier, node, vx, vy, vz):
-    """Distances to the planes of a node's children; inf for a child that is in the frontier itself."""
+    """Return distances to the planes of a node's children; inf for a child that is in the frontier itself."""
     at = FRONTIER_GROUP * node
     away = fma(load(frontier, at + FRONTIER_Z), vz, -load(frontier, at + FRONTIER_OFFSET))
     return fma(load(frontier, at + FRONTIER_X), vx, fma(load(frontier, at + FRONTIER_Y), vy, away))
@@ -224,7 +224,7 @@ def _away(frontier, node, vx, vy, vz):
 
 @inlined
 def _better_plane(reals, block, p, plane):
-    """The plane of a block where it is farther from *p* than *plane*, that of its box."""
+    """Return the plane of a block if it is farther from *p* than *plane*, that of its box; else *plane*."""
     px, py, pz = p
     gx, gy, gz, offset = _plane_of_block(reals, block, px, py, pz)
     length = gx * px + gy * py + gz * pz - offset
@@ -235,12 +235,12 @@ def _better_plane(reals, block, p, plane):
 
 @inlined
 def _look_into_leaf(reals, reference, seen, p, best_sq, slot, plane):
-    """`nearer_in_block`, unless the block has been *seen*; and the plane that is kept of it."""
+    """Update the best like `nearer_in_block`, unless the block is *seen*; also return the plane to store."""
     px, py, pz = p
     if reference != seen:
         lanes = splat(px), splat(py), splat(pz)
         best_sq, slot = nearer_in_block(reals, ~reference, lanes, best_sq, slot)
-    # Where the nearest face is, no plane is out of reach.
+    # In the nearest face's block no plane is out of reach.
     if slot // LANES != ~reference:
         plane = _better_plane(reals, BLOCK_STRIDE * ~reference, p, plane)
     return best_sq, slot, plane
@@ -248,15 +248,14 @@ def _look_into_leaf(reals, reference, seen, p, best_sq, slot, plane):
 
 @kernel
 def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, workspace):
-    """The surface of the whole scene nearest to a point of its frame: exactly, or not at all.
+    """Find the nearest surface of the whole scene to a point of its frame, exactly or not at all.
 
-    *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face, best the one that was nearest a
-    moment ago. *frontier* (`FRONTIER_SIZE`,): of the last search, with *count* nodes, or
-    `FRONTIER_BEGINS`. The scene must not have changed since; but where there is one part, it may have moved.
-
-    Returns the squared distance (scene's scaled frame), part and slot of the nearest found; whether nothing
-    is nearer, or *budget* steps were too few to know; the frontier's count, 0 where it is not to be kept,
-    even if it answered well; and the steps taken, one more than *budget* at most.
+    *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face, ideally the previous nearest one.
+    *frontier* (`FRONTIER_SIZE`,): of the last search, with *count* nodes, or `FRONTIER_BEGINS`. The scene
+    must not have changed since, except for the pose of a single part. Returns the squared distance (scene's
+    scaled frame), part and slot of the nearest found; whether it is exact, False if *budget* steps did not
+    suffice; the frontier's count, 0 if it is to be discarded even after an exact answer; and the steps taken,
+    at most *budget* + 1.
     """
     reals, words, frames, parts = model
     walk_row = np.int64(0) if is_alone(parts) else len(parts) - 1
@@ -274,7 +273,7 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
     vx, vy, vz = splat32(qx), splat32(qy), splat32(qz)
 
     travel = _travel_since(frontier, qx, qy, qz, slack)
-    # Nodes that are due, by bits; and the first of those that come to the frontier in this search.
+    # Bits of due nodes, and the first node added in this search.
     due, also_due = _due_nodes(frontier, count, travel)
     begins, fresh = count <= 0 or not travel <= MOST_TRAVEL, count
     has_begun, is_found = False, True
@@ -290,7 +289,7 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
         if node >= count:
             break
         away, reach = _away(frontier, node, vx, vy, vz), _reach(best_sq, slack)
-        # Of the children that are looked at: which, and how far the nearest is from then on.
+        # Tested children, and the least distance of their new planes.
         looked_at, least = np.int64(0), INFINITE
         while True:
             opened = bits(away <= splat32(reach)) & ~looked_at
@@ -316,7 +315,7 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
                 elif ~reference < ENTRY:
                     best_sq, slot, plane = _look_into_leaf(reals, reference, seen, p, best_sq, slot, plane)
                 else:
-                    # A part with a frame of its own is walked.
+                    # A part with a separate frame is walked.
                     entry = parts[walk_row].entries + 2 * (~reference - ENTRY)
                     start, owner = np.int64(load_int(words, entry + 1)), np.int64(load_int(words, entry))
                     best_sq, slot, lower_sq, steps = nearest_with_budget(

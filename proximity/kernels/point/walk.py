@@ -1,16 +1,15 @@
-"""The closest-point walk over one part, and over a whole scene.
+"""Closest-point walk over one part, and over a whole scene.
 
-The answer is the smallest computed squared distance, and among equals the lowest slot; a box is skipped only
-when its bound exceeds the best. So the answer depends neither on the order of the walk nor on a bound known
-beforehand.
+The answer is the smallest computed squared distance, and among ties the lowest slot; a box is pruned only if
+its bound exceeds the best. So the answer depends neither on the order of the walk nor on the initial bound.
 
-The boxes of a scene's tree are in the scene's own scaled frame, kept in the row behind the last part's in
-``frames`` and ``parts``; squared distances are compared there, and all scales are powers of two, so that
-nothing is rounded from frame to frame.
+Boxes of a scene's tree are in the scene's scaled frame, stored in the last row of ``frames`` and ``parts``;
+squared distances are compared in it, and all scales are powers of two, so that changing frames does not
+round.
 
-Tried and dropped (2026-11, AVX-512): a store that compresses into memory instead of a register (1.4 times
-the time: microcode); one division for the four of a triangle (no change); always the first open child
-instead of the nearest (3 times the time, except with a bound that is known).
+Tried and dropped (2026-11, AVX-512): a store that compresses into memory instead of a register (1.4 times the
+time: microcode); one division for the four of a triangle (no change); always the first open child instead of
+the nearest (3 times the time, except with a known bound).
 """
 
 import numpy as np
@@ -32,14 +31,14 @@ from proximity.native import inlined
 from proximity.native.simd import bits, horizontal_min, select, splat, splat32, trailing_zeros
 
 NOTHING_SEEN = 0
-"""A reference that no block has."""
+"""A reference that is not a block."""
 
 
 @inlined
 def nearer_in_block(reals, block, p, best_sq, best_slot):
-    """Squared distance and slot of the best so far or, nearer or of a lower slot, a triangle of *block*.
+    """Return squared distance and slot of *best* or of a better triangle of *block*.
 
-    *p*: the point, (x, y, z) of float64x8.
+    *p*: the point, (x, y, z) of float64x8. Better: nearer, or as near with a lower slot.
     """
     distances = point_block_distance_sq(reals, BLOCK_STRIDE * block, p)
     is_better = distances <= splat(best_sq)
@@ -53,9 +52,9 @@ def nearer_in_block(reals, block, p, best_sq, best_slot):
 
 @inlined
 def best_of_block(reals, slot, px, py, pz):
-    """Squared distance from *p*, local, to the nearest triangle of the block a slot is in; its slot.
+    """Return the squared distance from *p*, local, to the nearest triangle of the slot's block; and its slot.
 
-    It takes less time than one triangle alone, and a walk that starts from there need not come by again.
+    Faster than one triangle alone, and a walk that starts from the result can skip the block.
     """
     p = splat(px), splat(py), splat(pz)
     return nearer_in_block(reals, slot // LANES, p, np.inf, np.int64(NO_SLOT))
@@ -63,7 +62,7 @@ def best_of_block(reals, slot, px, py, pz):
 
 @inlined
 def slot_distance_sq(reals, slot, px, py, pz):
-    """Squared distance from *p* to the triangle at *slot*: to the bit what the walk computes for it."""
+    """Return the squared distance from *p* to the triangle at *slot*: bit-identical to the walk's."""
     return point_triangle_distance_sq((px, py, pz), *corners_at(reals, offset_of(slot)))
 
 
@@ -84,9 +83,9 @@ def _nearer_in_leaf(reals, reference, query, best):
 
 @inlined
 def _boxes_of(model, row, p, offset):
-    """Whether oriented boxes are looked at in a walk of *row*; words, where they begin, the point in float32.
+    """Return whether a walk of *row* tests oriented boxes, words, their offset, and the point in float32.
 
-    They tell nothing about a point that is far, see `far_offset_sq`.
+    They give no bound for a far point, see `far_offset_sq`.
     """
     (x, y, z), is_asked = p, model.parts[row].is_oblique != 0 and offset <= 0.0
     return is_asked, model.words, model.parts[row].block_boxes, (np.float32(x), np.float32(y), np.float32(z))
@@ -94,7 +93,7 @@ def _boxes_of(model, row, p, offset):
 
 @inlined
 def _is_box_beyond(boxes, block, best_sq):
-    """Whether a block is farther than the best, as its oriented box tells."""
+    """Test whether a block's oriented box is farther than the best."""
     is_asked, words, first, (x, y, z) = boxes
     at = first + ORIENTED_STRIDE * block
     return is_asked and oriented_box_distance_sq(words, at, x, y, z) > reach_into_boxes(best_sq)
@@ -105,10 +104,10 @@ _walk_part = depth_first(_open_children, in_blocks(_nearer_in_leaf, fetch_ahead)
 
 @inlined
 def closest_in_part(model, part, start, p, best_sq, best_slot, seen, stacks):
-    """Squared distance and slot of the triangle nearest to *p*, (x, y, z), all in the part's local frame.
+    """Find the triangle nearest to *p*, (x, y, z), local; return squared distance and slot.
 
-    *start*: the reference to walk from, the part's root for all of it. *best_sq* and *best_slot*: what is
-    known already; nothing farther is looked at. *seen*: the block they are the best of, or `NOTHING_SEEN`.
+    *start*: first reference, the part's root for all of it. *best_sq* and *best_slot*: initial best; farther
+    triangles are pruned. *seen*: the block already searched for it, or `NOTHING_SEEN`.
     """
     lanes = lanes_of_point(p[0], p[1], p[2])
     best = bound_of(best_sq, lanes[2]), best_sq, best_slot
@@ -119,7 +118,7 @@ def closest_in_part(model, part, start, p, best_sq, best_slot, seen, stacks):
 
 @inlined
 def _nearer_in_part(model, part, start, query, best, stacks):
-    """The best, with what is below *start* in a part that has a frame of its own."""
+    """Update *best* with the subtree *start* of a part with a separate frame."""
     _, _, frames, parts = model
     (_, _, offset), seen, (x, y, z), _ = query
     _, best_sq, best_slot = best
@@ -136,10 +135,10 @@ _walk_scene = depth_first(_open_children, in_blocks_and_parts(_nearer_in_leaf, _
 
 @inlined
 def nearest_in_scene(model, point, best_sq, best_part, best_slot, seen, stacks):
-    """Squared distance (scene's scaled frame), part and slot of the surface nearest to a point, (x, y, z).
+    """Return squared distance (scene's scaled frame), part and slot of the surface nearest to (x, y, z).
 
-    What is known already goes in as best; with `NO_PART` it is the limit. *seen*: as in `closest_in_part`.
-    Ties go to the lower part, then to the lower slot.
+    The initial best is the last answer, or with `NO_PART` a limit. *seen*: as in `closest_in_part`. Ties go
+    to the lower part, then to the lower slot.
     """
     _, words, frames, parts = model
     x, y, z = point
@@ -159,7 +158,7 @@ def nearest_in_scene(model, point, best_sq, best_part, best_slot, seen, stacks):
 
 @inlined
 def nearest_from_block(model, point, limit_sq, part, slot, stacks):
-    """`nearest_in_scene`, starting from the block of what the point before has found, if anything."""
+    """Find the nearest surface like `nearest_in_scene`, starting from the previous answer's block."""
     reals, _, frames, parts = model
     x, y, z = point
     best_sq, seen = limit_sq, np.int64(NOTHING_SEEN)

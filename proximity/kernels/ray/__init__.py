@@ -1,1 +1,1 @@
-"""The first hit of a ray with one part."""
+"""First hit of a ray with one part."""

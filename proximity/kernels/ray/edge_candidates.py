@@ -1,8 +1,8 @@
-"""Edges of a body that may meet another face of it: few; a close look at all of them would take a second.
+"""Edges of a body that may meet another of its faces: few; testing all edges exactly would take a second.
 
-Where all corners of a face are on one side of a triangle's plane, none of its edges passes through that
-triangle or lies on it. So the blocks near a block are listed once, and each of its faces is compared with
-those whose boxes it reaches, eight triangles at a time.
+If all corners of a face are on one side of a triangle's plane, none of its edges meets that triangle. The
+blocks near a block are listed once, and each of its faces is compared, eight triangles at a time, with those
+blocks whose boxes it overlaps.
 """
 
 import numpy as np
@@ -17,20 +17,20 @@ from proximity.native import inlined, kernel
 from proximity.native.simd import bits, maximum, minimum, splat, splat32, trailing_zeros
 
 MOST_NEAR = 32
-"""Blocks that are listed for one: where there are more, as next to long faces, it is sooner said of all edges
-that they may meet something."""
+"""Maximum blocks listed for one. With more, such as next to long faces, marking all edges as candidates is
+faster."""
 NEAR_BOXES = 6 * MOST_NEAR
 SURELY_DEEP_SQ, SURELY_FLAT_SQ = 0.25, 4.0
-"""Squared depths between which a corner may be either: this side of a plane, or in it. The heights here are
-rounded otherwise than those that decide, by a millionth of the depth."""
+"""Squared depths between which a corner counts as both in a plane and beyond it. The heights here differ by
+rounding from those that decide, by a millionth of the depth."""
 ALL_EDGES = 7
 UNKNOWN = -1
-"""In place of the bits of edges: all of them, which may be too many."""
+"""Edge bits not yet computed."""
 
 
 @kernel
 def _list_near(words, root, position, stack, near, near_boxes):
-    """List the blocks whose boxes overlap that of the child at a position; how many, or too many.
+    """List the blocks whose boxes overlap that of the child at a position; return their number, or too many.
 
     *near_boxes*: the sides of eight boxes at a time, as in nodes.
     """
@@ -63,7 +63,7 @@ def _list_near(words, root, position, stack, near, near_boxes):
 
 @inlined
 def _overlapping(words, at, low_x, low_y, low_z, high_x, high_y, high_z):
-    """Which of the eight boxes at *at* overlap a box: bits."""
+    """Return the mask of the eight boxes at *at* that overlap a box."""
     (lx, ly, lz), (ux, uy, uz) = boxes_of(words, at)
     return bits(
         (lx <= high_x) & (ux >= low_x) & (ly <= high_y) & (uy >= low_y) & (lz <= high_z) & (uz >= low_z)
@@ -72,7 +72,10 @@ def _overlapping(words, at, low_x, low_y, low_z, high_x, high_y, high_z):
 
 @inlined
 def _reached(corners, a, b, c, near_boxes, at):
-    """Which of eight boxes a face reaches: bits. Its own is rounded by less than the margin of the others."""
+    """Return the mask of eight boxes that a face overlaps.
+
+    Their padding exceeds the rounding of the face's box.
+    """
     low_x = min(corners[a, 0], corners[b, 0], corners[c, 0])
     low_y = min(corners[a, 1], corners[b, 1], corners[c, 1])
     low_z = min(corners[a, 2], corners[b, 2], corners[c, 2])
@@ -87,7 +90,7 @@ def _reached(corners, a, b, c, near_boxes, at):
 
 @inlined
 def _height_over(nx, ny, nz, ax, ay, az, corners, corner):
-    """Heights of a corner above eight planes, times the lengths of their normals."""
+    """Return the heights of a corner above eight planes, times the lengths of their normals."""
     return dot(
         nx, ny, nz, splat(corners[corner, 0]) - ax, splat(corners[corner, 1]) - ay,
         splat(corners[corner, 2]) - az,
@@ -96,7 +99,7 @@ def _height_over(nx, ny, nz, ax, ay, az, corners, corner):
 
 @inlined
 def _owned_edges(neighbors, face):
-    """Which edges a face has that its neighbours of lower numbers do not have: bits."""
+    """Return the mask of a face's edges not shared with a neighbour of lower number."""
     edges = 0
     for k in range(3):
         if not 0 <= neighbors[face, k] < face:
@@ -106,7 +109,7 @@ def _owned_edges(neighbors, face):
 
 @inlined
 def _shared_edges(neighbors, face, other):
-    """Which edges a face has in common with another: bits."""
+    """Return the mask of a face's edges shared with another face."""
     return (
         (neighbors[face, 0] == other)
         | (neighbors[face, 1] == other) << 1
@@ -116,7 +119,7 @@ def _shared_edges(neighbors, face, other):
 
 @kernel
 def _creased_edges(corners, faces, neighbors, face, edges, depth):
-    """Which of some edges (bits) of a face are creased."""
+    """Return the mask of the creased ones among a face's *edges* (bits)."""
     found = 0
     for k in range(3):
         is_asked = (edges >> k) & 1
@@ -127,7 +130,7 @@ def _creased_edges(corners, faces, neighbors, face, edges, depth):
 
 @kernel
 def _edges_on(corners, faces, face, other, edges, depth):
-    """Which of some edges (bits) of a face lie on another face."""
+    """Return the mask of a face's *edges* (bits) that lie on another face."""
     found = 0
     for k in range(3):
         start, end = faces[face, k], faces[face, (k + 1) % 3]
@@ -139,7 +142,7 @@ def _edges_on(corners, faces, face, other, edges, depth):
 
 @kernel
 def _edges_through(corners, faces, slot_faces, reals, face, block, lanes, edges, depth):
-    """Which of some edges (bits) of a face pass through a triangle in one of some lanes (bits) of a block."""
+    """Return the mask of a face's *edges* (bits) that cross a triangle in *lanes* (bits) of a block."""
     found = 0
     for k in range(3):
         if not (edges >> k) & 1:
@@ -159,7 +162,7 @@ def _edges_through(corners, faces, slot_faces, reals, face, block, lanes, edges,
 
 @inlined
 def planes_of_block(reals, base):
-    """A corner and a normal of each of eight triangles."""
+    """Return a corner and a normal of each of eight triangles."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners_of_block(reals, base)
     normals = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
     return (ax, ay, az), normals
@@ -167,7 +170,7 @@ def planes_of_block(reals, base):
 
 @inlined
 def _meeting(corners, faces, face, planes, deep, flat):
-    """Which of eight triangles a face may pass through, and in whose planes each of its corners is: bits."""
+    """Return the mask of triangles that a face may cross, and for each corner that of coplanar triangles."""
     (ax, ay, az), (nx, ny, nz) = planes
     h0 = _height_over(nx, ny, nz, ax, ay, az, corners, faces[face, 0])
     h1 = _height_over(nx, ny, nz, ax, ay, az, corners, faces[face, 1])
@@ -181,14 +184,14 @@ def _meeting(corners, faces, face, planes, deep, flat):
 
 @inlined
 def _flat_edges(flats, lane):
-    """Which edges of a face are in the plane of the triangle in a lane: bits. *flats*: of each corner."""
+    """Return the mask of a face's edges in the plane of a lane's triangle. *flats*: mask of each corner."""
     is_in0, is_in1, is_in2 = (flats[0] >> lane) & 1, (flats[1] >> lane) & 1, (flats[2] >> lane) & 1
     return (is_in0 & is_in1) | (is_in1 & is_in2) << 1 | (is_in2 & is_in0) << 2
 
 
 @inlined
 def _lanes_to_ask(neighbors, slot_faces, face, first, flats, owned):
-    """Which triangles an owned edge of a face may lie on without being an edge of theirs: bits of lanes."""
+    """Return the mask of triangles on which an owned edge of a face may lie without being an edge of both."""
     lain, asked = (flats[0] & flats[1]) | (flats[1] & flats[2]) | (flats[2] & flats[0]), 0
     while lain:
         lane = trailing_zeros(lain)
@@ -201,10 +204,10 @@ def _lanes_to_ask(neighbors, slot_faces, face, first, flats, owned):
 
 @kernel
 def _edges_lying(corners, faces, neighbors, slot_faces, face, first, asked, flats, owned, creased, depth):
-    """Which edges of a face lie on triangles in whose planes its corners are: bits.
+    """Return the mask of a face's edges that lie on triangles whose planes contain them.
 
-    *first*: slot of the triangles; *asked*: bits of lanes; *flats*: of each corner. Returns also which edges
-    are *creased*, or `UNKNOWN` as long as nobody needs to know.
+    *first*: slot of the triangles; *asked*: bits of lanes; *flats*: mask of each corner. Also returns the
+    mask of *creased* edges, or `UNKNOWN` if not needed yet.
     """
     edges = 0
     while asked and creased != 0:
@@ -223,9 +226,9 @@ def _edges_lying(corners, faces, neighbors, slot_faces, face, first, asked, flat
 def _compare_blocks(
     corners, faces, neighbors, slot_faces, reals, block, other, met, creased, depth, candidates
 ):
-    """Note which edges of the faces in slots *met* (bits) of a block may meet a triangle of *other*.
+    """Mark edges of the faces in slots *met* (bits) of a block that may meet a triangle of *other*.
 
-    *creased* (8,) int64: of each slot, the edges that are, or `UNKNOWN`.
+    *creased* (8,) int64: for each slot the mask of creased edges, or `UNKNOWN`.
     """
     planes, first = planes_of_block(reals, BLOCK_STRIDE * other), LANES * other
     nx, ny, nz = planes[1]
@@ -253,7 +256,7 @@ def _compare_blocks(
 def _compare_block(
     corners, faces, neighbors, slot_faces, reals, block, near, near_boxes, count, depth, candidates
 ):
-    """Note which edges of a block's faces may meet something in the *count* blocks that are near."""
+    """Mark edges of a block's faces that may meet a face in the *count* nearby blocks."""
     met, creased = stack_i64(MOST_NEAR), stack_i64(LANES)
     for number in range(min(count, MOST_NEAR)):
         met[number] = 0
@@ -281,7 +284,7 @@ def _compare_block(
 
 @kernel
 def note_candidates(corners, faces, neighbors, slot_faces, reals, words, root, depth, candidates):
-    """Fill which edges of each face may meet another face, within *depth*: bits, (F,) uint8.
+    """Fill the mask of each face's edges that may meet another face, within *depth*: (F,) uint8.
 
     The other arguments are those of `self_intersections.passing_faces`.
     """

@@ -1,7 +1,7 @@
-"""How an edge of a body lies to its own faces, and to another face: apart, through it, or on it.
+"""Relation of an edge of a body to its faces, and to another face: apart, crossing it, or on it.
 
-*corners* (K, 3) float64 and *faces* (F, 3) as in `mesh.faces`; *depth*: the distance within which a corner is
-in a plane.
+*corners* (K, 3) float64 and *faces* (F, 3) as in `mesh.faces`; *depth*: the distance within which a corner
+counts as in a plane.
 """
 
 from math import frexp, ldexp, sqrt
@@ -11,10 +11,10 @@ from proximity.kernels.mesh.faces import corner_distance_sq, face_normal
 from proximity.native import inlined, kernel
 
 SHORTEST_CONTACT = 1e4
-"""Depths: of an edge that lies on a face, more than this much does; less is two corners that touch."""
+"""Minimum length, in depths, of an edge's overlap with a face; a shorter one is two corners that touch."""
 EDGE_FLAT, EDGE_CREASED, EDGE_UNCLEAR = 0, 1, 2
-"""Edges: between faces in one plane, beside each other; between faces that are not; where one of them is on
-the other, or thinner than any."""
+"""Edges: between adjacent faces in one plane; between faces in different planes; between faces that overlap,
+or with a face thinner than *depth*."""
 
 
 @inlined
@@ -24,7 +24,7 @@ def has_corner(faces, face, corner):
 
 @kernel
 def _plane(corners, faces, face, depth):
-    """A normal of a face, and its length, or 0 where the face is thinner than *depth* and has no plane."""
+    """Return a normal of a face, and its length, or 0 for a face thinner than *depth*, without a plane."""
     nx, ny, nz = face_normal(corners, faces, face)
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     longest_sq = max(corner_distance_sq(corners, a, b), corner_distance_sq(corners, a, c))
@@ -34,7 +34,7 @@ def _plane(corners, faces, face, depth):
 
 @inlined
 def _height(corners, faces, face, nx, ny, nz, corner):
-    """Height of a corner above the plane of a face, times the length of the normal *n*."""
+    """Return the height of a corner above the plane of a face, times the length of the normal *n*."""
     a = faces[face, 0]
     return dot(
         nx, ny, nz, corners[corner, 0] - corners[a, 0], corners[corner, 1] - corners[a, 1],
@@ -44,7 +44,7 @@ def _height(corners, faces, face, nx, ny, nz, corner):
 
 @kernel
 def reaches_through(corners, faces, face, start, end, depth):
-    """Whether an edge that meets a face goes on beyond it, on both sides, by more than contact does."""
+    """Test whether an edge that meets a face extends beyond it on both sides by more than *depth*."""
     nx, ny, nz, length = _plane(corners, faces, face, depth)
     if length == 0.0:
         return False
@@ -56,9 +56,9 @@ def reaches_through(corners, faces, face, start, end, depth):
 
 @kernel
 def lies_on(corners, faces, face, start, end, depth):
-    """Whether of an edge in the plane of a face more than the shortest lies on it.
+    """Test whether an edge in a face's plane overlaps the face by more than the minimum length.
 
-    Along its rim as well, unless they share a corner: near that, thin faces are nowhere far from their rims.
+    Includes the rim, unless they share a corner: near it, thin faces are close to their rims everywhere.
     """
     slack = -depth if has_corner(faces, face, start) or has_corner(faces, face, end) else depth
     nx, ny, nz, length = _plane(corners, faces, face, depth)
@@ -89,7 +89,7 @@ def lies_on(corners, faces, face, start, end, depth):
 
 @kernel
 def kind_of_edge(corners, faces, face, other, depth):
-    """The kind of an edge, by how its two faces lie to each other; *other* may be missing."""
+    """Return the kind of an edge from the relation of its two faces; *other* may be missing."""
     if other < 0:
         return EDGE_CREASED
     nx, ny, nz, length = _plane(corners, faces, face, depth)
@@ -105,9 +105,9 @@ def kind_of_edge(corners, faces, face, other, depth):
 
 @inlined
 def edge_ray(corners, start, end):
-    """An edge as a ray: its start, its direction, near 1 in the largest component, and how far it goes.
+    """Return an edge as a ray: start, direction with largest component near 1, and length.
 
-    The last is 0 for an edge without length.
+    The length, in units of the direction, is 0 for a degenerate edge.
     """
     ox, oy, oz = corners[start, 0], corners[start, 1], corners[start, 2]
     dx, dy, dz = corners[end, 0] - ox, corners[end, 1] - oy, corners[end, 2] - oz

@@ -1,4 +1,4 @@
-"""Rows of answers for rays, computed for eight hits at a time."""
+"""Answer rows for rays, computed for eight hits at a time."""
 
 import numpy as np
 
@@ -25,13 +25,13 @@ ROTATION_AT, TRANSLATION_AT = field_at(FRAME, "rotation"), field_at(FRAME, "tran
 CENTRE_AT, SCALE_AT = field_at(FRAME, "centre"), field_at(FRAME, "scale")
 
 HITS_SIZE = RAY_ANSWER_REALS * RAY_CHUNK
-"""float64 of a table of answers, column by column."""
+"""float64 of a table of answers by column."""
 HIT_OFFSETS_SIZE = 2 * RAY_CHUNK
 
 
 @inlined
 def write_no_hit(answers, choices, row, distance):
-    """A row without a face: *distance* is inf for a miss, nan for a ray that is none."""
+    """Write a row without a face: *distance* is inf for a miss, nan for an invalid ray."""
     answers[row, RAY_ANSWER_DISTANCE] = distance
     if answers.shape[1] == DISTANCE_WIDTH:
         return
@@ -43,7 +43,7 @@ def write_no_hit(answers, choices, row, distance):
 
 @inlined
 def write_hit(words, parts, part, slot, hits, k, answers, choices, row):
-    """The row of hit *k* of the table, which `fill_hits` has filled, but for its distance."""
+    """Write the row of hit *k* from the table filled by `fill_hits`, except for its distance."""
     for column in range(1, RAY_ANSWER_REALS):
         answers[row, column] = hits[RAY_CHUNK * column + k]
     choices[row, RAY_ANSWER_PART] = part
@@ -54,8 +54,8 @@ def write_hit(words, parts, part, slot, hits, k, answers, choices, row):
 def fill_hits(reals, words, frames, parts, slots, at, views, owners, hit_offsets, hits):
     """Fill columns *at* to *at* + 7 of *hits*: point, normal and barycentric of hits, scene's frame.
 
-    *slots*: what was hit; where that is negative, nothing comes of it. *views*: the table of the rays.
-    *owners* gets the part of each; *hit_offsets* (HIT_OFFSETS_SIZE,) is scratch.
+    *slots*: the slots hit; columns with a negative one are meaningless. *views*: the table of the rays.
+    *owners* receives the part of each; *hit_offsets* (HIT_OFFSETS_SIZE,) is scratch.
     """
     frame_reals, is_turned = reals_of(frames), False
     for k in range(at, at + LANES):
@@ -73,7 +73,7 @@ def fill_hits(reals, words, frames, parts, slots, at, views, owners, hit_offsets
     ax, ay, az = _corner(reals, hit_offsets, at, 0)
     bx, by, bz = _corner(reals, hit_offsets, at, CORNER_STRIDE)
     cx, cy, cz = _corner(reals, hit_offsets, at, 2 * CORNER_STRIDE)
-    # From the corner that weighs most: nothing is lost where the hit is a corner.
+    # From the corner with the largest weight: a hit at a corner is exact.
     is_b, is_c = b1 > b0, b2 > maximum(b0, b1)
     second, third = _after(is_b, is_c, b0, b1, b2)
     frames_at = RAY_CHUNK + at
@@ -94,7 +94,7 @@ def fill_hits(reals, words, frames, parts, slots, at, views, owners, hit_offsets
         py + load_each(frame_reals, hit_offsets, frames_at, TRANSLATION_AT + 1),
         pz + load_each(frame_reals, hit_offsets, frames_at, TRANSLATION_AT + 2),
     )  # fmt: skip
-    # A face without area has no normal: it faces the ray.
+    # A face without area has no normal: the reverse ray direction is used.
     size_sq = dot(nx, ny, nz, nx, ny, nz)
     has_area = size_sq > splat(0.0)
     dx, dy, dz = load_three(views, VIEW_DIRECTION, at)
@@ -114,13 +114,13 @@ def _corner(reals, hit_offsets, at, corner):
 
 @inlined
 def _after(is_b, is_c, a, b, c):
-    """The two of three values that follow, in cyclic order, the one with the largest weight."""
+    """Return the two of three values that follow, in cyclic order, the one with the largest weight."""
     return select(is_c, a, select(is_b, c, b)), select(is_c, b, select(is_b, a, c))
 
 
 @inlined
 def _weighted(is_b, is_c, a, b, c, second, third):
-    """A coordinate from those of the corners, and the weights of the two after the heaviest."""
+    """Return a coordinate from those of the corners, and the weights of the two after the heaviest."""
     heaviest = select(is_c, c, select(is_b, b, a))
     one, other = _after(is_b, is_c, a, b, c)
     return heaviest + second * (one - heaviest) + third * (other - heaviest)
@@ -128,7 +128,7 @@ def _weighted(is_b, is_c, a, b, c, second, third):
 
 @inlined
 def _turned(frame_reals, hit_offsets, at, x, y, z):
-    """Directions of the parts' frames in the scene's: `frames.direction_to_scene` of eight."""
+    """Rotate eight directions from the parts' frames to the scene's, as `frames.direction_to_scene`."""
     return (
         _along(frame_reals, hit_offsets, at, 0, x, y, z),
         _along(frame_reals, hit_offsets, at, 3, x, y, z),

@@ -1,6 +1,6 @@
 """Preparation of rays for a walk, eight at a time.
 
-Making one ready by itself would take as long as three steps of its walk.
+Preparing a single ray would take three steps of a walk.
 """
 
 from math import frexp, ldexp
@@ -27,24 +27,24 @@ from proximity.native.simd import (
 )
 
 RAY_CHUNK = 64
-"""Rays that the tables hold; rows of numbers, one a ray."""
+"""Rays per table; each row is a quantity, each column a ray."""
 
 # rows of the float32 table
 AIM_SLABS = 0  # nine
-AIM_BOUND = 9  # what bounds of boxes are first compared with
+AIM_BOUND = 9  # initial limit for bounds of boxes
 AIM_ROWS = 10
 # rows of the float64 table
 VIEW_LINE = 0  # seven
 VIEW_START = 7  # parameter that bounds are counted from
 VIEW_DIRECTION = 8  # direction, scene's frame, scaled
-VIEW_IS_SOUND = 11  # 0 of a ray that cannot be asked
+VIEW_IS_SOUND = 11  # 0 for an invalid ray
 VIEW_REACH = 12  # longest parameter, m in units of the direction's length
-VIEW_WEIGHTS = VIEW_LINE  # weights of what was hit, once the view is not needed
+VIEW_WEIGHTS = VIEW_LINE  # weights of the hit, once the view is not needed
 VIEW_ROWS = 13
 
 WIDEST_MARGIN = 2.0**60
-"""Largest margin of boxes, local units: it opens all of them, and its product with a reciprocal,
-2^60 at most, is still a float32."""
+"""Largest padding of boxes, local units: it opens all of them, and its product with a reciprocal, at most
+2^60, still fits float32."""
 AIM_SIZE, VIEW_SIZE = AIM_ROWS * RAY_CHUNK, VIEW_ROWS * RAY_CHUNK
 
 
@@ -52,14 +52,14 @@ AIM_SIZE, VIEW_SIZE = AIM_ROWS * RAY_CHUNK, VIEW_ROWS * RAY_CHUNK
 def make_ready(frames, parts, walk_row, drift, origins, directions, offsets, at, aims, views):
     """Fill columns *at* to *at* + 7 of the tables, for rays in the frame of row *walk_row*.
 
-    *origins*, *directions* (N, 3); *offsets* (RAY_CHUNK,): how many numbers before each ray. *drift*: what
-    boxes are widened by besides, a unit of the origin's distance. In row `VIEW_REACH` are limits, m.
+    *origins*, *directions* (N, 3); *offsets* (RAY_CHUNK,): offset of each ray. *drift*: additional padding of
+    boxes per unit of the origin's distance. Row `VIEW_REACH` holds limits, m.
     """
     x, y, z = columns(origins, offsets, at)
     dx, dy, dz = columns(directions, offsets, at)
     zero, one = splat(0.0), splat(1.0)
     largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
-    # A difference from itself is not zero where a number is not finite.
+    # x - x is not zero if x is not finite.
     is_finite = ((x - x) + (y - y) + (z - z) + (dx - dx) + (dy - dy) + (dz - dz)) == zero
     is_sound = is_finite & (largest > zero)
     if bits(is_sound & (largest >= splat(0.5)) & (largest < splat(2.0))) != 2**LANES - 1:
@@ -68,7 +68,7 @@ def make_ready(frames, parts, walk_row, drift, origins, directions, offsets, at,
         dx, dy, dz = _scaled(dx, dy, dz, views, at)
     reach = load(views, RAY_CHUNK * VIEW_REACH + at)
     if bits(reach < splat(np.inf)):
-        # A little farther, since rounding must not lose a hit at the limit itself.
+        # Slightly farther, so that rounding does not lose a hit at the limit.
         reach = reach / square_root(dot(dx, dy, dz, dx, dy, dz)) * splat(1.0 + 1e-12)
     store_three(views, VIEW_DIRECTION, at, dx, dy, dz)
     store(views, RAY_CHUNK * VIEW_REACH + at, reach)
@@ -83,7 +83,7 @@ def make_ready(frames, parts, walk_row, drift, origins, directions, offsets, at,
         is_near, enter, near_x, near_y, near_z = approach(x, y, z, dx, dy, dz)
         entry, passes_by = select(is_far, enter, zero), is_far & ~is_near
         x, y, z = select(is_far, near_x, x), select(is_far, near_y, y), select(is_far, near_z, z)
-    # From farther than can be computed with, what is hit is not known.
+    # Beyond the range of the arithmetic the hit is unknown.
     is_sound = is_sound & ((away < splat(FARTHEST_LOCAL)) | passes_by)
     store(views, RAY_CHUNK * VIEW_IS_SOUND + at, select(is_sound, one, zero))
     aim, view = aim_and_view(x, y, z, dx, dy, dz, margin)
@@ -94,14 +94,14 @@ def make_ready(frames, parts, walk_row, drift, origins, directions, offsets, at,
     store_three(views, VIEW_LINE + 3, at, view[3], view[4], view[5])
     store(views, RAY_CHUNK * (VIEW_LINE + 6) + at, view[6])
     store(views, RAY_CHUNK * VIEW_START + at, entry)
-    # A ray that passes by, or cannot be asked, opens nothing.
+    # A ray that misses the part or is invalid opens no box.
     bound = bound_of_parameter(reach * splat(frames[walk_row].scale), entry)
     store(aims, RAY_CHUNK * AIM_BOUND + at, select(passes_by | ~is_sound, narrow(splat(-1.0)), bound))
 
 
 @inlined
 def store_three(table, row, at, x, y, z):
-    """Put eight rays' numbers into three rows of a table."""
+    """Store eight rays' numbers in three rows of a table."""
     store(table, RAY_CHUNK * row + at, x)
     store(table, RAY_CHUNK * (row + 1) + at, y)
     store(table, RAY_CHUNK * (row + 2) + at, z)
@@ -109,7 +109,7 @@ def store_three(table, row, at, x, y, z):
 
 @inlined
 def load_three(table, row, at):
-    """Three rows of a table, of eight rays."""
+    """Load three rows of a table for eight rays."""
     return (
         load(table, RAY_CHUNK * row + at),
         load(table, RAY_CHUNK * (row + 1) + at),
@@ -119,13 +119,13 @@ def load_three(table, row, at):
 
 @inlined
 def three_of(table, row, k):
-    """Three rows of a table, of ray *k*."""
+    """Return three rows of a table for ray *k*."""
     return table[RAY_CHUNK * row + k], table[RAY_CHUNK * (row + 1) + k], table[RAY_CHUNK * (row + 2) + k]
 
 
 @inlined
 def scaled_direction(x, y, z):
-    """The direction times the power of two that brings its largest component to 0.5 … 2."""
+    """Return the direction times the power of two that brings its largest component to 0.5 … 2."""
     largest = max(abs(x), abs(y), abs(z))
     if largest >= 0.5 and largest < 2.0:
         return x, y, z
@@ -135,7 +135,7 @@ def scaled_direction(x, y, z):
 
 @inlined
 def _scaled(x, y, z, views, at):
-    """`scaled_direction` of eight, through the table."""
+    """Scale eight directions like `scaled_direction`, through the table."""
     store_three(views, VIEW_DIRECTION, at, x, y, z)
     first = RAY_CHUNK * VIEW_DIRECTION + at
     for k in range(first, first + LANES):
@@ -147,7 +147,7 @@ def _scaled(x, y, z, views, at):
 
 @inlined
 def aim_of(aims, k):
-    """The numbers of ray *k* that boxes are tested with."""
+    """Return the numbers of ray *k* for box tests."""
     return (
         *three_of(aims, AIM_SLABS, k),
         *three_of(aims, AIM_SLABS + 3, k),
@@ -157,7 +157,7 @@ def aim_of(aims, k):
 
 @inlined
 def view_of(views, k):
-    """The numbers of ray *k* that triangles are tested with."""
+    """Return the numbers of ray *k* for triangle tests."""
     return (
         *three_of(views, VIEW_LINE, k),
         *three_of(views, VIEW_LINE + 3, k),
@@ -167,5 +167,5 @@ def view_of(views, k):
 
 @inlined
 def direction_of(views, k):
-    """The scaled direction of ray *k*, scene's frame."""
+    """Return the scaled direction of ray *k*, scene's frame."""
     return three_of(views, VIEW_DIRECTION, k)

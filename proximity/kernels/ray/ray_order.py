@@ -1,8 +1,8 @@
-"""The order of rays in which neighbours enter the scene's box close together.
+"""Order of rays in which neighbours enter the scene's box close together.
 
-What a walk needs is then still in the cache from the ray before, and the processor guesses its branches right
-more often. A few hundred cells do that as well as the finest curve (2026-11: 0.88 of the walk's time near
-43 k faces, 0.78 near 304 k; with thousands of cells 0.87, 0.78), so one pass of counting is the whole sort.
+Nodes and blocks are then still in the cache from the previous ray, and branches are predicted better. A few
+hundred cells suffice: they perform like the finest curve (2026-11: 0.88 of the walk's time near 43 k faces,
+0.78 near 304 k; with thousands of cells 0.87, 0.78), so one counting pass is the whole sort.
 """
 
 import numpy as np
@@ -15,19 +15,19 @@ from proximity.native import allocating_kernel, entry, inlined
 from proximity.native.simd import maximum, minimum, select, splat, store
 
 MOST_HALVINGS = 9
-"""Most halvings of the box, each across its longest side: 512 cells."""
+"""Maximum number of splits of the box, each across its longest side: 512 cells."""
 RAYS_OF_CELL = 8
-"""Fewer halvings where cells would have fewer rays: counting in them costs, too."""
+"""Minimum average rays per cell, since counting in cells has a cost."""
 ROUND_TO_WHOLE = 1.5 * 2.0**52
-"""A number added to this is rounded to a whole one."""
+"""Adding and subtracting this rounds a number to an integer."""
 
 
 @entry(ModelArrays, "float64[:, 3], float64[:, 3] -> int64[:]", makes_arrays=True)
 def ray_order(model, origins, directions):
-    """The rows of rays (N, 3) by the cell of the scene's box that they enter first.
+    """Return the rows of rays (N, 3), sorted by the cell of the scene's box that they enter first.
 
-    Of those that start inside or pass by, the origin counts, moved to the box. Rows of one cell keep their
-    order; cells follow one another as halves of halves do.
+    Rays that start inside or miss the box use the origin, clamped to the box. Rows of one cell keep their
+    order; cells are ordered by recursive halving.
     """
     frames = model.frames
     scene = len(frames) - 1
@@ -49,10 +49,9 @@ def ray_order(model, origins, directions):
 
 @allocating_kernel
 def _halve(sides, row_count):
-    """Halve a box of such sides (3,), as often as is worth it for so many rays.
+    """Split a box with sides (3,) into cells, according to the number of rays.
 
-    *sides* become those of the cells. Returns how many there are along x, y and z, and the place of each in
-    their order.
+    *sides* become those of the cells. Returns the number of cells along x, y and z, and the rank of each.
     """
     halvings = 0
     while halvings < MOST_HALVINGS and (RAYS_OF_CELL << halvings) < row_count:
@@ -68,7 +67,7 @@ def _halve(sides, row_count):
     ranks, steps = np.zeros(1 << halvings, np.uint32), np.ones(3, np.int64)
     steps[1], steps[2] = counts[0], counts[0] * counts[1]
     for i in range(halvings):
-        # From the last halving on: which of its halves a cell is in.
+        # From the last split on: the half that a cell is in.
         step = steps[axes[halvings - 1 - i]]
         for cell in range(len(ranks)):
             ranks[cell] |= np.uint32(((cell // step) & 1) << i)
@@ -78,7 +77,7 @@ def _halve(sides, row_count):
 
 @allocating_kernel
 def _ranks_of_cells(origins, directions, lower, upper, rates, counts, ranks):
-    """The rank of each ray's cell; a ray that is not finite is in some cell."""
+    """Return the rank of each ray's cell; a ray that is not finite is in some cell."""
     row_count = len(origins)
     found = np.empty(row_count, np.uint32)
     stride_y, stride_z = float(counts[0]), float(counts[0] * counts[1])
@@ -101,14 +100,14 @@ def _ranks_of_cells(origins, directions, lower, upper, rates, counts, ranks):
 
 @inlined
 def _enters(o, direction, lower, upper):
-    """Parameters at which one coordinate of eight rays comes to the box; 0 of those that do not come."""
+    """Return the parameters at which one coordinate of eight rays reaches the box; 0 if it does not."""
     near = select(direction > splat(0.0), splat(lower), splat(upper)) - o
     return select(near * direction > splat(0.0), near / direction, splat(0.0))
 
 
 @inlined
 def _cell(coordinate, lower, rate, count):
-    """Which of *count* cells along one axis; where *coordinate* is nan, the first."""
+    """Return the cell number along one axis, below *count*; 0 for nan."""
     along = (coordinate - splat(lower)) * splat(rate)
     whole = ((along - splat(0.5)) + splat(ROUND_TO_WHOLE)) - splat(ROUND_TO_WHOLE)
     return minimum(maximum(whole, splat(0.0)), splat(count - 1.0))

@@ -1,16 +1,16 @@
-"""Faces of a body that pass through, lie on, or are turned by other faces of it.
+"""Faces of a body that cross, lie on, or are flipped relative to its other faces.
 
-Where no edge of a surface passes through another face of it, nor lies on one, every piece of surface that
-hangs together has the inside on one side throughout. So the curves in which a body meets itself, and a look
-at each piece between them, tell over which faces the normal of the nearest one may tell the wrong side. There
-the winding number is asked instead, as over folded faces.
+If no edge of a surface crosses or lies on another face of it, the inside is on one side of each connected
+component throughout. The self-intersection curves, with a sample of each component between them, so identify
+the faces over which the normal of the nearest face may give the wrong side. Over these, as over folded faces,
+the winding number decides.
 
-A curve in which two plane regions meet is straight, and ends at the rim of one of them. So edges between
-faces in one plane need not be looked at, unless others have met something: of a lid that is tessellated into
-a fan those would be long, and beside each other.
+The intersection of two plane regions is straight and ends at the rim of one of them. Edges between coplanar
+faces are therefore tested only if other edges intersect a face: in a lid tessellated as a fan they are long
+and close to each other.
 
-Source: Möller 1997, "A fast triangle-triangle intersection test": triangles that are not in one plane meet
-only where an edge of one passes through the other.
+Source: Möller 1997, "A fast triangle-triangle intersection test": triangles that are not coplanar meet only
+where an edge of one crosses the other.
 """
 
 import numpy as np
@@ -42,15 +42,15 @@ from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, bits, splat, splat32, square_root, trailing_zeros
 
 VOTES = 5
-"""Faces of a piece of surface that are looked at where the first one is not right; what most say counts."""
+"""Faces sampled of each component; the majority counts."""
 MOST_BLOCKS = 512
-"""Blocks that are looked at for each face, on average: of usual bodies about six are. Of those where it would
-be more, all faces count as passing through others."""
+"""Maximum average number of blocks per face: usual bodies need about six. Beyond it all faces count as
+crossing."""
 
 
 @inlined
 def _in_plane(reals, base, px, py, pz, qx, qy, qz, depth):
-    """Which of the eight triangles at *base* have both *p* and *q* in their plane: bits."""
+    """Return the mask of the eight triangles at *base* whose planes contain both *p* and *q*."""
     (ax, ay, az), (nx, ny, nz) = planes_of_block(reals, base)
     most = splat(depth) * square_root(dot(nx, ny, nz, nx, ny, nz))
     first = absolute(dot(nx, ny, nz, splat(px) - ax, splat(py) - ay, splat(pz) - az))
@@ -65,7 +65,7 @@ def _open_children(words, base, query, reach):
 
 @inlined
 def _mark_in_leaf(reals, reference, query, best):
-    """Mark the faces of a block that the edge meets; whether any was met, and blocks looked at, so far."""
+    """Mark the faces of a block that the edge meets; return whether any was met, and the blocks visited."""
     (_, view), (start, end, length, kind, depth), (p, q), (corners, faces, slot_faces, marks) = query
     reach, is_met, blocks = best
     base, first = BLOCK_STRIDE * ~reference, LANES * ~reference
@@ -92,9 +92,9 @@ _walk_edge = depth_first(_open_children, in_blocks(_mark_in_leaf))
 
 @kernel
 def _mark_met(corners, faces, slot_faces, tree, start, end, kind, depth, stacks, marks):
-    """Mark the faces that the edge between two corners passes through or, where it is creased, lies on.
+    """Mark the faces that the edge between two corners crosses or, if creased, lies on.
 
-    Returns whether there is any, and how many blocks were looked at.
+    Returns whether there is any, and the number of blocks visited.
     """
     reals, words, root = tree
     ox, oy, oz, dx, dy, dz, length = edge_ray(corners, start, end)
@@ -115,10 +115,10 @@ def _mark_met(corners, faces, slot_faces, tree, start, end, kind, depth, stacks,
 def _mark_meeting(
     corners, faces, neighbors, slot_faces, tree, candidates, depth, blocks_left, are_flat, stacks, marks
 ):
-    """Mark every face that meets another; either the flat edges or the others are taken, each once.
+    """Mark every face that meets another, from either the flat edges or the others, each once.
 
-    Of each face those edges that are *candidates*, see `edge_candidates`. Returns whether there is any, and
-    how many blocks may still be looked at.
+    Tests the *candidates* of each face, see `edge_candidates`. Returns whether there is any, and the
+    remaining number of blocks.
     """
     is_any = False
     for face in range(len(faces)):
@@ -146,7 +146,7 @@ def _mark_meeting(
 
 @kernel
 def _gather_piece(neighbors, first, is_seen, piece):
-    """Write the faces that hang together with *first* by faces not seen yet; how many."""
+    """Write the faces connected with *first* by unseen faces to *piece*; return their number."""
     piece[0], count, at = first, 1, 0
     is_seen[first] = True
     while at < count:
@@ -163,7 +163,7 @@ def _gather_piece(neighbors, first, is_seen, piece):
 
 @kernel
 def _is_turned(corners, faces, piece, count, reals, words, root, moments):
-    """Whether a face of a piece, and most of some, do not have the outside above and the inside below."""
+    """Test whether most sampled faces of a piece lack the outside above or the inside below."""
     votes = min(VOTES, count)
     against = 0
     for vote in range(votes):
@@ -179,10 +179,9 @@ def _is_turned(corners, faces, piece, count, reals, words, root, moments):
     makes_arrays=True,
 )
 def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):
-    """Return which slots have faces that meet others, or lie on the wrong side of such, a bit each.
+    """Return the mask of slots whose faces cross others, or are on the wrong side of crossing faces.
 
-    (blocks,) uint8, and with them the faces next to these. The arguments are those of
-    `folded_faces.folded_faces`.
+    (blocks,) uint8; neighbours are included. The arguments are those of `folded_faces.folded_faces`.
     """
     marks, depth = np.zeros(len(faces), np.bool_), 0.0
     for axis in range(3):

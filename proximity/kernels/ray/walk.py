@@ -1,17 +1,17 @@
-"""The first hit of a ray with one part, and with a scene.
+"""First hit of a ray with one part, and with a scene.
 
-Triangles are tested in float64 and watertight: seen along the ray, a shared corner has the same position for
-all its triangles, and the side on which an edge passes is never wrong. So a ray through an edge or a corner
-of a closed surface hits one of the triangles there. There is no tolerance at edges and no smallest area: a
-face that the ray runs along has no area seen from there and is not hit; its neighbours are.
+The triangle test is watertight, in float64: seen along the ray, a shared corner has the same position for all
+its triangles, and the side of an edge is always correct. A ray through an edge or corner of a closed surface
+hits one of the triangles there. There is no tolerance at edges and no minimum area: a face parallel to the
+ray has no projected area and is not hit; its neighbours are.
 
-Boxes are tested in float32, from a start near the part, and widened by more than all roundings can be off.
-The answer is the smallest computed parameter, and among equals the lowest slot; so it depends neither on the
-order of the walk nor on a bound known beforehand.
+Boxes are tested in float32, from a start near the part, and padded by more than the rounding. The answer is
+the smallest computed parameter, and among ties the lowest slot, so it depends neither on the order of the
+walk nor on the initial bound.
 
 Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection"; Ize 2013, "Robust BVH ray
 traversal". Unlike there, edge functions are compensated (Kahan) instead of repeated in a wider type, and the
-error of the box test is put into its constants.
+constants of the box test include its error.
 """
 
 import numpy as np
@@ -41,35 +41,35 @@ from proximity.native.simd import (
 )
 
 APPROACH_REACH = 1.5
-"""A ray from farther away than `FAR` is started where it enters the cube of this half side."""
+"""Half side of the cube to whose surface the start of a ray from beyond `FAR` is moved."""
 SLAB_MARGIN = 2.0**-20
-"""Margin of a box, local units: half as much again as float32 can be off. With a start within 2 and
-planes within 1 the reciprocal is off by 2^-23 of a length of at most 3, the result by 2^-24 of it, and the
-constant by 2^-24 of 2."""
+"""Padding of a box, local units: 1.5 times the float32 error. With a start within 2 and planes within 1 the
+reciprocal errs by 2^-23 of a length of at most 3, the result by 2^-24 of it, and the constant by 2^-24 of
+2."""
 SLOWEST_COMPONENT = 2.0**-60
-"""Least component of a direction in the box test: its reciprocal stays finite, and over the length of the
-part it moves the ray by far less than the margin."""
+"""Minimum component of a direction in the box test: its reciprocal stays finite, and over the length of the
+part it moves the ray by far less than the padding."""
 START_SLACK = 2.0**-50
-"""A ray that starts this little behind a face starts on it: rounding of local coordinates."""
+"""Rounding of local coordinates: a ray that starts less than this behind a face starts on it."""
 PARAMETER_ROUNDING = 2.0**-51
 """Rounding of a parameter and of its difference from the start of the box test."""
 FLOAT32_WIDENING = 2.0**-22
-"""Rounding of that difference to float32; a test of the direction would be mispredicted every other time."""
+"""Rounding of that difference to float32; a branch on the sign would often be mispredicted."""
 
 
 @inlined
 def is_from_afar(ox, oy, oz):
-    """Whether a ray starts so far out that it is started anew, by `approach`; scalars or vectors."""
+    """Test whether a ray starts beyond `FAR`, to be moved by `approach`; scalars or vectors."""
     reach = maximum(maximum(absolute(ox), absolute(oy)), absolute(oz))
     return reach > like(FAR, reach)
 
 
 @inlined
 def approach(ox, oy, oz, dx, dy, dz):
-    """Whether a ray from afar comes near the local cube, at which parameter, and the point there.
+    """Return whether a distant ray comes near the local cube, the parameter there, and the point.
 
-    The direction's largest component is near 1. The point is rounded, which is as if the origin were. Scalars
-    or vectors of eight.
+    The direction's largest component is near 1. Rounding of the point is equivalent to rounding of the
+    origin. Scalars or vectors of eight.
     """
     enter_x, leave_x = _cube_parameters(ox, dx)
     enter_y, leave_y = _cube_parameters(oy, dy)
@@ -81,7 +81,7 @@ def approach(ox, oy, oz, dx, dy, dz):
 
 @inlined
 def _cube_parameters(o, d):
-    """Parameters at which one coordinate enters and leaves the cube; of one that stays, never or for ever."""
+    """Return the parameters at which one coordinate enters and leaves the cube; infinite if constant."""
     zero, endless = like(0.0, d), like(np.inf, d)
     is_still, is_within = d == zero, absolute(o) <= like(APPROACH_REACH, o)
     step = select(is_still, like(1.0, d), d)
@@ -92,7 +92,7 @@ def _cube_parameters(o, d):
 
 @inlined
 def _not_still(d):
-    """A component of a direction, away from zero."""
+    """Clamp a component of a direction away from zero."""
     least = select(d < like(0.0, d), like(-SLOWEST_COMPONENT, d), like(SLOWEST_COMPONENT, d))
     return select(absolute(d) > like(SLOWEST_COMPONENT, d), d, least)
 
@@ -104,10 +104,10 @@ def _inside(value):
 
 @inlined
 def slab(o, d, margin):
-    """Factor and two constants that turn a plane's coordinate into the parameters of entering and leaving.
+    """Return factor and two constants that map a plane's coordinate to the entry and exit parameters.
 
-    The error of factor, constants and result is in the constants: entering comes out early, leaving late.
-    Scalars or vectors of eight, of float64; what is returned is of float32.
+    The constants include the error of factor, constants and result: entry is early, exit late. Scalars or
+    vectors of eight: float64 in, float32 out.
     """
     step = narrow(_not_still(d))
     rate = like(1.0, step) / step
@@ -118,26 +118,26 @@ def slab(o, d, margin):
 
 @inlined
 def near_plane(rate):
-    """Offset in a node from a box's lower x (y, z) to the plane that is entered first; the other is left.
+    """Return the offset in a node from a box's lower x (y, z) to the plane that is entered first.
 
-    *rate*: as `slab` gives it.
+    *rate*: as returned by `slab`.
     """
     return NODE_UPPER if rate < 0.0 else 0
 
 
 @inlined
 def bound_of_parameter(best, start):
-    """The float32 number, counted from *start*, that bounds are compared with; scalars or vectors."""
+    """Return the float32 limit for bounds, counted from *start*; scalars or vectors."""
     bound = narrow(best - start + best * like(PARAMETER_ROUNDING, best))
     return bound + absolute(bound) * like(FLOAT32_WIDENING, bound)
 
 
 @inlined
 def open_boxes(words, base, aim, zero, best32):
-    """Parameters at which a ray enters and leaves the boxes at *base*, and which it meets up to *best32*.
+    """Return entry and exit parameters of the boxes at *base*, and the mask of hits up to *best32*.
 
-    Parameters; that of entering is >= 0. *aim*: nine numbers, what `slab` gives for x, y and z. *best32* is
-    a scalar, *zero* a float32x8.
+    Entry parameters are >= 0. *aim*: nine numbers, from `slab` for x, y and z. *best32* is a scalar, *zero* a
+    float32x8.
     """
     rate_x, in_x, out_x, rate_y, in_y, out_y, rate_z, in_z, out_z = aim
     near_x, near_y, near_z = near_plane(rate_x), near_plane(rate_y), near_plane(rate_z)
@@ -155,23 +155,23 @@ def open_boxes(words, base, aim, zero, best32):
 
 @inlined
 def steepest_axis(dx, dy, dz):
-    """The axis along which a direction goes fastest, as float64; scalars or vectors of eight."""
+    """Return the axis of a direction's largest component, as float64; scalars or vectors of eight."""
     axis = select(absolute(dx) >= absolute(dy), like(0.0, dx), like(1.0, dx))
     return select(maximum(absolute(dx), absolute(dy)) >= absolute(dz), axis, like(2.0, dx))
 
 
 @inlined
 def pick(axis, x, y, z):
-    """One of three by number; *axis* as `steepest_axis` tells."""
+    """Select one of three by number; *axis* from `steepest_axis`."""
     return select(axis == like(0.0, axis), x, select(axis == like(1.0, axis), y, z))
 
 
 @inlined
 def ray_triangle_sides(origin, lean_x, lean_y, a, b, c):
-    """Weights of the corners, not yet divided by their sum, and the weighted height; scalars or vectors.
+    """Return the unnormalized weights of the corners, and the weighted height; scalars or vectors.
 
-    *origin* of the ray and corners *a b c*: (x, y, z) each, axes turned so that the ray runs mostly along z;
-    *lean_x*, *lean_y* are -dx/dz, -dy/dz. A line hits where no two weights differ in sign.
+    *origin* of the ray and corners *a b c*: (x, y, z) each, axes permuted so that the ray runs mostly along
+    z; *lean_x*, *lean_y* are -dx/dz, -dy/dz. A line hits if no two weights differ in sign.
     """
     ox, oy, oz = origin
     ax, ay, az = a
@@ -189,9 +189,9 @@ def ray_triangle_sides(origin, lean_x, lean_y, a, b, c):
 
 @inlined
 def look_along(ox, oy, oz, dx, dy, dz):
-    """Numbers of a ray for `ray_triangle_sides`: axis, origin, leans, pace; scalars or vectors of eight.
+    """Return a ray's numbers for `ray_triangle_sides`: axis, origin, leans, pace; scalars or vectors.
 
-    Axes are turned so that the ray runs mostly along z; pace is the parameter's change along z.
+    Axes are permuted so that the ray runs mostly along z; pace is the parameter's change along z.
     """
     axis = steepest_axis(dx, dy, dz)
     speed = pick(axis, dx, dy, dz)
@@ -209,7 +209,7 @@ def look_along(ox, oy, oz, dx, dy, dz):
 
 @inlined
 def _seen_along(reals, base, view):
-    """`ray_triangle_sides` of the eight triangles at *base*, and which of them the line hits."""
+    """Compute `ray_triangle_sides` of the eight triangles at *base*, and the mask of hits by the line."""
     axis, px, py, pz, lean_x, lean_y, _ = view
     z = np.int64(axis)
     a, b, c = turned_corners_of_block(reals, base, (z + 1) % 3, (z + 2) % 3, z)
@@ -222,9 +222,9 @@ def _seen_along(reals, base, view):
 
 @inlined
 def hits_in_block(reals, base, view, longest):
-    """Which of the eight triangles at *base* a ray hits up to the parameter *longest*: bits.
+    """Return the mask of the eight triangles at *base* that a ray hits up to the parameter *longest*.
 
-    *view* as `look_along` gives it; the ray is not from afar.
+    *view* from `look_along`; the ray starts within `FAR`.
     """
     u, v, w, height, is_hit = _seen_along(reals, base, view)
     hits = bits(is_hit)
@@ -236,16 +236,16 @@ def hits_in_block(reals, base, view, longest):
 
 @inlined
 def first_in_block(reals, base, view, entry, best):
-    """First hit, up to *best*, of the eight triangles at *base*: t, lane (-1: none), and three weights.
+    """Return the first hit up to *best* in the block at *base*: t, lane (-1: none), and three weights.
 
-    *view* as `look_along` gives it, *entry* as `approach`.
+    *view* from `look_along`, *entry* from `approach`.
     """
     found, first = best, np.int64(-1)
     weight_a, weight_b, weight_c = 0.0, 0.0, 0.0
     zero, pace = splat(0.0), view[6]
     u, v, w, height, is_hit = _seen_along(reals, base, view)
     if bits(is_hit):
-        # No area: 0/0, which no comparison lets through.
+        # Without area: 0/0, which fails every comparison.
         parameters = splat(entry) + height / (u + v + w) * splat(pace)
         is_better = is_hit & (parameters >= splat(-START_SLACK)) & (parameters <= splat(best))
         if bits(is_better):
@@ -258,7 +258,7 @@ def first_in_block(reals, base, view, entry, best):
 
 @inlined
 def aim_and_view(ox, oy, oz, dx, dy, dz, margin):
-    """The numbers that boxes are tested with, see `open_boxes`, and those for triangles, see `look_along`."""
+    """Return a ray's numbers for box tests (see `open_boxes`) and for triangle tests (see `look_along`)."""
     aim = (*slab(ox, dx, margin), *slab(oy, dy, margin), *slab(oz, dz, margin))
     return aim, look_along(ox, oy, oz, dx, dy, dz)
 
@@ -280,14 +280,14 @@ def _first_in_leaf(reals, reference, query, best):
 
 
 first_hit = depth_first(_open_children, in_blocks(_first_in_leaf), in_order)
-"""First hit of a ray below a reference: the query is `aim_and_view`, the entry as `approach` gives it, and
-what else is known of the ray; the best is a bound of boxes, the parameter, the slot, and barycentric
-coordinates times some number, 0 where nothing better than known was found."""
+"""Walk for the first hit of a ray below a reference. The query: `aim_and_view`, the entry from `approach`,
+and data for `into_part`; the best: a bound of boxes, parameter, slot, and unnormalized barycentric
+coordinates, 0 if the initial best was not improved."""
 
 
 @inlined
 def ray_in_part(reals, words, start, origin, direction, parameter, slot, stacks):
-    """`first_hit` of the ray *origin* + t *direction*, t >= 0, (x, y, z) each, in the part's local frame.
+    """Find the `first_hit` of the ray *origin* + t *direction*, t >= 0, (x, y, z) each, in the local frame.
 
     The largest component of *direction* is between 0.5 and 2.
     """
@@ -297,7 +297,7 @@ def ray_in_part(reals, words, start, origin, direction, parameter, slot, stacks)
     if is_from_afar(ox, oy, oz):
         is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)
     aim, view = aim_and_view(ox, oy, oz, dx, dy, dz, SLAB_MARGIN)
-    # A ray that passes by opens nothing.
+    # A ray that misses the cube opens no box.
     reach = bound_of_parameter(parameter, entry) if is_near else np.float32(-1.0)
     best = reach, parameter, slot, (0.0, 0.0, 0.0)
     return first_hit((reals, words), start, 0, (aim, view, entry, 0), best, stacks)
@@ -305,7 +305,7 @@ def ray_in_part(reals, words, start, origin, direction, parameter, slot, stacks)
 
 @inlined
 def _first_in_part(model, part, start, query, best, stacks):
-    """The best, with what is below *start* in a part that has a frame of its own."""
+    """Update *best* with the subtree *start* of a part with a separate frame."""
     reals, words, frames, parts = model
     _, _, entry, ((x, y, z), (dx, dy, dz)) = query
     _, parameter, best_slot, _ = best
@@ -323,4 +323,4 @@ def _first_in_part(model, part, start, query, best, stacks):
 first_hit_in_scene = depth_first(
     _open_children, in_blocks_and_parts(_first_in_leaf, _first_in_part), in_order
 )
-"""The same over all parts of a scene; what else is known are origin and direction in the scene's frame."""
+"""The same over all parts of a scene; the additional data are origin and direction in the scene's frame."""

@@ -1,1 +1,1 @@
-"""Queries against a whole scene: parts with poses, and the trees over them."""
+"""Queries of a whole scene: parts with poses, and the trees over them."""

@@ -1,13 +1,14 @@
-"""Lower bounds from a planned segment to eight boxes.
+"""Lower bounds of the distance from a planned segment to eight boxes.
 
-A bound is the largest of several gaps along unit vectors; any vector does, well chosen ones bound well:
+A bound is the largest of several gaps along unit vectors, each a valid bound:
 
 - x, y and z together: the gap between the box and the segment's own box;
-- for each of them with the vector perpendicular to it and to the segment: what long segments need;
-- from the box's middle to the nearest point of the segment: what far boxes need.
+- each of them with the vector perpendicular to it and to the segment: tight for long segments;
+- from the box's centre to the nearest point of the segment: tight for distant boxes.
 
-Boxes that the segment may touch are ordered by where it may reach them: the earliest fraction is added to
-bounds, times `TOUCHING`. So the first of several crossings is found first and ends the walk.
+Boxes that the segment may touch are ordered by the earliest fraction at which it may reach them: this
+fraction times `TOUCHING` is added to the bound. The first of several crossings is then found first and ends
+the traversal.
 
 Source: Gottschalk, Lin, Manocha 1996, "OBBTree" (separating axes).
 """
@@ -25,25 +26,25 @@ from proximity.native import inlined, kernel
 from proximity.native.simd import absolute, fma, load, maximum, minimum, narrow, select, splat
 
 SEGMENT_SHRINK_FAR = 1.0 - 2.0**-44
-"""Factor on squared float64 bounds, for the rounding of them and of the distances they are compared with."""
+"""Factor on squared float64 bounds, for their rounding and that of the distances compared with them."""
 
 
 @inlined
 def _of(lanes, index):
-    """Eight lanes of a field of a probe."""
+    """Return the eight lanes of a field of a probe."""
     return load(lanes, LANES * index)
 
 
 @inlined
 def _side_gap(lower, upper, probe, axis):
-    """Gap between boxes and the segment's own box along a coordinate."""
+    """Return the gap between boxes and the segment's own box along a coordinate."""
     gap = maximum(lower - _of(probe.upper, axis), _of(probe.lower, axis) - upper)
     return maximum(gap, _of(probe.zero, 0))
 
 
 @inlined
 def _axis_gap(sum_j, sum_k, width_j, width_k, probe, axis):
-    """Gap between boxes and the segment along a perpendicular; NaN, of unused lanes, gives 0."""
+    """Return the gap between boxes and the segment along a perpendicular; 0 for NaN, of unused lanes."""
     n_j, n_k = _of(probe.first, axis), _of(probe.second, axis)
     apart = absolute(fma(n_j, sum_j, n_k * sum_k) - _of(probe.middle, axis))
     within = fma(absolute(n_j), width_j, fma(absolute(n_k), width_k, _of(probe.spread, axis)))
@@ -52,7 +53,7 @@ def _axis_gap(sum_j, sum_k, width_j, width_k, probe, axis):
 
 @inlined
 def _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, probe):
-    """Squared gap from each box's middle to the segment, or NaN; first fraction in the box."""
+    """Return squared gaps from box centres to the segment, or NaN, and the first fractions in the boxes."""
     zero, half, one = _of(probe.zero, 0), _of(probe.half, 0), _of(probe.one, 0)
     slack, inverse_sq = _of(probe.slack, 0), _of(probe.inverse_sq, 0)
     dx, dy, dz = load_points(probe.direction, 0)
@@ -62,19 +63,19 @@ def _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, probe):
     along = -dot(cx, cy, cz, dx, dy, dz)
     t = minimum(maximum(along * inverse_sq, zero), one)
     gx, gy, gz = fma(t, dx, cx), fma(t, dy, cy), fma(t, dz, cz)
-    # The vector need not be exact: the gap along it is taken from both ends of the segment.
+    # The vector may be rounded: the gap along it is computed from both ends of the segment.
     nearest = dot(gx, gy, gz, cx, cy, cz) + minimum(dot(gx, gy, gz, dx, dy, dz), zero)
     within = dot(absolute(gx), absolute(gy), absolute(gz), hx, hy, hz)
     gap = maximum(nearest - within, zero)
     early = along - dot(absolute(dx), absolute(dy), absolute(dz), hx, hy, hz)
     early = minimum(maximum(early * inverse_sq, zero), one)
-    # In this order a far gap does not overflow.
+    # This order avoids overflow for distant boxes.
     return gap / dot(gx, gy, gz, gx, gy, gz) * gap, early
 
 
 @inlined
 def _bounds_sq(lx, ly, lz, ux, uy, uz, probe):
-    """Squared distances, or less, to boxes; earliest fractions times `TOUCHING`. Unused lanes: inf and 0."""
+    """Return squared bounds to boxes, and first fractions times `TOUCHING`; inf and 0 in unused lanes."""
     sum_x, sum_y, sum_z = lx + ux, ly + uy, lz + uz
     wide_x, wide_y, wide_z = ux - lx, uy - ly, uz - lz
     gap_x = _side_gap(lx, ux, probe, 0)
@@ -87,13 +88,13 @@ def _bounds_sq(lx, ly, lz, ux, uy, uz, probe):
     middle_sq, early = _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, probe)
     axes_sq = maximum(fma(beside_x, beside_x, xx), fma(beside_y, beside_y, yy))
     axes_sq = maximum(axes_sq, maximum(fma(beside_z, beside_z, zz), xx + yy + zz))
-    # NaN first: then the other one is taken.
+    # With NaN first, maximum returns the other operand.
     return maximum(middle_sq, axes_sq), early * _of(probe.touch, 0)
 
 
 @inlined
 def segment_boxes_distance_sq(nodes, base, probe):
-    """Bounds in float32 from the segment to the boxes of the node at *base*: see `node_bounds_sq`."""
+    """Return float32 bounds from the segment to the boxes of the node at *base*: see `node_bounds_sq`."""
     lower, upper = boxes_of(nodes, base)
     bounds, early = _bounds_sq(*lower, *upper, probe)
     return bounds + early
@@ -101,17 +102,17 @@ def segment_boxes_distance_sq(nodes, base, probe):
 
 @inlined
 def far_segment_boxes_distance_sq(nodes, base, plan):
-    """The same in float64, less the plan's offset: see `geometry.box.far_point_boxes_distance_sq`."""
+    """Return the bounds in float64 less the plan's offset: see `geometry.box.far_point_boxes_distance_sq`."""
     lower, upper = wide_boxes_of(nodes, base)
     bounds, early = _bounds_sq(*lower, *upper, plan)
     rest = maximum(bounds * splat(SEGMENT_SHRINK_FAR) - splat(plan.offset), splat(0.0)) + early
-    # Only the rest of unused lanes may leave float32.
+    # Only unused lanes may exceed float32.
     return narrow(select(rest < splat(np.inf), minimum(rest, splat(LARGEST_REST)), rest))
 
 
 @inlined
 def node_bounds_sq(words, base, plan, probe, is_far):
-    """Float32 bounds of a node's children; what is not above `open_bound` must be looked at."""
+    """Return float32 bounds of a node's children; those up to `open_bound` must be visited."""
     if is_far:
         return far_segment_boxes_distance_sq(words, base, plan)
     return segment_boxes_distance_sq(words, base, probe)
@@ -119,15 +120,15 @@ def node_bounds_sq(words, base, plan, probe, is_far):
 
 @kernel
 def open_bound(plan, best_sq, best_fraction):
-    """The float32 number that bounds are compared with, given the best squared distance and its fraction.
+    """Return the float32 limit of bounds, given the best squared distance and its fraction.
 
-    The fraction is of the whole segment and counts where the distance is 0.
+    The fraction is of the whole segment and only used if the distance is 0.
     """
     if best_sq > 0.0:
         return max(bound_of(best_sq, plan.offset), np.float32(1.001 * TOUCHING))
     span = plan.high - plan.low
     rest = 1.0
     if best_fraction < plan.high:
-        # Fractions of the whole segment are coarse where the span is short.
+        # Fractions of the whole segment are coarse if the span is short.
         rest = min(max((best_fraction - plan.low) / span, 0.0) + 2.0**-50 / span + 1e-5, 1.0)
     return np.float32(1.001 * TOUCHING * rest)

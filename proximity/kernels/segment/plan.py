@@ -1,8 +1,8 @@
-"""The *plan* of a segment: everything a walk needs of it, in the local frame of one part.
+"""The *plan* of a segment: its precomputed values for a traversal, in the local frame of one part.
 
-It is cut down to what can hold the nearest point, and all that bounds and distances need is worked out and
-spread over eight lanes. Two records, filled once for a segment and part: ``plan`` and, for what is near,
-``probe``.
+The segment is clipped to the range that can contain the nearest point, and the values for bounds and
+distances are broadcast to eight lanes. Two records are filled once for a segment and part: ``plan`` and, for
+near segments, ``probe``.
 """
 
 from math import sqrt
@@ -19,16 +19,16 @@ from proximity.native.simd import fma, splat, splat32, store
 
 
 def _probe_fields(number):
-    """What bounds need, eight lanes each, of numbers of one type."""
+    """Return the fields for bounds, eight lanes each, of numbers of one type."""
     return {
         "lower": f"({3 * LANES},){number}",  # box of the segment
         "upper": f"({3 * LANES},){number}",
-        "first": f"({3 * LANES},){number}",  # of three perpendiculars: half its two components
-        "second": f"({3 * LANES},){number}",
-        "middle": f"({3 * LANES},){number}",  # where the segment is along it
-        "spread": f"({3 * LANES},){number}",  # how far it reaches from there, and slack
-        "origin": f"({3 * LANES},){number}",  # start of the segment, and the step to its end
-        "direction": f"({3 * LANES},){number}",
+        "first": f"({3 * LANES},){number}",  # of three perpendiculars: half their first components
+        "second": f"({3 * LANES},){number}",  # and half their second components
+        "middle": f"({3 * LANES},){number}",  # centre of the segment along them
+        "spread": f"({3 * LANES},){number}",  # its half width along them, with slack
+        "origin": f"({3 * LANES},){number}",  # start of the segment
+        "direction": f"({3 * LANES},){number}",  # from its start to its end
         "inverse_sq": f"({LANES},){number}",  # 1 / length²
         "slack": f"({LANES},){number}",  # for the rounding of positions
         "zero": f"({LANES},){number}",
@@ -39,41 +39,41 @@ def _probe_fields(number):
 
 
 PROBE = record("Probe", **_probe_fields("f4"))
-"""What bounds need of a segment near the part."""
+"""Values for the bounds of a segment near the part."""
 PLAN = record(
     "Plan",
-    start="(3,)f8",  # of what is left of the segment, local
+    start="(3,)f8",  # of the clipped segment, local
     end="(3,)f8",
-    low="f8",  # where on the whole segment that is, as fractions of it
+    low="f8",  # ends of the clipped segment, as fractions of the whole one
     high="f8",
-    is_far="i8",  # 1 where float32 would not tell the boxes apart
-    part="i8",  # whose frame it is; set by who knows
-    offset="f8",  # a squared distance below that of anything in the local cube; 0 if not far
-    axis_x="i8",  # axes in cyclic order, that in which the segment is longest last
-    slope_x="f8",  # step along the first and second of them for each unit along the last
+    is_far="i8",  # 1 if float32 cannot distinguish the boxes
+    part="i8",  # part whose frame it is; set by the caller
+    offset="f8",  # a lower bound of the squared distance to the local cube; 0 if not far
+    axis_x="i8",  # first of the axes in cyclic order; the segment is longest along the last
+    slope_x="f8",  # step along the first and second axis per unit along the last
     slope_y="f8",
     per_length_sq="f8",  # 1 / length²
-    **_probe_fields("f8"),  # what bounds need of a segment far from the part
+    **_probe_fields("f8"),  # values for the bounds of a segment far from the part
 )
 stack_plans, stack_probes = stack_arrays_of(PLAN)[0], stack_arrays_of(PROBE)[0]
 
 NEAR_REACH = 8.0
-"""A segment within this (part sizes) is compared with boxes in float32."""
+"""A segment within this distance (part sizes) is compared with boxes in float32."""
 CUBE_RADIUS = 1.7320509
-"""A little more than the distance from the middle of the local cube [-1, 1]³ to its corners."""
+"""Slightly more than the distance from the centre of the local cube [-1, 1]³ to its corners."""
 AXIS_SHRINK = 1.0 - 2.0**-22
-"""Factor on the vectors: their length stays at most 1."""
+"""Factor on the vectors, which keeps their length at most 1."""
 TOUCHING = 1e-37
-"""Fractions along the segment are added to squared bounds times this: beneath any distance that counts."""
+"""Factor on fractions along the segment when added to squared bounds: below any significant distance."""
 SEGMENT_ROUNDING = 2.0**-24 * 64.0
-"""Bounds the rounding of a position along a vector in float32: a few dozen roundings of numbers up to 1, and
-`SEGMENT_ROUNDING_FAR` in float64; longer segments get that many times more."""
+"""Bound of the rounding of a position along a vector in float32: a few dozen roundings of numbers up to 1. It
+grows in proportion to the segment's reach. `SEGMENT_ROUNDING_FAR` is the bound in float64."""
 SEGMENT_ROUNDING_FAR = 2.0**-53 * 64.0
 
 
 @inlined
 def _point_along(start, end, fraction):
-    """start + fraction · (end - start), rounded once: the ends may be millions of part sizes away."""
+    """Return start + fraction · (end - start), rounded once: the ends may be millions of part sizes away."""
     if fraction <= 0.0:
         return start
     if fraction >= 1.0:
@@ -96,11 +96,11 @@ def _largest(x, y, z):
 
 @kernel
 def _clip(plan, sx, sy, sz, ex, ey, ez):
-    """Fill what is left of the segment: start, end, low, high and offset of *plan*.
+    """Clip the segment: fill start, end, low, high and offset of *plan*.
 
-    Let r be the distance from the middle of the cube to the segment. The surface lies within √3 of the
-    middle, so the answer is at most r + √3 and its point on the segment within r + 2 √3 of the middle: no
-    farther along than √(4 √3 r + 12) from where the segment passes.
+    Let r be the distance from the centre of the cube to the segment. The surface is within √3 of the centre,
+    so the distance is at most r + √3, and its point on the segment is within r + 2 √3 of the centre: at most
+    √(4 √3 r + 12) along the segment from the point nearest to the centre.
     """
     plan.start[0], plan.start[1], plan.start[2] = sx, sy, sz
     plan.end[0], plan.end[1], plan.end[2] = ex, ey, ez
@@ -128,7 +128,7 @@ def _clip(plan, sx, sy, sz, ex, ey, ez):
 
 @inlined
 def _order_axes(plan):
-    """Fill what distances need; a segment without length has slopes of nan and crosses nothing."""
+    """Fill the values for distances; a segment without length has slopes of nan, and no crossings."""
     dx, dy, dz = (
         plan.end[0] - plan.start[0],
         plan.end[1] - plan.start[1],
@@ -145,16 +145,16 @@ def _order_axes(plan):
 
 @inlined
 def ordered_axes(plan):
-    """The three axes in cyclic order, the last that in which the segment is longest."""
+    """Return the three axes in cyclic order, the last being the one along which the segment is longest."""
     first = plan.axis_x
     return first, (first + 1) % 3, (first + 2) % 3
 
 
 @inlined
 def _perpendicular(plan, j, k):
-    """Half the unit vector (two components) perpendicular to an axis and the segment; 0 where there is none.
+    """Return half the unit vector (two components) perpendicular to an axis and the segment; 0 if undefined.
 
-    Half, because it is multiplied with the sum of a box's ends.
+    Half, because it is multiplied by the sum of a box's ends.
     """
     step_j, step_k = plan.end[j] - plan.start[j], plan.end[k] - plan.start[k]
     length = sqrt(step_j * step_j + step_k * step_k)
@@ -165,7 +165,7 @@ def _perpendicular(plan, j, k):
 
 @inlined
 def _extent_along(plan, n_j, n_k, j, k):
-    """Middle and half width of the segment along a vector, which is given by its half."""
+    """Return centre and half width of the segment along a vector, which is given by its half."""
     start = 2.0 * (n_j * plan.start[j] + n_k * plan.start[k])
     end = 2.0 * (n_j * plan.end[j] + n_k * plan.end[k])
     return 0.5 * (start + end), 0.5 * abs(end - start)
@@ -173,7 +173,7 @@ def _extent_along(plan, n_j, n_k, j, k):
 
 @inlined
 def _inverse_sq(plan):
-    """1 / length² for bounds: 0 where float32 could not hold it."""
+    """Return 1 / length² for bounds: 0 if it exceeds float32."""
     return plan.per_length_sq if plan.per_length_sq < 1e30 else 0.0
 
 
@@ -210,7 +210,7 @@ def _aiming(put, below, above, component):
             put(probe.origin, i, start)
             put(probe.direction, i, end - start)
             n_j, n_k = _perpendicular(plan, j, k)
-            # What is rounded here is the vector that counts.
+            # The rounded vector is the one used for the extent.
             n_j, n_k = component(n_j), component(n_k)
             middle, spread = _extent_along(plan, n_j, n_k, j, k)
             put(probe.first, i, n_j)

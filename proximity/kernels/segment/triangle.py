@@ -1,11 +1,12 @@
 """Distance between a segment and triangles, and the witness points of the nearest one.
 
-The squared distance to a triangle is the smallest of: both ends to the plane where their foot is inside, and
-for each edge both ends to the edge, its corner to the segment, and the two lines where they pass each other.
-All parameters are clamped, so every candidate is the distance between two points that exist; nearly parallel
-lines may clamp anywhere, the ends and corners are exact there. Zero where the segment crosses.
+The squared distance to a triangle is the smallest of: both ends to the plane if their foot is inside, and for
+each edge, both ends to the edge, its corner to the segment, and the two lines at their common perpendicular.
+All parameters are clamped, so every candidate is the distance of two existing points; for nearly parallel
+lines the perpendicular is inaccurate, but ends and corners are exact. The distance is zero if the segment
+crosses.
 
-Coordinates may come with their axes in any order, z being that in which the segment is longest.
+The axes of the coordinates may be permuted: z is the one along which the segment is longest.
 
 Sources: Ericson, Real-Time Collision Detection, 5.1.9 (two segments); Kahan's difference of products for the
 common perpendicular; Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection" (sheared corners).
@@ -32,20 +33,20 @@ WITNESS = record(
     on_segment="(3,)f8",
     on_solid="(3,)f8",
     solid_weights="(3,)f8",  # barycentric
-    **CLOSEST_FIELDS,  # of the triangle, and of an end of the segment; behind the others: no subtype of it
+    **CLOSEST_FIELDS,  # of the triangle, and of an end of the segment; last, so that it is not a subtype
 )
-"""The answer for a segment and a triangle, local."""
+"""Result for a segment and a triangle, local."""
 stack_witness, _ = stack_arrays_of(WITNESS)
 
 
 @inlined
 def segment_triangle_crossing(a, b, c, slope_x, slope_y, span):
-    """Whether the segment from the origin to (slope_x, slope_y, 1) · span crosses *abc*, and where.
+    """Test whether the segment from the origin to (slope_x, slope_y, 1) · span crosses *abc*.
 
     Returns the truth, numerator and denominator of the fraction along the segment, the weights of the three
-    corners and their sum. Corners are sheared until the segment runs along z: then the signs of the weights
-    are exact, and faces that share an edge or a corner leave no gap between them. Closed: edges and ends
-    count. A face seen edge-on is not crossed, its neighbours are.
+    corners and their sum. Corners are sheared until the segment is parallel to z: the signs of the weights
+    are then exact, and faces that share an edge or a corner leave no gap. Closed: edges and ends count. A
+    face seen edge-on is not crossed, but its neighbours are.
     """
     ax, ay, az = a
     bx, by, bz = b
@@ -69,7 +70,7 @@ def segment_triangle_crossing(a, b, c, slope_x, slope_y, span):
 
 @inlined
 def _gap_sq(wx, wy, wz, t, dx, dy, dz):
-    """Squared length of w + t d."""
+    """Return the squared length of w + t d."""
     x, y, z = fma(t, dx, wx), fma(t, dy, wy), fma(t, dz, wz)
     return dot(x, y, z, x, y, z)
 
@@ -81,7 +82,7 @@ def _clamp(t):
 
 @inlined
 def segment_edge_distance_sq(a, e, d, inverse_sq):
-    """Squared distance from the segment, origin to *d*, to an edge, from *a* to a + e; without its end a + e.
+    """Return the squared distance from the segment, origin to *d*, to the half-open edge from *a* to a + e.
 
     (x, y, z) each; *inverse_sq* is 1 / |d|². The end a + e is the next edge's start.
     """
@@ -100,7 +101,7 @@ def segment_edge_distance_sq(a, e, d, inverse_sq):
     best_sq = minimum(best_sq, _gap_sq(ax - dx, ay - dy, az - dz, u, ex, ey, ez))
     t = _clamp(dot(dx, dy, dz, ax, ay, az) * inverse_sq)
     best_sq = minimum(best_sq, _gap_sq(ax, ay, az, -t, dx, dy, dz))
-    # Where the two lines pass each other.
+    # The common perpendicular of the two lines.
     nx, ny, nz = cross(dx, dy, dz, ex, ey, ez)
     mx = fma(ay, ez, -(az * ey))
     my = fma(az, ex, -(ax * ez))
@@ -114,9 +115,9 @@ def segment_edge_distance_sq(a, e, d, inverse_sq):
 
 @inlined
 def _foot_distance_sq(p, r, ab, ac, bc, normal, inverse_sq):
-    """Whether the foot of a point is inside the triangle; squared distance to the plane.
+    """Test whether the foot of a point is inside the triangle; return also its squared distance to the plane.
 
-    The point as seen from corner a is *p*, from corner b *r*: every side is taken at its own corner, as in
+    *p* and *r* are the point relative to corners a and b: every side is computed from its own corner, as in
     `point_triangle_distance_sq`. *inverse_sq*: 1 / |normal|².
     """
     px, py, pz = p
@@ -141,9 +142,10 @@ def _foot_distance_sq(p, r, ab, ac, bc, normal, inverse_sq):
 
 @inlined
 def segment_triangle_distance_sq(a, b, c, d, slope_x, slope_y, inverse_sq):
-    """Squared distance from the segment, origin to *d*, to triangle *abc*; scalars or vectors of eight.
+    """Return the squared distance from the segment, origin to *d*, to triangle *abc*.
 
-    (x, y, z) each. *slope_x*, *slope_y*: dx / dz, dy / dz. *inverse_sq*: 1 / |d|².
+    (x, y, z) each, scalars or vectors of eight. *slope_x*, *slope_y*: dx / dz, dy / dz. *inverse_sq*: 1 /
+    |d|².
     """
     ax, ay, az = a
     bx, by, bz = b
@@ -175,7 +177,7 @@ def segment_triangle_distance_sq(a, b, c, d, slope_x, slope_y, inverse_sq):
 
 @kernel
 def _take_end(end, fraction, witness):
-    """Offer the point of the triangle nearest to an end of the segment."""
+    """Update the witness with the point of the triangle nearest to an end of the segment."""
     closest_on_triangle(end[0], end[1], end[2], witness)
     if witness.length < witness.gap:
         witness.gap, witness.fraction = witness.length, fraction
@@ -187,7 +189,7 @@ def _take_end(end, fraction, witness):
 
 @inlined
 def _from_nearer_end(start, end, fraction):
-    """A point between two, as the end it is nearer to and the step from there."""
+    """Return a point between two as the nearer end and the step from it."""
     if fraction <= 0.5:
         return start, fraction * (end - start)
     return end, (fraction - 1.0) * (end - start)
@@ -195,7 +197,7 @@ def _from_nearer_end(start, end, fraction):
 
 @inlined
 def _take_passing(plan, corner, t, u, witness):
-    """Offer two points: at *t* along the segment, and at *u* along the edge that starts at *corner*."""
+    """Update the witness with the points at *t* along the segment, and *u* along the edge from *corner*."""
     px, wx = _from_nearer_end(plan.start[0], plan.end[0], t)
     py, wy = _from_nearer_end(plan.start[1], plan.end[1], t)
     pz, wz = _from_nearer_end(plan.start[2], plan.end[2], t)
@@ -217,7 +219,7 @@ def _take_passing(plan, corner, t, u, witness):
 
 @inlined
 def _take_edge(plan, corner, witness):
-    """Offer what the edge from *corner* to the next has: its corner, and where the two lines pass."""
+    """Update the witness with the edge from *corner*: its corner, and the common perpendicular."""
     (sx, sy, sz), (tx, ty, tz) = vector(plan.start), vector(plan.end)
     (ax, ay, az), (bx, by, bz) = corner_of(witness, corner), corner_of(witness, (corner + 1) % 3)
     dx, dy, dz, ex, ey, ez = tx - sx, ty - sy, tz - sz, bx - ax, by - ay, bz - az
@@ -226,7 +228,7 @@ def _take_edge(plan, corner, witness):
     from_start, from_end = dot(wx, wy, wz, dx, dy, dz), -dot(vx, vy, vz, dx, dy, dz)
     t = from_start / length_sq if from_start <= from_end else 1.0 - from_end / length_sq
     _take_passing(plan, corner, min(max(t, 0.0), 1.0), 0.0, witness)
-    # The lines pass each other along their common perpendicular.
+    # The common perpendicular of the two lines.
     nx, ny, nz = cross(dx, dy, dz, ex, ey, ez)
     mx, my, mz = cross(wx, wy, wz, ex, ey, ez)
     t = dot(mx, my, mz, nx, ny, nz) / max(dot(nx, ny, nz, nx, ny, nz), TINY * TINY)
@@ -238,7 +240,7 @@ def _take_edge(plan, corner, witness):
 
 @inlined
 def _take_crossing(plan, witness):
-    """Answer with the crossing, if there is one: to the sign what `segment_triangle_distance_sq` decides."""
+    """Fill the witness with the crossing, if any, consistent with `segment_triangle_distance_sq`."""
     i, j, k = ordered_axes(plan)
     px, py, pz = plan.start[i], plan.start[j], plan.start[k]
     corners = witness.corners
@@ -266,8 +268,8 @@ def _take_crossing(plan, witness):
 def segment_on_triangle(plan, witness):
     """Fill *witness* with the nearest points of the planned segment and of its triangle.
 
-    Among equals the first along the segment. Degenerate: see `closest_on_triangle`; a segment without length
-    answers with its start.
+    Ties: the first along the segment. Degenerate: see `closest_on_triangle`; a segment without length gives
+    its start.
     """
     witness.gap = inf
     if _take_crossing(plan, witness):

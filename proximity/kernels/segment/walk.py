@@ -1,9 +1,9 @@
-"""The segment walk over one part, and over a scene: the smallest distance to the triangles.
+"""Segment traversal of one part, and of a scene: the smallest distance to the triangles.
 
-As the walk for a point (see `point.walk`), with a bound for segments. The answer is the smallest computed
-squared distance and among equals the lowest slot; of several crossings the one that is first along the
-segment, and once one is known only what comes before it is looked at. So nothing depends on the order of the
-walk.
+The same as the traversal for a point (see `point.walk`), with a bound for segments. The result is the
+smallest computed squared distance, ties going to the lowest slot; among crossings, the first along the
+segment, and once one is known only earlier ones are searched. The result does not depend on the order of
+traversal.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ from proximity.native.simd import bits, horizontal_min, select, splat, splat32, 
 
 @inlined
 def segment_block_distance_sq(reals, base, plan):
-    """Squared distances from the planned segment to the eight triangles at *base*."""
+    """Return squared distances from the planned segment to the eight triangles at *base*."""
     i, j, k = ordered_axes(plan)
     px, py, pz = splat(plan.start[i]), splat(plan.start[j]), splat(plan.start[k])
     dx, dy, dz = (
@@ -50,10 +50,10 @@ def segment_block_distance_sq(reals, base, plan):
 
 @kernel
 def segment_in_block(reals, block, plan, best_sq, best_fraction, best_slot, witness):
-    """Squared distance (local), fraction and slot of the nearest triangle: in *block*, or the one known.
+    """Return squared distance (local), fraction and slot of the nearest of *block* and the known triangle.
 
-    The fraction is of the whole segment and counts where the distance is 0; elsewhere it is inf, in and out.
-    *witness*: scratch.
+    The fraction is of the whole segment; it is inf, on input and output, unless the distance is 0. *witness*:
+    scratch.
     """
     distances = segment_block_distance_sq(reals, BLOCK_STRIDE * block, plan)
     is_better = distances <= splat(best_sq)
@@ -99,7 +99,7 @@ _walk_part = depth_first(_open_children, in_blocks(_nearer_in_leaf))
 
 @kernel
 def segment_in_part(reals, words, start, plan, probe, best_sq, best_fraction, best_slot, witness, stacks):
-    """The same of all blocks below *start*.
+    """Apply `segment_in_block` to all blocks below *start*.
 
     *start*, *best_sq*, *best_slot*: as for `point.walk.closest_in_part`. *plan*, *probe*: from
     `plan.make_plan`.
@@ -112,7 +112,7 @@ def segment_in_part(reals, words, start, plan, probe, best_sq, best_fraction, be
 
 @kernel
 def plan_in_part(frames, parts, part, segment, plan, probe):
-    """Make the plan of a segment (six coordinates, scene's frame) in the local frame of *part*, once."""
+    """Fill the plan of a segment (six coordinates, scene's frame) in the frame of *part*, if not done."""
     if plan.part == part:
         return
     sx, sy, sz = to_local(frames, parts, part, segment[0], segment[1], segment[2])
@@ -123,7 +123,7 @@ def plan_in_part(frames, parts, part, segment, plan, probe):
 
 @inlined
 def _nearer_in_part(model, part, start, query, best, stacks):
-    """The best, with what is below *start* in a part that has a frame of its own."""
+    """Return the best result, including the blocks below *start* in a part with a separate frame."""
     reals, words, frames, parts = model
     scene_plan, _, _, witness, (segment, plan, probe) = query
     _, best_sq, fraction, slot = best
@@ -141,12 +141,12 @@ _walk_scene = depth_first(_open_children, in_blocks_and_parts(_nearer_in_leaf, _
 
 @kernel
 def segment_in_scene(model, segment, best_sq, known_slot, plans, probes, witness, stacks):
-    """Squared distance (scene's scaled frame), part and slot of the surface nearest to a segment.
+    """Return squared distance (scene's scaled frame), part and slot of the surface nearest to a segment.
 
     *best_sq* is the limit. *known_slot*, or `NO_SLOT`: a triangle that may be near; it changes the cost, not
-    the answer. Ties go to the lower part, then to the lower slot; of crossings the first along the segment
-    counts. Scratch: *plans* (2,) records, of which the first is left as the plan of some part, *probes*
-    (2,), *witness*, *stacks*.
+    the result. Ties go to the lower part, then to the lower slot; of crossings the first along the segment
+    counts. Scratch: *plans* (2,) records, whose first is left as the plan of some part, *probes* (2,),
+    *witness*, *stacks*.
     """
     reals, words, frames, parts = model
     scene = len(parts) - 1

@@ -1,1 +1,1 @@
-"""Inside or outside of one part: winding number, pseudo-normals, and a grid of cells known to be inside."""
+"""Inside or outside of one part: winding number, pseudo-normals, and a grid of classified cells."""

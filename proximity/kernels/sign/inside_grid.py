@@ -1,8 +1,8 @@
-"""A coarse grid of cells that are wholly inside, wholly outside, or crossed by the surface.
+"""A coarse grid of cells that are entirely inside, entirely outside, or crossed by the surface.
 
-A scene asks of many parts whether a point is inside; for most the answer is one look into this grid. It
-lies in the part's own frame and moves with it. Two bits a cell, sixteen cells a word. Only for parts whose
-winding number is an integer: there inside and outside change at faces only.
+A scene tests many parts for containment, usually by one lookup in this grid. It is in the part's local frame
+and moves with it. Two bits per cell, sixteen cells per word. Only for parts whose winding number is an
+integer: there inside and outside change at faces only.
 """
 
 import numpy as np
@@ -21,27 +21,27 @@ from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
 
 CELL_SLACK = 1e-6
-"""Cells. A face this close to a cell counts as crossing it: more than all rounding of a look-up."""
+"""Cells. A face this close to a cell counts as crossing it: larger than all rounding of a lookup."""
 SAMPLE_PITCH = 2.0
-"""Cells. How far apart a face is looked at, by `uncertain_points`, along its longest side and across."""
+"""Cells. Distance of the samples of a face in `uncertain_points`, along its longest side and across."""
 SAMPLE_CLEARANCE = 1.0 + 4.0 * CELL_SLACK
-"""Distance of samples from a face, in cell widths along its normal: the face crosses no cell there."""
+"""Distance of samples from a face, in cell widths along its normal: the face does not cross their cells."""
 MOST_POINTS = 1024
-"""Most points that `uncertain_points` returns; even."""
+"""Maximum number of points returned by `uncertain_points`; even."""
 CELLS_PER_FACE = 64
 FEWEST_CELLS = 512
 LARGEST_GRID = 2**18
-"""Cells of a grid, about."""
+"""Approximate maximum of a grid's cells."""
 LARGEST_ASPECT = 64.0
-"""A grid is sized as if its box were no flatter than this."""
+"""Maximum aspect ratio of the box for which a grid is sized."""
 ORIGIN = 0.0, 0.0, 0.0
 
 
 @entry("float64[:], int -> float, int, int, int")
 def grid_size(extent, wanted):
-    """Return cells a unit of length, and how many along x, y and z, of a grid over a box.
+    """Return cells per unit of length, and the number of cells along x, y and z, of a grid over a box.
 
-    *extent* (3,): sides of the box. *wanted*: cells in all, about.
+    *extent* (3,): sides of the box. *wanted*: approximate total number of cells.
     """
     least = max(extent[0], extent[1], extent[2]) / LARGEST_ASPECT
     volume = max(extent[0], least) * max(extent[1], least) * max(extent[2], least)
@@ -58,20 +58,20 @@ def grid_size(extent, wanted):
 
 @inlined
 def grid_words(part):
-    """Words of a part's grid, 0 if it has none."""
+    """Return the number of words of a part's grid, 0 without one."""
     cells = part.grid_x * part.grid_y * part.grid_z
     return (cells + CELLS_PER_WORD - 1) // CELLS_PER_WORD if part.grid != NO_GRID else np.int64(0)
 
 
 @kernel
 def cells_wanted(face_count):
-    """Number of cells, about, of the grid of a part."""
+    """Return the approximate number of cells of a part's grid."""
     return min(max(CELLS_PER_FACE * face_count, FEWEST_CELLS), LARGEST_GRID)
 
 
 @inlined
 def cell_state(words, at, lower, rate, counts, p):
-    """State of the cell that holds *p*; `CELL_OUTSIDE` beyond the grid. *lower*, *counts*: along x, y, z."""
+    """Return the state of the cell that contains *p*; `CELL_OUTSIDE` beyond the grid."""
     nx, ny, nz = counts
     fx, fy, fz = (p[0] - lower[0]) * rate, (p[1] - lower[1]) * rate, (p[2] - lower[2]) * rate
     if not (fx >= 0.0 and fy >= 0.0 and fz >= 0.0 and fx < nx and fy < ny and fz < nz):
@@ -82,7 +82,7 @@ def cell_state(words, at, lower, rate, counts, p):
 
 @inlined
 def _reach(states, neighbor, state, stack, waiting):
-    """Have a cell on the same side wait on the *stack*, if its state is not known yet; how many wait."""
+    """Set the state of a cell if unknown and push it on the *stack*; return the stack's size."""
     if states[neighbor] == CELL_UNKNOWN:
         states[neighbor] = state
         stack[waiting] = neighbor
@@ -92,7 +92,7 @@ def _reach(states, neighbor, state, stack, waiting):
 
 @kernel
 def _spread(states, seed, state, nx, ny, nz, stack):
-    """Give a cell, and all that are not crossed and touch it, one after the other, their *state*."""
+    """Flood-fill *state* from a cell through adjacent cells that are not crossed."""
     states[seed] = state
     stack[0] = seed
     waiting = 1
@@ -120,7 +120,7 @@ def _spread(states, seed, state, nx, ny, nz, stack):
     makes_arrays=True,
 )
 def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, moments):
-    """Return the packed states (int32) of *nx ny nz* cells of size 1/*rate* from *lower* on.
+    """Return the packed states (uint32) of *nx ny nz* cells of size 1/*rate* from *lower*.
 
     *corners* (V, 3), *faces* (F, 3): local frame. *reals*, *words*, *root*, *moments*: the part's tree.
     """
@@ -154,7 +154,7 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
                     if abs(height) <= reach:
                         states[(iz * ny + iy) * nx + ix] = CELL_CROSSED
 
-    # Cells that touch and are not crossed are on one side: one winding number tells for all of them.
+    # Connected cells that are not crossed are on one side: one winding number classifies all of them.
     stack = np.empty(nx * ny * nz, np.int32)
     for seed in range(nx * ny * nz):
         if states[seed] != CELL_UNKNOWN:
@@ -184,12 +184,12 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
     makes_arrays=True,
 )
 def uncertain_points(corners, faces, lower, rate, nx, ny, nz, grid):
-    """Return points that a face and the grid tell to be on different sides, and which faces are clear.
+    """Return points that a face and the grid put on different sides, and the faces that are clear.
 
-    Every face is looked at, every `SAMPLE_PITCH` cells, to both sides, so far off that it crosses no cell
-    there. Points (N, 3), local, at most `MOST_POINTS`, spread evenly, and whether the grid says inside, (N,)
-    bool: where another face lies in between, nothing is wrong. Clear, (F,) bool: on each side some cell that
-    was looked at is not crossed. *grid*: what `build_grid` returned; the other arguments are as there.
+    Each face is sampled every `SAMPLE_PITCH` cells on both sides, at a distance at which it crosses no
+    sampled cell. Points (N, 3), local, at most `MOST_POINTS`, spread evenly, and whether the grid classifies
+    them as inside, (N,) bool: a difference is correct if another face is in between. Clear, (F,) bool: on
+    each side some sampled cell is not crossed. *grid*: from `build_grid`, with the same other arguments.
     """
     points, is_inside = np.empty((MOST_POINTS, 3)), np.empty(MOST_POINTS, np.bool_)
     is_clear = np.zeros(len(faces), np.bool_)

@@ -1,10 +1,10 @@
 """Inside or outside of a closed part, by the faces that a ray along an axis crosses.
 
-The ray goes to the side of the part's box that is nearest; as often as it leaves through faces, less as often
-as it enters, is the winding number. That takes a few steps where the expansion of `winding_number` takes a
-hundred, and among fans of long thin triangles a tenth of them. The number is right wherever the point is not
-on the surface, but for rounding: seen along the axis, an edge counts for one of its two faces what it counts
-for the other, with the opposite sign and bit by bit, so that no ray slips through between them.
+The ray goes to the nearest side of the part's box. The winding number is the count of faces through which it
+leaves, less those through which it enters. The traversal takes a few steps where the expansion of
+`winding_number` takes a hundred, and a tenth of its steps among fans of long thin triangles. The number is
+exact, up to rounding, for every point off the surface: the projected edge contributes bit-identical values of
+opposite sign to its two faces, so that no ray passes between them.
 
 Source: the half-open rule for edges of Haines 1994, "Point in polygon strategies".
 """
@@ -32,14 +32,14 @@ from proximity.native.simd import (
 
 @kernel
 def _turns_of_block(reals, base, ray):
-    """How many of a block's faces the ray leaves by, less those by which it enters."""
+    """Return the number of a block's faces by which the ray leaves, less those by which it enters."""
     axis, u_axis, v_axis, sign, along, across_u, across_v = ray
     zero, to_sign = splat(0.0), splat(sign)
     u, v = base + LANES * u_axis, base + LANES * v_axis
     au, av = load(reals, u) - across_u, load(reals, v) - across_v
     bu, bv = load(reals, u + CORNER_STRIDE) - across_u, load(reals, v + CORNER_STRIDE) - across_v
     cu, cv = load(reals, u + 2 * CORNER_STRIDE) - across_u, load(reals, v + 2 * CORNER_STRIDE) - across_v
-    # Products and differences, not fused: the same number for both faces of an edge, but for its sign.
+    # Products and differences without fma: exactly opposite numbers for the two faces of an edge.
     ab, bc, ca = au * bv - av * bu, bu * cv - bv * cu, cu * av - cv * au
     turn = _turn_of_edge(av, bv, ab) + _turn_of_edge(bv, cv, bc) + _turn_of_edge(cv, av, ca)
     if not bits((turn > zero) | (turn < zero)):
@@ -59,7 +59,7 @@ def _turns_of_block(reals, base, ray):
 
 @inlined
 def _turn_of_edge(av, bv, cross):
-    """1 where an edge passes the origin upwards on its right, -1 where it does downwards, else 0."""
+    """Return 1 if an edge passes the origin upwards on its right, -1 if it does downwards, else 0."""
     zero, one = splat(0.0), splat(1.0)
     is_up = (av <= zero) & (bv > zero) & (cross > zero)
     is_down = (av > zero) & (bv <= zero) & (cross < zero)
@@ -68,7 +68,7 @@ def _turn_of_edge(av, bv, cross):
 
 @inlined
 def _open_children(words, node, ray, total):
-    """The children that the ray may meet; a step more."""
+    """Return the children that the ray may intersect, and count a step."""
     axis, u_axis, v_axis, sign, along, across_u, across_v = ray
     base = NODE_STRIDE * node
     far = widen(upper_along(words, base, axis) if sign > 0.0 else lower_along(words, base, axis))
@@ -90,7 +90,7 @@ _walk_ahead = through_all(_open_children, _turn_by_leaf)
 
 @kernel
 def _turns_ahead(reals, words, root, axis, sign, px, py, pz):
-    """How often the ray from *p* along an axis, towards *sign*, leaves less how often it enters; steps."""
+    """Return the winding number along the ray from *p*, on an axis towards *sign*, and the steps."""
     u_axis, v_axis = (axis + 1) % 3, (axis + 2) % 3
     own = px if axis == 0 else (py if axis == 1 else pz)
     across_u = px if u_axis == 0 else (py if u_axis == 1 else pz)
@@ -101,7 +101,7 @@ def _turns_ahead(reals, words, root, axis, sign, px, py, pz):
 
 @inlined
 def winding_along_ray(reals, words, root, px, py, pz):
-    """Winding number around *p*, local, of a closed part with that root; the nodes and leaves it took."""
+    """Return the winding number of a closed part around *p*, local, and the nodes and leaves visited."""
     base = NODE_STRIDE * root
     is_used = used_lanes(words, base)
     none = splat32(np.float32(np.inf))

@@ -1,17 +1,17 @@
-"""The generalized winding number of one part, by its tree.
+"""The generalized winding number of one part, computed with its tree.
 
-A cluster of faces that is far away for its size counts as one dipole and one quadrupole; near clusters are
-opened, and the triangles of near leaves are summed exactly. For a closed part the sum is 1 inside and 0
-outside, give or take a few hundredths.
+A distant cluster of faces is approximated by one dipole and one quadrupole; near clusters are opened, and the
+triangles of near leaves are summed exactly. For a closed part the sum is 1 inside and 0 outside, within a few
+hundredths.
 
 Tried and dropped (2026-11): dipoles alone, from three radii on. The two sides of a thin wall cancel in a
-dipole: 0.18 off inside a hollow ball, 0.5 inside nested ones; and slower by a third. One arc tangent for each
-triangle: near a gear a walk took three times as long, near a plate twice.
+dipole: an error of 0.18 inside a hollow ball, 0.5 inside nested ones; and slower by a third. One arc tangent
+per triangle: it tripled the time of a traversal near a gear, and doubled it near a plate.
 
-``moments``: `MOMENT_STRIDE` words a node: for its eight children the centre x, y, z (weighted by area), the
-sum of the area normals x, y, z, the squared distance from which on the child counts as far, and how the area
-normals are spread about the centre: xx, yy, xy, xz, yz of the symmetric first moment without its trace; then
-two words of `normal_slab`.
+``moments``: `MOMENT_STRIDE` words per node: for its eight children the centre x, y, z (weighted by area), the
+sum of the area normals x, y, z, the squared distance beyond which the child is approximated, and the first
+moment of the area normals about the centre: xx, yy, xy, xz, yz of its symmetric traceless part; then two
+words of `normal_slab`.
 
 Source: Jacobson, Kavan, Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized winding
 numbers"; Barill et al. 2018, "Fast winding numbers for soups and clouds" (here with terms of the first two
@@ -64,20 +64,20 @@ from proximity.native.simd import (
 )
 
 OPENING = 2.5
-"""Ratio of distance to radius from which on a cluster counts as far."""
+"""Ratio of distance to radius beyond which a cluster is approximated."""
 ROUND = 2 * LANES
-"""Lanes twice in a row: from each, the others follow in cyclic order."""
+"""Lanes twice in a row, so that each is followed by the others in cyclic order."""
 SMALLEST_PRODUCT, LARGEST_PRODUCT = 1e-300, 1e300
-"""Range of a product that has a direction. Beyond it features are below 1e-100 local."""
+"""Range of a product with a usable direction. Beyond it features are below 1e-100 local."""
 
 
 @entry("float32[:], float64[:], int, float32[:]", makes_arrays=True)
 def fill_moments(words, reals, node_count, moments):
     """Fill the moments of a tree that starts at word 0 with blocks at real 0.
 
-    A child's number is above its parent's, so that nodes are done from the last to the first.
+    Nodes are processed from the last to the first, since a child's number is above its parent's.
     """
-    # Of each node: area; area times centre; area normal; area normal times position, nine numbers.
+    # Per node: area; area times centre; area normal; area normal times position, nine numbers.
     sums = np.zeros((node_count, 16))
     own = np.empty(16)
     for node in range(node_count - 1, -1, -1):
@@ -112,7 +112,7 @@ def fill_moments(words, reals, node_count, moments):
 
 @kernel
 def _write_spread(sums, moments, at):
-    """Write the first moment about the centre: the two sides of a thin wall cancel in all but this."""
+    """Write the first moment about the centre, the leading term for a thin wall, whose two sides cancel."""
     x, y, z = sums[1] / sums[0], sums[2] / sums[0], sums[3] / sums[0]
     xx, yy, zz = sums[7] - sums[4] * x, sums[11] - sums[5] * y, sums[15] - sums[6] * z
     trace = xx + yy + zz
@@ -125,7 +125,7 @@ def _write_spread(sums, moments, at):
 
 @kernel
 def _add_triangle(reals, position, sums):
-    """Add a triangle to the sums of `fill_moments`; NaN adds nothing."""
+    """Add a triangle to the sums of `fill_moments`; NaN is ignored."""
     a, b, c = corners_at(reals, position)
     if a[0] != a[0]:
         return
@@ -148,12 +148,12 @@ def _add_triangle(reals, position, sums):
 
 @kernel
 def turned(cosine, sine, turns, below, volume):
-    """Turn angles, ``atan2(sine, cosine)`` and full *turns*, on by ``atan2(volume, below)``.
+    """Rotate angles, ``atan2(sine, cosine)`` and full *turns*, by ``atan2(volume, below)``.
 
-    Vectors or plain numbers. The product of two complex numbers, scaled by its larger part; what points
-    nowhere, as where there is no triangle, turns by nothing. The angle kept is above minus half a turn, and
-    half a turn at most; a sine of minus zero counts as zero. Two angles up, or two down, have passed half a
-    turn where their sum is on the other side, or has come round to where it began.
+    Vectors or plain numbers. The product of two complex numbers, scaled by its larger component; a product
+    without a direction, as for unused lanes, leaves the angle unchanged. The angle is above minus half a turn
+    and at most half a turn; a sine of minus zero counts as zero. The sum of two non-negative angles, or of
+    two negative ones, has passed half a turn if it has the opposite sign or has come round to the start.
     """
     zero, one = like(0.0, cosine), like(1.0, cosine)
     is_up, is_down = (sine >= zero) & (volume >= zero), (sine < zero) & (volume < zero)
@@ -162,7 +162,7 @@ def turned(cosine, sine, turns, below, volume):
     size = maximum(absolute(new_cosine), absolute(new_sine))
     is_there = (size > like(SMALLEST_PRODUCT, size)) & (size < like(LARGEST_PRODUCT, size))
     scale = one / select(is_there, size, one)
-    # By the numbers that are kept: scaled, the least may have become zero.
+    # Tested on the scaled numbers, which are kept: scaling may turn the smallest into zero.
     new_cosine, new_sine = new_cosine * scale, new_sine * scale
     is_round = (cosine < zero) & (below < zero) & (new_cosine >= zero)
     is_past = is_there & is_up & ((new_sine < zero) | is_round)
@@ -173,7 +173,7 @@ def turned(cosine, sine, turns, below, volume):
 
 @kernel
 def _turned_by_block(reals, base, x, y, z, cosine, sine, turns):
-    """Turn each lane's angle on by half the solid angle of a block's triangle, seen from *p*."""
+    """Rotate each lane's angle by half the solid angle of a block's triangle, seen from *p*."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners_of_block(reals, base)
     ax, ay, az = ax - x, ay - y, az - z
     bx, by, bz = bx - x, by - y, bz - z
@@ -188,7 +188,7 @@ def _turned_by_block(reals, base, x, y, z, cosine, sine, turns):
         fma(dot(bx, by, bz, cx, cy, cz), a, fma(dot(cx, cy, cz, ax, ay, az), b, a * b * c)),
     )
     if bits(below < splat(0.0)):
-        # Beside a face of which two corners are one, rounding would be half a turn: it turns nothing.
+        # Next to a face with two equal corners rounding could give half a turn: it is ignored.
         is_line = (ax == bx) & (ay == by) & (az == bz)
         is_line = is_line | ((bx == cx) & (by == cy) & (bz == cz))
         is_line = is_line | ((cx == ax) & (cy == ay) & (cz == az))
@@ -199,7 +199,7 @@ def _turned_by_block(reals, base, x, y, z, cosine, sine, turns):
 
 @kernel
 def _sum_of_angles(cosine, sine, turns):
-    """The sum of all lanes' angles: lane by lane with the one that is four, two and one further."""
+    """Return the sum of all lanes' angles, by cyclic shifts of four, two and one lanes."""
     twice = stack_f64(ROUND), stack_f64(ROUND), stack_f64(ROUND)
     for step in (4, 2, 1):
         for at in (0, LANES):
@@ -214,7 +214,7 @@ def _sum_of_angles(cosine, sine, turns):
 
 @kernel
 def _flux(words, at, dx, dy, dz, distance_sq):
-    """Solid angle of the children of the node with moments *at*, seen as points."""
+    """Return the solid angle of the children of the node with moments *at*, by their expansion."""
     nx, ny, nz = load_points(words, at + MOMENT_AREA_NORMAL)
     flux = dot(dx, dy, dz, widen(nx), widen(ny), widen(nz))
     spread = at + MOMENT_SPREAD
@@ -233,7 +233,7 @@ def _flux(words, at, dx, dy, dz, distance_sq):
 
 @inlined
 def _open_children(words, node, query, total):
-    """Add the flux of the children that are far; the near ones are open."""
+    """Add the flux of the far children; return the near ones as open."""
     (x, y, z), moments = query
     cosine, sine, turns, fluxes = total
     base, at = NODE_STRIDE * node, moments + MOMENT_STRIDE * node
@@ -260,7 +260,7 @@ _walk_near = through_all(_open_children, _turn_by_leaf)
 
 @kernel
 def winding_number(reals, words, root, moments, px, py, pz):
-    """Winding number of the part around *p* (local frame): about 1 inside a closed part, about 0 outside."""
+    """Return the winding number of the part around *p*, local: about 1 inside a closed part, 0 outside."""
     query = (splat(px), splat(py), splat(pz)), moments
     total = splat(1.0), splat(0.0), splat(0.0), splat(0.0)
     cosine, sine, turns, fluxes = _walk_near(reals, words, root, query, total, stack_f32(STACK_SIZE))

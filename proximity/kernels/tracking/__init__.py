@@ -1,1 +1,1 @@
-"""One tick: distances with bounds, motion and prediction of every finger."""
+"""One tick: distance with bounds, motion and prediction of each finger."""

@@ -1,12 +1,12 @@
-"""Conservative advancement: how far a sphere can follow a path without touching anything.
+"""Conservative advancement: how far a sphere can follow a path without contact.
 
-From a position where every surface is at least *c* away from the sphere it can go on for *c*, less what the
-parts move toward it, and touch nothing. So the path is cut into steps, each of which is certified by one
-closest-point query; near the contact the steps shrink to what is left. Nothing is ever passed through,
-however thin. Beyond the last step the nearest face shows where the touch is to be expected.
+A sphere whose distance to every surface is at least *c* can advance by *c*, less the motion of the parts
+toward it, without contact. The path is cut into such steps, each certified by one closest-point query. The
+steps shrink near the contact, and no surface is passed through, however thin. The nearest face after the last
+step gives the expected contact.
 
-What a query finds is kept: a *ball* without any surface in it. At the next tick the finger is a little beside
-where it was, its path leads through the same balls, and most steps need no query.
+Each query gives a *ball* without any surface in it, which is stored. At the next tick the path of the finger
+has moved a little and leads through the same balls, so that most steps need no query.
 
 A position on a path is given by its *parameter*: seconds, or metres along the path.
 
@@ -29,52 +29,52 @@ from proximity.native.simd import horizontal_min, load, minimum, select, splat, 
 
 MOST_STEPS = 24
 TOUCH = 1e-5
-"""m: nearer than this is a touch; a tenth of what an operator would feel as a bias."""
+"""m: a smaller distance is a contact; a tenth of the bias that an operator would feel."""
 NEAR = 0.01
-"""Share of the distance covered that may be left to the nearest face's plane."""
+"""The plane of the nearest face is accepted within this share of the distance covered."""
 BALL_COUNT = 16
-"""That a finger keeps; the oldest goes first. Fewer are asked for anew more often: 8 cost 15 % of a tick."""
+"""Balls per finger; a new one overwrites the oldest. With 8, repeated queries cost 15 % of a tick."""
 BALLS_SIZE = 5 * BALL_COUNT + 1
-"""Numbers of a finger's balls: their x, y, z, m; radius, m, negative for none; how far parts had moved when
-each was found, m; and the number of the oldest."""
+"""Size of a finger's array of balls: x, y, z, m; radius, m, negative for none; displacement of the parts when
+each was found, m; and the index of the oldest."""
 WORTH = 0.25
-"""Share of what a ball gave when it was found that it must still give to be taken."""
+"""Least remaining share of its initial clearance with which a ball is used."""
 EXACT_WITHIN = 1e-3
-"""m of clearance that are found whole: walks to a surface nearby are short, and where it is grazed each step
-counts."""
+"""m of clearance below which queries are exact: they are short near a surface, and each step counts along a
+grazing path."""
 STEEP = 0.5
-"""Cosine from which on that plane is believed so."""
+"""Least cosine of the angle of incidence at which the plane of the nearest face is accepted."""
 
 
 class Path(NamedTuple):
-    """A polyline with a parameter at each corner, which falls nowhere: s, or m along it."""
+    """A polyline with a non-decreasing parameter at each corner: s, or m along it."""
 
     corners: np.ndarray  # (K, 3) float64, m, scene's frame
     parameters: np.ndarray  # (K,) float64
 
 
 class Sphere(NamedTuple):
-    """A sphere that follows a path, and what is known of its surroundings."""
+    """A sphere that follows a path, and the stored balls around it."""
 
     radius: float  # m
-    speed: float  # m a unit of the path's parameter, at most
+    speed: float  # maximum, m per unit of the path's parameter
     balls: np.ndarray  # (BALLS_SIZE,) float64, of the finger
-    displacement: float  # m, by which parts have moved up to now
+    displacement: float  # m, of the parts up to now
 
 
 class Advance(NamedTuple):
-    """Result of an advancement: how far the sphere gets on its path."""
+    """Result of an advancement of a sphere along a path."""
 
-    free: float  # parameter up to which it touches nothing, for certain
-    expected: float  # parameter at which it will touch; inf if not on this path
-    part: int  # of the face that it then touches, or was nearest to last
-    slot: int  # of that face
+    free: float  # parameter up to which the path is certified free
+    expected: float  # parameter of the expected contact; inf if none on this path
+    part: int  # part of the face in contact, or nearest last
+    slot: int  # slot of that face
     steps: int  # nodes and leaves visited
 
 
 @inlined
 def point_on_path(path, parameter, vectors):
-    """Fill *vectors* (6,) with the point of a path at *parameter*, and the path's direction a unit."""
+    """Fill *vectors* (6,) with the point of a path at *parameter*, and the path's direction per unit."""
     corners, parameters = path.corners, path.parameters
     k = 0
     while k < len(parameters) - 2 and parameters[k + 1] <= parameter:
@@ -89,7 +89,7 @@ def point_on_path(path, parameter, vectors):
 
 @inlined
 def outward_of(model, part, closest, out):
-    """Fill *out* (3,) with the unit direction, scene's frame, from a closest point to its query."""
+    """Fill *out* (3,) with the unit vector, scene's frame, from a closest point to its query point."""
     length = closest.length
     factor = 1.0 / length if length > 1e-150 else 0.0
     out[0], out[1], out[2] = direction_to_scene(
@@ -104,7 +104,7 @@ def outward_of(model, part, closest, out):
 
 @inlined
 def _clearance_in_balls(sphere, x, y, z):
-    """Least clearance of a sphere at a point, by its balls; negative where a query is needed."""
+    """Return the least clearance of a sphere at a point, from its balls; negative if a query is needed."""
     balls = sphere.balls
     nearest = splat(np.inf)
     for first in range(0, BALL_COUNT, LANES):
@@ -123,7 +123,7 @@ def _clearance_in_balls(sphere, x, y, z):
 
 @inlined
 def _keep_ball(sphere, x, y, z, clear):
-    """Keep that no surface is nearer to a point than *clear*, m, in place of the oldest ball."""
+    """Store a ball: no surface is nearer to the point than *clear*, m. Overwrites the oldest."""
     balls = sphere.balls
     ball = int(balls[5 * BALL_COUNT])
     balls[ball], balls[ball + BALL_COUNT], balls[ball + 2 * BALL_COUNT] = x, y, z
@@ -133,7 +133,7 @@ def _keep_ball(sphere, x, y, z, clear):
 
 @inlined
 def _free_until(parameter, clearance, rate, faster):
-    """Parameter up to which a clearance lasts: until it is used up, or until a faster part may come."""
+    """Return the parameter up to which a clearance lasts, or at which a faster part may arrive."""
     if rate > 0.0:
         return min(parameter + clearance / rate * DOWN, faster)
     return faster if clearance > 0.0 else parameter
@@ -143,12 +143,12 @@ def _free_until(parameter, clearance, rate, faster):
 def advance_conservatively(
     model, path, sphere, drift, start, clearance, part, slot, tolerance, budget, scratch
 ):
-    """Advance a sphere on its path from the parameter *start* on; returns an `Advance`.
+    """Advance a sphere along its path from the parameter *start*; return an `Advance`.
 
-    At *start* it is *clearance* m away from everything. *drift*: of surfaces toward it, a `Drift`. *part*,
-    *slot*: a face to start from. *tolerance*: share of a clearance that a step need not find. Fills the first
-    six of the scratch vectors as `point_on_path` does, and the last three with the outward direction of the
-    face found last.
+    At *start* every surface is at least *clearance* m away. *drift*: a `Drift`, of surfaces toward the
+    sphere. *part*, *slot*: a face to start from. *tolerance*: the share of a clearance by which a query may
+    fall short. Fills the first six of the scratch vectors as `point_on_path` does, and the last three with
+    the outward direction of the last face found.
     """
     end, speed, vectors = path.parameters[len(path.parameters) - 1], sphere.speed, scratch.vectors
     work = np.int64(0)
@@ -174,7 +174,7 @@ def advance_conservatively(
         if known > NEAR * speed * elapsed and known > TOUCH:
             free = _free_until(current, known, rate, start + faster)
             continue
-        # What is farther than this at present is not reached before the end.
+        # Surfaces beyond this distance now are not reached before the end.
         limit = ((speed + drift_at_end) * (end - current) + sphere.radius + drift_at_end * elapsed) * scale
         best_sq, part, slot, lower_sq, steps = nearest_from_face(
             model, (x, y, z), part, slot, limit * limit * (1.0 + 1e-12),
@@ -200,7 +200,7 @@ def advance_conservatively(
 
 @inlined
 def _gap_and_closing(model, sphere, part, slot, scratch):
-    """Gap between the sphere at the scratch point and a face, m, and the rate at which its path closes it."""
+    """Return the gap between the sphere and a face, m, and the rate at which the path closes it."""
     vectors = scratch.vectors
     point = vectors[0], vectors[1], vectors[2]
     gap = fill_closest(model, part, slot, point, scratch.closest)
@@ -211,11 +211,12 @@ def _gap_and_closing(model, sphere, part, slot, scratch):
 
 @kernel
 def touches(model, point, radius, part, slot, budget, workspace):
-    """Whether a sphere at *point* (x, y, z) touches some surface for certain, and the steps it took to know.
+    """Test whether a sphere at *point* (x, y, z) certainly touches a surface; return also the steps taken.
 
-    *part*, *slot*: a face to start from, which is best the one that is expected to be touched.
+    *part*, *slot*: a face to start from, best the one expected in contact.
     """
-    # Any face within the radius will do: with a tolerance of the whole distance the first found is enough.
+    # Any face within the radius is enough: with a tolerance of the whole distance the first found ends the
+    # search.
     limit = radius * model.frames[len(model.frames) - 1].scale
     _, _, slot, _, work = nearest_from_face(
         model, point, part, slot, limit * limit, (1.0, 0.0), budget, workspace

@@ -1,7 +1,7 @@
-"""The distance of one finger, with bounds, and the surface that is nearest to it.
+"""Distance of one finger with bounds, and the surface point nearest to it.
 
-A finger out of the working range, or one whose bounds are close enough, goes by what was known at an earlier
-tick and how far finger and parts have moved since. Otherwise the distance is searched for.
+A finger outside the working range, or whose bounds are close enough, reuses the result of an earlier tick,
+widened by the displacement of finger and parts since. Otherwise the distance is searched.
 """
 
 from math import sqrt
@@ -38,26 +38,25 @@ from proximity.native import inlined
 from proximity.native.simd import load_int
 
 CROWD = 10
-"""Fingers of two hands: more than that are a crowd."""
+"""Fingers of two hands; larger numbers are a crowd."""
 TOLERANCE_SHARE = 0.4
-"""Share of the tolerance by which a search in a crowd leaves its bounds apart, rather than going on. A
-skin whose bounds may be 5 % apart wants less than half the steps that it wants with 0, to the same bounds on
-average."""
+"""Share of the tolerance by which a search in a crowd leaves its bounds apart. With a tolerance of 5 % a skin
+needs less than half the steps of an exact search, for the same bounds on average."""
 SHORT, PAUSE = 2, 200
-"""Divisor of the budget: what a coherent search may take of it, and a walk for one to be begun. Where it does
-not get done in that, none is tried for so many ticks, which matters from a million faces on."""
+"""Divisor of the budget, which limits a coherent search and the traversal after which one may start; and
+ticks until the next attempt after one that exceeded this limit, which matters from a million faces on."""
 STRAY = 1.0 / 16.0
-"""Share of its distance that a finger may go until the reported point of the surface is looked for anew:
-meanwhile it is up to 0.2 % farther than the nearest. Ticks of fingers far off take a seventh less so."""
+"""Share of its distance that a finger may move before the reported surface point is searched again: until
+then the point is up to 0.2 % farther than the nearest. Ticks of distant fingers take a seventh less time."""
 FEWEST_DISTANCE_STEPS = 8
-"""For the distance of a finger of which nothing is known, when none are left."""
+"""Steps for the distance of a finger without bounds when the shared steps are used up."""
 
 
 @inlined
 def find_distance(model, arrays, i, finger, is_moved, scratch):
-    """Write distance, bounds and nearest surface of finger *i*; return the flags that say what is known.
+    """Write distance, bounds and nearest surface point of finger *i*; return the flags of the result.
 
-    *is_moved*: whether parts may stand elsewhere than at the tick before.
+    *is_moved*: whether parts may have moved since the previous tick.
     """
     settings = arrays.settings[0]
     radius, part, slot = finger.track.radius, finger.track.part, finger.track.slot
@@ -110,7 +109,7 @@ def find_distance(model, arrays, i, finger, is_moved, scratch):
 
 @inlined
 def _clearance_left(frames, settings, finger):
-    """A distance, m, within which there is still no surface: what was clear less what has moved."""
+    """Return a lower bound of the distance, m: the last clearance less the displacement since."""
     track = finger.track
     x, y, z = vector(finger.record.position)
     dx, dy, dz = x - track.anchor[0], y - track.anchor[1], z - track.anchor[2]
@@ -120,10 +119,10 @@ def _clearance_left(frames, settings, finger):
 
 @inlined
 def _upper_bound(model, settings, finger, clearance, scratch):
-    """A distance, m, that some surface is not beyond, without a search; whether the surface is known by it.
+    """Return an upper bound of the distance, m, without a search, and whether it gives the surface point.
 
-    Where it is, the scratch vectors are filled as by `_find_surface`; else, if the finger has a face, the
-    closest feature.
+    If it does, the scratch vectors are filled as by `_find_surface`; otherwise, if the finger has a face, the
+    closest feature is.
     """
     part, slot = finger.track.part, finger.track.slot
     x, y, z = vector(finger.record.position)
@@ -137,7 +136,7 @@ def _upper_bound(model, settings, finger, clearance, scratch):
 
 @inlined
 def _to_kept_surface(settings, finger, vectors):
-    """The distance, m, to the surface point that was answered last, and whether it is still near enough.
+    """Return the distance, m, to the last reported surface point, and whether that point is still usable.
 
     Fills *vectors*: outward direction, and the point.
     """
@@ -159,16 +158,17 @@ def _to_kept_surface(settings, finger, vectors):
 
 @inlined
 def _search(model, arrays, i, finger, is_outside, is_moved, tolerance, budget, scratch):
-    """Search for the distance of finger *i* and return what `bounds_of_nearest` does.
+    """Search the distance of finger *i*; return the same as `bounds_of_nearest`.
 
-    From the frontier of the finger's last search where it has one, by a walk otherwise; *tolerance* as the
-    walk takes it.
+    Starts from the frontier of the finger's last search if there is one, otherwise traverses the tree with
+    *tolerance*.
     """
     parts = model.parts
     track, part, slot = finger.track, finger.track.part, finger.track.slot
     point = vector(finger.record.position)
     best_sq, is_found, steps = 0.0, False, np.int64(0)
-    # The frontier of the only part moves with it. Another part with a frame of its own is walked as a whole.
+    # The frontier of the only part moves with it. In a scene of several parts, a part with a separate frame
+    # is traversed fully.
     may_keep = len(arrays.frontiers) > 0 and slot >= 0
     may_keep = may_keep and (is_alone(parts) or (parts[part].is_fused == 1 and not is_moved))
     kept = track.frontier_count
@@ -186,7 +186,7 @@ def _search(model, arrays, i, finger, is_outside, is_moved, tolerance, budget, s
         scratch.workspace, scratch.closest,
     )  # fmt: skip
     work += steps
-    if steps > 0:  # in vain
+    if steps > 0:  # the coherent search failed
         track.frontier_count = -PAUSE
     elif kept < FRONTIER_BEGINS - 1:
         track.frontier_count = kept + 1
@@ -197,7 +197,7 @@ def _search(model, arrays, i, finger, is_outside, is_moved, tolerance, budget, s
 
 @inlined
 def _keep_search(settings, finger, clear, part, slot, bits):
-    """Keep for later ticks what a search has found: *clear* m around the finger, nearest face, and side."""
+    """Store the result of a search for later ticks: *clear* m around the finger, nearest face, and side."""
     track = finger.track
     track.anchor[0], track.anchor[1], track.anchor[2] = vector(finger.record.position)
     track.clear, track.odometer = clear, settings.displacement
@@ -207,10 +207,9 @@ def _keep_search(settings, finger, clear, part, slot, bits):
 
 @inlined
 def _find_surface(model, settings, finger, part, slot, bits, scratch):
-    """Fill the scratch vectors from a filled closest feature: outward direction, and the point of the
-    surface.
+    """Fill the scratch vectors from the closest feature: outward direction, and the surface point.
 
-    Keeps the point for later ticks.
+    Stores the point for later ticks.
     """
     frames, parts = model.frames, model.parts
     closest, vectors, track = scratch.closest, scratch.vectors, finger.track

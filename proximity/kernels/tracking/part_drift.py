@@ -1,8 +1,8 @@
-"""Velocities of parts at an instant, and the *drift*: a speed that no surface exceeds.
+"""Velocities of parts, and the *drift*: a speed that no surface exceeds.
 
-A part that cannot have come before an instant does not count until then. So each finger gathers the parts
-that move and may come near within the time it asks for, each with the gap between their boxes and it: at most
-a few, however many move elsewhere. And how far parts have moved since the tick before.
+A part counts only from the earliest time at which it can arrive. Each finger gathers the moving parts that
+may come near within its horizon, each with the gap between its box and the finger: only a few, however many
+parts move elsewhere. Also computes the displacement of the parts since the previous tick.
 """
 
 from math import sqrt
@@ -32,22 +32,23 @@ from proximity.native.simd import (
 EIGHT_MOVERS = record(
     "EightMovers",
     velocity=f"({3 * LANES},)f8",  # m/s, of the part's origin
-    turn=f"({LANES},)f8",  # m/s at most, by turning about it
+    turn=f"({LANES},)f8",  # m/s, bound of the speed from rotation about the origin
     lower=f"({3 * LANES},)f8",  # m, scene's frame: of the part's box
     upper=f"({3 * LANES},)f8",
-    near_gap=f"({LANES},)f8",  # m between a finger and a box, of the parts it gathered
-    near_speed=f"({LANES},)f8",  # their speed at most relative to a velocity, a unit of the path's parameter
+    near_gap=f"({LANES},)f8",  # m between a finger and the box of a gathered part
+    near_speed=f"({LANES},)f8",  # its maximum speed relative to a velocity, per unit of the path's parameter
 )
-"""Eight parts that may move; and eight of those that a finger has gathered."""
+"""Eight parts that may move, and eight parts gathered by a finger."""
 SIX_LANES = 2**6 - 1
 
 MOST_COMINGS = 8
-"""Faster and faster parts that are kept apart; where there are more, less is certain."""
+"""Successively faster parts that are distinguished; beyond this number the bound is not tight."""
 AT_ONCE = 1e-12
-"""s or m: what comes within so little is here, so that a look from one coming to the next gets on."""
+"""s or m: an arrival within this interval counts as now, so that each step from arrival to arrival
+advances."""
 
 POSE_COLUMNS = 12
-"""Numbers of a part's pose: rotation and translation, the first in a row of ``frames``."""
+"""Size of a part's pose: rotation and translation, the first fields of a row of ``frames``."""
 VELOCITY_AT = field_at(FRAME, "velocity")
 LAST_EIGHT = POSE_COLUMNS - LANES
 
@@ -61,24 +62,24 @@ class Movers(NamedTuple):
 
 
 class Drift(NamedTuple):
-    """Speeds of surfaces toward a point of a path, at most; a unit is one of the path's parameter."""
+    """Bounds on the speed of surfaces toward a point of a path, per unit of the path's parameter."""
 
     rows: np.ndarray  # EIGHT_MOVERS, as `gather_near` fills them
     near_count: int
-    least: float  # m a unit, of parts that are near from the start
+    least: float  # m per unit, of parts that are near from the start
 
 
 def movers_workspace(part_count):
-    """Return a table for so many parts."""
+    """Allocate a table of movers for *part_count* parts."""
     return np.zeros(part_count // LANES + 2, EIGHT_MOVERS)
 
 
 @kernel
 def gather_movers(frames, parts, movers):
-    """Fill the rows of parts that have a velocity; return their number, and whether any part stands."""
+    """Fill the rows of parts that have a velocity; return their number, and whether any part has none."""
     rows, count, stands = reals_of(frames), 0, False
     for part in range(len(parts) - 1):
-        # Both velocities follow each other; behind them is what does not count.
+        # Linear and angular velocity are six adjacent numbers; the two lanes after them are masked.
         is_still = bits(load(rows[part], VELOCITY_AT) == splat(0.0)) & SIX_LANES == SIX_LANES
         if (is_still and stands) or parts[part].is_hidden:
             continue
@@ -103,7 +104,7 @@ def gather_movers(frames, parts, movers):
 
 @inlined
 def _gaps(mover, axis, x):
-    """Gaps between a coordinate and eight boxes along one axis; 0 within them."""
+    """Return the gaps between a coordinate and eight boxes along one axis; 0 inside."""
     below = load(mover.lower, LANES * axis) - splat(x)
     above = splat(x) - load(mover.upper, LANES * axis)
     return maximum(maximum(below, above), splat(0.0))
@@ -111,12 +112,12 @@ def _gaps(mover, axis, x):
 
 @kernel
 def gather_near(movers, velocity, point, off, speed, unit, extent):
-    """Gather the parts that may come near a point in a while; their number, and the speed of the fastest.
+    """Gather the parts that may come near a point; return their number, and the speed of the fastest part.
 
-    *velocity*, m/s, and *point*, m: (x, y, z). The point moves by at most *speed* m a unit of the path's
-    parameter, parts as they do relative to *velocity*, *unit* seconds a unit; *extent* units are asked for. A
-    part counts if it can come within *off* m of the point. The fastest, m a unit, is that of all that move,
-    however far.
+    *velocity*, m/s, and *point*, m: (x, y, z). The point moves by at most *speed* m per unit of the path's
+    parameter, parts by their velocities relative to *velocity*; a unit lasts *unit* seconds, and the horizon
+    is *extent* units. A part counts if it can come within *off* m of the point. The fastest, m per unit, is
+    over all moving parts at any distance.
     """
     rows = movers.rows
     x, y, z = point
@@ -148,9 +149,9 @@ def gather_near(movers, velocity, point, off, speed, unit, extent):
 
 @inlined
 def part_travel(drift, speed, elapsed):
-    """The drift a unit until *elapsed* units have passed, and the unit from which a faster part may be there.
+    """Return the drift, m per unit, up to *elapsed* units, and the unit from which a faster part may arrive.
 
-    *speed*: m a unit, of the point, as `gather_near` had it.
+    *speed*: m per unit, of the point, as passed to `gather_near`.
     """
     near, least = drift.near_count, drift.least
     if near == 0:
@@ -172,13 +173,13 @@ def part_travel(drift, speed, elapsed):
 
 @inlined
 def _near_at(row):
-    """Gaps, m, and speeds, m a unit, of eight parts that may come near."""
+    """Return the gaps, m, and speeds, m per unit, of eight gathered parts."""
     return load(row.near_gap, 0), load(row.near_speed, 0)
 
 
 @inlined
 def contact_free_time(drift, speed, clearance):
-    """Units in which nothing *clearance* m away is reached, whatever moves; see `part_travel`."""
+    """Return the time, in units, in which no surface *clearance* m away is reached; see `part_travel`."""
     free = 0.0
     for _ in range(MOST_COMINGS):
         fastest, faster = part_travel(drift, speed, free)
@@ -192,7 +193,7 @@ def contact_free_time(drift, speed, clearance):
 
 @inlined
 def _corner_displacement_sq(frames, before, part, x, y, z):
-    """Squared displacement of a point of the part from its pose *before* to the present one, m²."""
+    """Return the squared displacement of a point of a part from its pose *before* to the present one, m²."""
     total = 0.0
     for axis in range(3):
         at, turn = 3 * axis, frames[part].rotation
@@ -208,14 +209,13 @@ def _corner_displacement_sq(frames, before, part, x, y, z):
 
 @kernel
 def displacement_of_parts(frames, before):
-    """Largest displacement of any point of any part since *before* (P, 12) was taken, m; takes it anew.
+    """Return the largest displacement of any part since the poses *before* (P, 12), m; update them.
 
-    The displacement of a point is a convex function of where on the part it is, so that a corner of the box
-    goes farthest.
+    The displacement of a point is a convex function of its position, so a corner of the box has the largest.
     """
     rows, farthest_sq = reals_of(frames), 0.0
     for part in range(len(before)):
-        # Rotation and translation, which follow each other, by two vectors that overlap.
+        # Compare the twelve numbers of the pose with two overlapping vectors.
         is_first_same = load(rows[part], 0) == load(before[part], 0)
         is_last_same = load(rows[part], LAST_EIGHT) == load(before[part], LAST_EIGHT)
         if bits(is_first_same & is_last_same) == ALL_LANES:

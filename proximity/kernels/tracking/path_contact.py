@@ -1,7 +1,7 @@
 """The first contact of a finger on a given path, and the time until it.
 
-A path is a polyline with a *bend* at each corner, the number that the glove's controller counts in. The
-contact is found by conservative advancement along its length and confirmed by probes beyond it.
+A path is a polyline with a *bend* at each corner, the coordinate that the glove's controller uses. The
+contact is found by conservative advancement along its length, and confirmed by queries beyond it.
 """
 
 from math import isfinite, sqrt
@@ -26,15 +26,15 @@ from proximity.kernels.tracking.prediction import STILL, count_steps, steps_left
 from proximity.native import inlined, kernel
 
 PROBES = 3
-"""Questions beyond the expected contact, each farther, to confirm it."""
+"""Queries beyond the expected contact, at growing distances, that confirm it."""
 ROUNDS = 16
-"""Advancements of a path that grazes a surface, each from where the last one ended, until a touch is known or
-excluded: 16 lead past a surface 0.05 mm away."""
+"""Advancements along a path that grazes a surface, each from the end of the previous one, until a contact is
+found or excluded: 16 pass a surface 0.05 mm away."""
 
 
 @inlined
 def _measure(path):
-    """Fill the parameters of a path with its length up to each corner; return its whole length."""
+    """Fill the parameters of a path with its length up to each corner; return its total length."""
     corners, lengths = path
     lengths[0] = 0.0
     for k in range(len(lengths) - 1):
@@ -46,7 +46,7 @@ def _measure(path):
 
 @inlined
 def _nearest_parameter(path, x, y, z):
-    """The parameter of the point on a path that is nearest to a point."""
+    """Return the parameter of the point on a path that is nearest to a point."""
     corners, lengths = path
     best_sq, best = np.inf, 0.0
     for k in range(len(lengths) - 1):
@@ -64,9 +64,9 @@ def _nearest_parameter(path, x, y, z):
 
 @inlined
 def _interpolate(xs, ys, x):
-    """Piecewise linear: *ys* over *xs* that do not fall, held beyond the ends; and the slope there.
+    """Interpolate *ys* over non-decreasing *xs* linearly, constant beyond the ends; return also the slope.
 
-    Where several have the same *x*, the last that a piece begins at counts.
+    At repeated *xs* the last piece that starts there counts.
     """
     last = len(xs) - 1
     k = 0
@@ -79,7 +79,7 @@ def _interpolate(xs, ys, x):
 
 @inlined
 def _first_at(xs, ys, x):
-    """As `_interpolate`, but where several have the same *x*, the first of them counts."""
+    """Interpolate as `_interpolate`; at repeated *xs* the first piece counts."""
     k = 0
     while k < len(xs) - 2 and xs[k + 1] < x:
         k += 1
@@ -90,7 +90,7 @@ def _first_at(xs, ys, x):
 
 @inlined
 def _locate(path, path_bends, bend, x, y, z):
-    """Location of a finger on its path: parameter, bend, and the bend's slope a metre.
+    """Locate a finger on its path: return parameter, bend, and the slope of the bend per metre.
 
     *bend*: as given; nan for that of the nearest point on the path.
     """
@@ -100,14 +100,14 @@ def _locate(path, path_bends, bend, x, y, z):
     else:
         current = _nearest_parameter(path, x, y, z)
     current_bend, bend_per_metre = _interpolate(parameters, path_bends, current)
-    # Where corners are repeated, the point does not tell the bend.
+    # At repeated corners the point does not determine the bend.
     within = min(max(bend, path_bends[0]), path_bends[len(path_bends) - 1])
     return current, within if isfinite(bend) else current_bend, bend_per_metre
 
 
 @inlined
 def _bounds_at_vectors(model, settings, finger, part, slot, scratch):
-    """Lower and upper bound of the distance of the first scratch vector, m; the nearest part and slot."""
+    """Return bounds of the distance at the first scratch vector, m, and the nearest part and slot."""
     vectors = scratch.vectors
     _, lower, upper, _, part, slot, _, steps = bounds_at(
         model, (vectors[0], vectors[1], vectors[2]), part, slot, False, 0.0, 0.0,
@@ -119,7 +119,7 @@ def _bounds_at_vectors(model, settings, finger, part, slot, scratch):
 
 @inlined
 def _write_contact_now(record, speed, is_certain):
-    """Write that a finger is in contact already, or so near that it cannot be known; the flag of a contact.
+    """Write that a finger is in contact, or too near to decide; return the flag of a contact.
 
     *speed*: along its path, m/s.
     """
@@ -134,7 +134,7 @@ def _write_contact_now(record, speed, is_certain):
 
 @kernel
 def _advance_on_path(model, settings, finger, path, drift, start, clearance, part, slot, scratch):
-    """Advance a fingertip along its path; returns an `Advance`, whose steps are counted."""
+    """Advance a fingertip along its path and count the steps; return an `Advance`."""
     sphere = Sphere(finger.track.radius, 1.0, finger.balls, settings.displacement)
     budget = steps_left(settings, finger.record)
     advance = advance_conservatively(
@@ -146,9 +146,9 @@ def _advance_on_path(model, settings, finger, path, drift, start, clearance, par
 
 @kernel
 def predict_contact_on_path(model, settings, finger, path, path_bends, bend, movers, scratch, flags):
-    """Write where on its path a finger touches first and, if it goes that way, when; the flags.
+    """Write the first contact of a finger on its path and, if it moves toward it, the time; return the flags.
 
-    *path*: its corners; its parameters are filled. *path_bends* (K,): at the corners. *bend*: of the finger,
+    *path*: its corners; its parameters are filled. *path_bends* (K,): at the corners. *bend*: of the finger;
     nan for that of the nearest point on the path.
     """
     whole = _measure(path)
@@ -167,7 +167,7 @@ def predict_contact_on_path(model, settings, finger, path, path_bends, bend, mov
     ox, oy, oz = x - vectors[0], y - vectors[1], z - vectors[2]
     off = sqrt(dot(ox, oy, oz, ox, oy, oz)) * (1.0 + 1e-12)
 
-    # How far the path's point is from everything; the finger itself may be a little beside it.
+    # The finger may be off the path: bound the distance of the path's point instead.
     part, slot = finger.track.part, finger.track.slot
     lower = record.lower + radius - off
     if flags & INSIDE or lower <= radius:
@@ -202,9 +202,10 @@ def predict_contact_on_path(model, settings, finger, path, path_bends, bend, mov
 
 @kernel
 def _decide_contact(model, settings, finger, path, path_bends, movers, standing, advance, scratch):
-    """Write the contact of a path that is not free to its end; its flag, and how far the path is free.
+    """Write the contact of a path that is not free to its end; return its flag, and the last `Advance`.
 
-    A path that grazes a surface uses up its steps in front of nothing: it goes on from there.
+    A grazing path may use up the steps of an advancement without a contact; the next one continues from its
+    end.
     """
     record, whole = finger.record, path.parameters[len(path.parameters) - 1]
     flag = _write_contact(model, settings, finger, path, path_bends, movers, advance, scratch)
@@ -227,10 +228,10 @@ def _decide_contact(model, settings, finger, path, path_bends, movers, standing,
 
 @inlined
 def _speed_of_contact(frames, path, advance, vectors):
-    """Speed of the contact along the path, m/s, caused by its part's motion.
+    """Return the speed of the contact along the path, m/s, caused by the motion of its part.
 
-    The contact is some millimetres beyond the last point that was asked; the normal, in the last three
-    numbers of *vectors*, is from there.
+    The contact is some millimetres beyond the last query point, to which the normal in the last three numbers
+    of *vectors* belongs.
     """
     point_on_path(path, advance.expected, vectors)
     vx, vy, vz = velocity_at(frames[advance.part], vectors[0], vectors[1], vectors[2])
@@ -240,12 +241,12 @@ def _speed_of_contact(frames, path, advance, vectors):
 
 @kernel
 def _write_contact(model, settings, finger, path, path_bends, movers, advance, scratch):
-    """Write the contact: free up to one parameter, expected at another, confirmed beyond that; its flag."""
+    """Write the contact with its error, from an `Advance` and queries beyond it; return its flag."""
     record, radius, parameters = finger.record, finger.track.radius, path.parameters
     free, expected, part, slot, _ = advance
     least = max(_first_at(parameters, path_bends, free), record.bend)
     if not expected < np.inf:
-        # Nothing beyond is known: not farther than this, to be safe; nor which way a surface faces.
+        # No expected contact: report the end of the free range, the safe value, without a normal.
         record.contact_bend = least
         record.contact_bend_error = np.inf
         return 0
@@ -265,7 +266,7 @@ def _write_contact(model, settings, finger, path, path_bends, movers, advance, s
         )  # fmt: skip
         count_steps(settings, finger.record, steps)
         if not is_touch and radius < margin:
-            # So small a sphere may be through the surface already: then it is inside.
+            # A sphere this small may have passed the surface: test whether it is inside.
             _, upper, _, _ = _bounds_at_vectors(model, settings, finger, part, slot, scratch)
             is_touch = upper <= radius
         if is_touch:

@@ -1,9 +1,9 @@
 """Predictions for a finger: distance when the controller acts, and time to contact.
 
-All questions go to the scene as it stands at the tick. A path in time is followed relative to the nearest
-part: the position of the finger at time t, less what that part has moved until then. Other parts that can
-have come by then, and the turning of that one, move at some speed at most relative to it, the *drift*, and a
-distance found is less certain by drift times t.
+All queries use the scene at the tick. A path in time is followed relative to the nearest part: the finger's
+position at time t, less the displacement of that part until then. Other parts that may arrive by then, and
+the rotation of the nearest one, move relative to it with a bounded speed, the *drift*; the bounds of a
+distance widen by drift times t.
 """
 
 from math import sqrt
@@ -27,41 +27,41 @@ from proximity.kernels.tracking.part_drift import (
 from proximity.native import inlined
 
 STILL = 1e-6
-"""m/s. Slower than this nothing gets anywhere within a horizon."""
+"""m/s. A slower motion is negligible within a horizon."""
 CHEAP = 0.02
-"""Share of the distance that a finger may go before its prediction takes a walk of its own."""
+"""Share of the distance up to which a predicted displacement needs no traversal."""
 LOOK_TOLERANCE = 0.1
-"""Share of a clearance that a step along the velocity need not find: what it leaves, later steps get, and all
-walks end sooner. Ten fingers among moving parts take a fifth fewer steps and are certified to be free for 5 %
-less of the time; with 0.3 for 14 % less. Five near a part with holes take 155 steps at p99 instead of 197.
-On a path the contact's position counts, and nothing is spared."""
+"""Share of a clearance by which a query along the velocity may fall short: later steps make up for it, and
+every traversal is shorter. Ten fingers among moving parts take a fifth fewer steps and are certified free for
+5 % less of the time; with 0.3 for 14 % less. Five near a part with holes take 155 steps at p99 instead of
+197. On a given path the contact's position counts, and queries are exact."""
 STRIDE = 40
-"""Steps that a finger takes along its velocity in one tick, about; the next goes on from the balls it keeps.
-All at once are 100 µs for five fingers near 90 k faces of free form, one tick in a hundred."""
+"""Approximate steps of a finger along its velocity per tick; the next tick continues from the stored balls.
+Without the limit one tick in a hundred takes 100 µs, with five fingers near 90 k free-form faces."""
 FEWEST_PREDICTION_STEPS = 4
-"""For prediction and path each, when the distance has taken the budget."""
+"""Minimum for prediction and path each, when the distance has used the budget."""
 
 
 class RelativeMotion(NamedTuple):
-    """Motion of a finger relative to its nearest part, and speeds at which others may come."""
+    """Motion of a finger relative to its nearest part, and bounds of the speeds of other parts."""
 
-    part_velocity: tuple[float, float, float]  # m/s, of the nearest part where it is nearest
-    velocity: tuple[float, float, float]  # m/s, of the finger relative to that
-    speed: float  # m/s, of the finger relative to that, at most
-    drift: Drift  # of the parts that may come near within the horizon
-    fastest: float  # m/s, of all parts relative to the nearest, however far
+    part_velocity: tuple[float, float, float]  # m/s, of the nearest part at its closest point
+    velocity: tuple[float, float, float]  # m/s, of the finger relative to part_velocity
+    speed: float  # m/s, bound of the finger's relative speed
+    drift: Drift  # of the parts that may arrive within the horizon
+    fastest: float  # m/s, of all parts relative to the nearest, at any distance
 
 
 @inlined
 def steps_left(settings, record):
-    """Steps that a finger may still take: of its budget, and of what all fingers have for predictions."""
+    """Return the remaining steps of a finger, limited by those that all fingers share for predictions."""
     own = max(np.int64(settings.budget) - np.int64(record.work), FEWEST_PREDICTION_STEPS)
     return min(own, np.int64(settings.prediction_steps_left))
 
 
 @inlined
 def count_steps(settings, record, steps):
-    """Take note of steps that a finger's prediction took."""
+    """Count the steps of a finger's prediction."""
     record.work += steps
     settings.prediction_steps_left -= steps
 
@@ -94,7 +94,7 @@ def predict_distance(model, settings, finger, motion, ahead, flags, scratch):
     """Write the distance of a finger *ahead* seconds after its pose, with bounds."""
     record, radius = finger.record, finger.track.radius
     ahead = max(ahead, 0.0)
-    # The finger's position then, relative to the part.
+    # Predicted displacement of the finger relative to the part.
     dx, dy, dz, uncertainty = predict(finger.estimate, ahead, settings.max_speed, settings.max_acceleration)
     ux, uy, uz = motion.part_velocity
     dx, dy, dz = dx - ux * ahead, dy - uy * ahead, dz - uz * ahead
@@ -102,24 +102,24 @@ def predict_distance(model, settings, finger, motion, ahead, flags, scratch):
     distance, lower, upper = _distance_after(
         model, settings, finger, (dx, dy, dz), length, uncertainty, flags, scratch
     )
-    # Here the fastest part of all counts: readers learn from this spread how fast anything may come when they
-    # are late.
+    # The fastest of all parts counts here: consumers that are late read from this spread how fast a surface
+    # may approach.
     spread = uncertainty + motion.fastest * ahead
     if settings.has_holes != 0.0:
         x, y, z = vector(record.position)
         if may_pass_hole(model.frames, model.parts, x + dx, y + dy, z + dz, spread + length):
-            # Through a hole the side changes away from the surface: what is left is how far that is.
+            # Through a hole the sign changes away from the surface: only the magnitude is bounded.
             upper = max(upper, -lower)
             lower = -upper
     record.predicted_distance = distance - radius
-    # Far from everything, and as fast as no number tells: nothing is known.
+    # Infinitely far and infinitely fast: no lower bound.
     record.predicted_lower = lower - spread - radius if spread < np.inf else -np.inf
     record.predicted_upper = upper + spread - radius
 
 
 @inlined
 def _distance_after(model, settings, finger, displacement, length, uncertainty, flags, scratch):
-    """Distance, lower and upper bound, m, of a fingertip's centre after a displacement of that *length*."""
+    """Return distance, lower and upper bound, m, of a fingertip's centre after a displacement."""
     record, radius = finger.record, finger.track.radius
     part, slot = finger.track.part, finger.track.slot
     x, y, z = vector(record.position)
@@ -130,13 +130,13 @@ def _distance_after(model, settings, finger, displacement, length, uncertainty, 
     if stays_outside and settings.has_holes != 0.0:
         stays_outside = not is_in_box_with_holes(model, (x + dx, y + dy, z + dz))
     if not (length > 0.0 and slot >= 0):
-        # No face is known to ask: a distance changes by no more than the displacement.
+        # Without a face to query: the distance changes by at most the displacement.
         return distance, lower - length, upper + length
     left = steps_left(settings, finger.record)
-    # Where the finger will be is not certain; the surface need not be known better than that.
+    # The predicted position is uncertain, and the surface need not be known more exactly.
     is_cheap = length <= CHEAP * lower or (length <= uncertainty and length < lower)
     if stays_outside and (is_cheap or not flags & IN_RANGE or left <= 0):
-        # The point that is nearest now is, there, as far as the surface at most; hardly farther, so near.
+        # The present closest point bounds the distance from above, and is hardly farther than the new one.
         px, py, pz = vector(record.point_on_part)
         ax, ay, az = x + dx - px, y + dy - py, z + dz - pz
         distance = sqrt(dot(ax, ay, az, ax, ay, az))
@@ -151,16 +151,16 @@ def _distance_after(model, settings, finger, displacement, length, uncertainty, 
 
 @inlined
 def predict_time_to_contact(model, settings, finger, motion, path, flags, scratch):
-    """Write the time to contact of a finger that keeps its velocity. *path*: scratch of two corners."""
+    """Write the time to contact of a finger that keeps its velocity. *path*: scratch for two corners."""
     record = finger.record
     x, y, z = vector(record.position)
     horizon, speed, drift = settings.horizon, motion.speed, motion.drift
-    # What may touch already is not free for a moment, however slow.
+    # A finger that may touch already has no contact-free time, however slow it is.
     clearance = max(record.lower - rounding_at(model.frames, x, y, z), 0.0)
     if record.signed_distance <= 0.0:
         record.time_to_contact, record.time_to_contact_lower = 0.0, 0.0
         return
-    # Nobody waits for what is beyond the working range.
+    # Motion beyond the working range is not of interest.
     if speed * horizon > settings.working_range:
         horizon = max(settings.working_range / speed, 0.1 * horizon)
     fastest, _ = part_travel(drift, speed, horizon)
@@ -183,7 +183,7 @@ def predict_time_to_contact(model, settings, finger, motion, path, flags, scratc
             LOOK_TOLERANCE, budget, scratch,
         )  # fmt: skip
         free = max(free, advance.free)
-        # Where the path has not been followed to its end, or to a touch, there is still the nearest face.
+        # If the path was not followed to its end or to a contact, the estimate from the nearest face stays.
         if free >= horizon or advance.expected < np.inf:
             expected = advance.expected
         count_steps(settings, finger.record, advance.steps)

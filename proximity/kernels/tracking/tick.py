@@ -1,7 +1,7 @@
 """One tick: every finger against every part.
 
-All positions are taken in, then all distances are found, then all predictions made: the code of each is more
-than the nearest cache holds, and a skin's tick takes 3 to 5 % less than with one finger after the other.
+The positions of all fingers are processed first, then distances, then predictions: the code of each phase
+fills the nearest cache, and a skin's tick takes 3 to 5 % less time than finger by finger.
 """
 
 from math import isfinite
@@ -49,34 +49,35 @@ from proximity.kernels.tracking.track import (
 )
 from proximity.native import ROWS_WITH_GIL, entry, inlined
 
-# --- bits of the answer of a tick: it is done, and what its caller should know ---
+# --- bits of a tick's result: it is done, and warnings for its caller ---
 NOT_DONE = 0
 DONE = 1
-HAS_DEFECT = 2  # shifted by `FUTURE`, `TOO_OLD`, `BACKWARDS`: poses with such instants
-ALL_IN_MILLIMETRES = 32  # all fingers are as far away as points in millimetres
+HAS_DEFECT = 2  # shifted by `FUTURE`, `TOO_OLD`, `BACKWARDS`: poses with such times
+ALL_IN_MILLIMETRES = 32  # the distances of all fingers suggest points in millimetres
 
 FLAG_BITS = (1 << 16) - 1
-"""Bits of an observation's answer that go into the record."""
+"""Bits of an observation's status that enter the record."""
 SHARED_BUDGETS, FEWEST_BUDGETS = 20, 8
 PREDICTION_BUDGETS = 4
-"""Budgets that all fingers share in a tick: for distances, and for looking ahead. Two hands never come to the
-end of them; a skin of thousands would be late. Who finds none left goes by what it knows, within bounds, and
-is among the first at the next tick."""
+"""Budgets that all fingers share in a tick, for distances and for predictions. Two hands never exhaust them;
+a skin of thousands would be late. A finger without steps reports bounds from earlier ticks, and is among the
+first at the next tick."""
 MANY, PRESENCE = 500, 4
-"""Steps that each finger beyond so many takes the time of, not searched for: so many fewer are shared."""
+"""Fingers above `MANY` reduce the shared steps by `PRESENCE` each, for the time that they take without a
+search."""
 LEAST_TOLERANCE, MOST_TOLERANCE = 1e-3, 0.5
 TOLERANCE_GROWTH, TOLERANCE_DECAY = 1.1, 0.99
-"""In a crowd bounds may be apart by some share of the distance, which grows when no steps are left and fades
-when there are: so all are as well known as can be, for how far they are. Turns regardless of that left points
-within 20 mm of a skin with bounds 9.5 mm apart (p99; 3.8 with this), with half again as many steps."""
+"""The bounds of many fingers may differ by a share of the distance, which grows while steps run out and
+decays otherwise: the accuracy is then uniform relative to the distance. A fixed rotation instead left points
+within 20 mm of a skin with bounds 9.5 mm apart (p99; 3.8 with this), and took 50 % more steps."""
 
 
 @entry(ModelArrays, TrackerArrays, "float64[:, 3], int64[:], int, bool -> int", rows_with_gil=ROWS_WITH_GIL)
 def tick(model, arrays, positions, pose_ns, now_ns, is_moved):
-    """Fill the records of a tracker; `NOT_DONE`, or `DONE` and what should be known about the poses.
+    """Fill the records of a tracker; return `NOT_DONE`, or `DONE` with warning bits about the poses.
 
-    It is not done, and nothing is changed, where *positions* or their instants, which are within `MOST_NS`,
-    are not as many as fingers. *is_moved*: whether parts may stand elsewhere than at the tick before.
+    It is not done, and no state changes, if *positions* or *pose_ns*, which is within `MOST_NS`, does not
+    have one row per finger. *is_moved*: whether parts may have moved since the previous tick.
     """
     settings, count = arrays.settings[0], len(arrays.tracks)
     if len(positions) != count or len(pose_ns) != count:
@@ -98,13 +99,13 @@ def tick(model, arrays, positions, pose_ns, now_ns, is_moved):
 
 @inlined
 def steps_for_all(budget, count):
-    """Steps that so many fingers share in a tick for their distances."""
+    """Return the steps that *count* fingers share in a tick for their distances."""
     return max(SHARED_BUDGETS * budget - PRESENCE * max(count - MANY, 0), FEWEST_BUDGETS * budget)
 
 
 @inlined
 def _tolerance_after(adaptive_tolerance, steps_left):
-    """The share by which bounds may be apart at the next tick."""
+    """Return the share by which bounds may differ at the next tick."""
     if steps_left <= 0.0:
         return min(max(adaptive_tolerance, LEAST_TOLERANCE) * TOLERANCE_GROWTH, MOST_TOLERANCE)
     return adaptive_tolerance * TOLERANCE_DECAY if adaptive_tolerance > LEAST_TOLERANCE else 0.0
@@ -112,7 +113,7 @@ def _tolerance_after(adaptive_tolerance, steps_left):
 
 @inlined
 def _follow_parts(model, arrays):
-    """Take in that parts have moved: how far at most, and which of them have a velocity."""
+    """Update the state for moved parts: their total displacement, and those that have a velocity."""
     settings = arrays.settings[0]
     if not is_alone(model.parts):  # frontiers move with the only part
         for i in range(len(arrays.tracks)):
@@ -127,17 +128,17 @@ def _follow_parts(model, arrays):
 
 @inlined
 def _observe_all(model, arrays, positions, pose_ns, now_ns):
-    """Clear all records, and write where each finger is, how fast it moves, and whether it is tracked.
+    """Reset all records, and write position, velocity and tracking state of each finger.
 
-    Returns `HAS_DEFECT`, shifted by each defect that instants have. A pose of another clock is not used, and
-    one before the last is a jump; one that is ahead by less is predicted for its own instant.
+    Return `HAS_DEFECT`, shifted by each defect of the poses' times. A pose of another clock is not used, and
+    one before the last is a jump; one that is ahead by less is predicted for its own time.
     """
     settings, found = arrays.settings[0], 0
     apart_ns, ahead_ns = np.int64(settings.other_clock_ns), np.int64(settings.ahead_ns)
     acts_ns = now_ns + np.int64(1e9 * settings.latency)
     for i in range(len(positions)):
         finger = Finger(arrays.tracks[i], arrays.motions[i, 0], arrays.balls[i], arrays.records[i])
-        # First of all: somebody may give positions that the last tick has written.
+        # Read first: *positions* may be a view of the records, which are overwritten below.
         x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
         taken_ns = pose_ns[i]
         arrays.records[i] = arrays.unknown[0]
@@ -171,7 +172,7 @@ def _observe_all(model, arrays, positions, pose_ns, now_ns):
 
 @inlined
 def _all_in_millimetres(frames, arrays):
-    """Whether fingers are tracked, and all of them are as far from all parts as points in millimetres."""
+    """Test whether fingers are tracked, and the distances of all suggest positions in millimetres."""
     has_any = False
     for i in range(len(arrays.tracks)):
         if arrays.records[i]["flags"] & TRACKED:
@@ -183,7 +184,7 @@ def _all_in_millimetres(frames, arrays):
 
 @inlined
 def _observe(arrays, i, pose_ns, x, y, z):
-    """Take in the pose of finger *i*, and its velocity where that is given; the bits of `motion.observe`."""
+    """Add the pose and any given velocity of finger *i* to its estimate; return the bits of `observe`."""
     settings, motions = arrays.settings[0], arrays.motions
     max_speed, max_acceleration = settings.max_speed, settings.max_acceleration
     if settings.has_velocities == 0.0:
@@ -194,9 +195,9 @@ def _observe(arrays, i, pose_ns, x, y, z):
 
 @inlined
 def _find_all_distances(model, arrays, is_moved, scratch):
-    """Write the distance of each tracked finger; the turn of the first that found no steps left, if any.
+    """Write the distance of each tracked finger; return the turn of the first without steps.
 
-    Turns count from the finger that is first in this tick.
+    Turns count from the finger that is first in this tick; the number of fingers means that all had steps.
     """
     settings, count = arrays.settings[0], len(arrays.tracks)
     first, late = np.int64(settings.first_finger), count
@@ -220,16 +221,16 @@ def _find_all_distances(model, arrays, is_moved, scratch):
 
 @inlined
 def _fetch_face(reals, slot):
-    """Have the face that a finger starts from brought from memory, while another finger is done."""
+    """Prefetch the face that a finger starts from while the previous finger is processed."""
     if slot >= 0:
         fetch_block(reals, BLOCK_STRIDE * (slot // LANES))
 
 
 @inlined
 def _predict_all(model, arrays, straight, scratch):
-    """Write what each tracked finger will meet, and the advice; returns as `_find_all_distances`.
+    """Write the predictions and the advice of each tracked finger; return the same as `_find_all_distances`.
 
-    *straight*: a path of two corners, to be filled.
+    *straight*: scratch, a path of two corners.
     """
     settings, count = arrays.settings[0], len(arrays.tracks)
     first, late = np.int64(settings.first_finger), count
@@ -259,7 +260,7 @@ def _predict_all(model, arrays, straight, scratch):
 
 @inlined
 def _advise(record):
-    """Write what the controller is advised to do, and with what force a deformable part answers a touch."""
+    """Write the advised control mode, and the contact force of a deformable part."""
     is_deformable = record.surface == SURFACE_DEFORMABLE
     is_touching = record.signed_distance <= 0.0
     mode = MODE_RETRACT

@@ -1,7 +1,7 @@
-"""The state of a tracker between ticks, and the arrays that it hands to a tick.
+"""State of a tracker between ticks, and the arrays passed to a tick.
 
-A *track* is what is known about one finger: where it was asked for last, how far every surface was then, and
-the nearest face. A distance changes by no more than finger and parts have moved since.
+A *track* is the state of one finger: the position of its last search, the clearance found there, and the
+nearest face. A distance changes by no more than finger and parts have moved since.
 """
 
 from typing import NamedTuple
@@ -17,18 +17,18 @@ from proximity.native import bundle, entry, inlined, record
 
 TRACK = record(
     "Track",
-    anchor="(3,)f8",  # m, scene's frame: where `clear` was found
-    clear="f8",  # m: every surface was at least so far from the anchor; negative: not known
-    odometer="f8",  # m: how far parts had moved until then
+    anchor="(3,)f8",  # m, scene's frame: position of the search that found `clear`
+    clear="f8",  # m: least distance of any surface from the anchor; negative: unknown
+    odometer="f8",  # m: total displacement of the parts until then
     radius="f8",  # m, of the fingertip
-    foot="(3,)f8",  # m, scene's frame: the point of the surface that was reported last
-    foot_from="(3,)f8",  # m: where the finger was when it was the nearest of its face
-    foot_displacement="f8",  # m: how far parts had moved then; negative where there is none
+    foot="(3,)f8",  # m, scene's frame: the surface point reported last
+    foot_from="(3,)f8",  # m: position of the finger when that point was found
+    foot_displacement="f8",  # m: total displacement of the parts then; negative: no point
     slot="i8",  # of the nearest face found last, or NO_SLOT
-    part="i8",  # its part
-    is_outside="i8",  # 1 where no part held the anchor
-    reported_part="i8",  # part of the last answer
-    frontier_count="i8",  # nodes kept, see `coherent_search`; negative: ticks until the next try
+    part="i8",  # part of that face
+    is_outside="i8",  # 1 if no part contained the anchor
+    reported_part="i8",  # part reported last
+    frontier_count="i8",  # stored nodes, see `coherent_search`; negative: ticks until the next attempt
 )
 
 SETTINGS = record(
@@ -38,45 +38,45 @@ SETTINGS = record(
     horizon="f8",  # s
     max_speed="f8",  # m/s
     max_acceleration="f8",  # m/s²
-    displacement="f8",  # m that parts have moved since the tracker began; written by the tick
-    budget="f8",  # steps a finger
-    has_velocities="f8",  # 1 where the caller gives velocities
+    displacement="f8",  # m, of the parts since the tracker started; written by the tick
+    budget="f8",  # steps per finger
+    has_velocities="f8",  # 1 if the caller gives velocities
     has_paths="f8",
-    has_holes="f8",  # 1 where some part has an inside though it is not closed
+    has_holes="f8",  # 1 if some part has an inside without being watertight
     mover_count="f8",  # parts that have a velocity; written by the tick
-    any_stands="f8",  # 1 where some part has none
-    prediction_steps_left="f8",  # steps left for predictions, of all fingers; written by the tick
-    first_finger="f8",  # finger that is done first, so that each has its turn; written by the tick
+    any_stands="f8",  # 1 if some part has none
+    prediction_steps_left="f8",  # remaining prediction steps of all fingers; written by the tick
+    first_finger="f8",  # finger processed first, so that the order rotates; written by the tick
     tolerance="f8",  # of a distance, see `Tracker`
-    steps_left="f8",  # steps that are left for distances, of all fingers; written by the tick
-    adaptive_tolerance="f8",  # likewise, of a crowd; written by the tick
+    steps_left="f8",  # remaining distance steps of all fingers; written by the tick
+    adaptive_tolerance="f8",  # tolerance of a large set of fingers; written by the tick
     ahead_ns="f8",  # a pose farther in the future is reported
-    other_clock_ns="f8",  # a pose farther from the tick, either way, is of another clock, and not used
+    other_clock_ns="f8",  # a pose farther from the tick, before or after, has another clock and is not used
 )
 
 MOST_DISPLACEMENT = 1e3
-"""m that parts may have moved until all tracks start anew: of larger sums, small steps are lost by rounding.
-A part that is put far away and back goes so far at once."""
+"""m of total part displacement after which all tracks restart: rounding loses small steps in larger sums. A
+part moved very far away reaches it in one tick."""
 MOST_NS = 2**62
-"""ns; it is 146 years. Differences of such instants, but for one from end to end, fit into 64 bits."""
+"""ns; 146 years. Differences of times within it, except between its two ends, fit into 64 bits."""
 
 
 class TrackerArrays(NamedTuple):
-    """All that a tick reads and writes, beside the model; arrays of many rows have one a finger."""
+    """Arrays that a tick reads and writes, in addition to the model; arrays of N rows have one per finger."""
 
     settings: np.ndarray  # (1,) SETTINGS
     velocities: np.ndarray  # (N, 3) float64, m/s, as given
     paths: np.ndarray  # (N, K, 3) float64, m, scene's frame: corners; nan for none
     path_bends: np.ndarray  # (K,) float64, at the corners of all paths
-    bends: np.ndarray  # (N,) float64, as given; nan: the nearest on the path
-    path_lengths: np.ndarray  # (K,) float64, m: scratch, along one path up to each corner
+    bends: np.ndarray  # (N,) float64, as given; nan: from the nearest point on the path
+    path_lengths: np.ndarray  # (K,) float64, m: scratch, length of one path up to each corner
     motions: np.ndarray  # (N, 2) ESTIMATE, see `motion`
     tracks: np.ndarray  # (N,) TRACK
     balls: np.ndarray  # float64, see `conservative_advancement`
-    frontiers: np.ndarray  # float32, see `coherent_search`; no rows for a crowd
-    records: np.ndarray  # (N,) CONTACT_RECORD, the answers
-    unknown: np.ndarray  # (1,) CONTACT_RECORD, of a finger of which nothing is known
-    before: np.ndarray  # (P, 12) float64, poses of the parts at the tick before
+    frontiers: np.ndarray  # float32, see `coherent_search`; no rows for many fingers
+    records: np.ndarray  # (N,) CONTACT_RECORD, the results
+    unknown: np.ndarray  # (1,) CONTACT_RECORD, of a finger without a result
+    before: np.ndarray  # (P, 12) float64, poses of the parts at the previous tick
     movers: np.ndarray  # float64, see `part_drift`
     workspace: np.ndarray  # float32, of searches, see `budgeted_walk`
 
@@ -87,15 +87,15 @@ class Finger(NamedTuple):
     track: np.record  # TRACK
     estimate: np.record  # ESTIMATE, the present one
     balls: np.ndarray  # float64
-    record: np.record  # CONTACT_RECORD, its answer
+    record: np.record  # CONTACT_RECORD, its result
 
 
 class Scratch(NamedTuple):
-    """Scratch memory of a search; nothing in it is kept from one finger to the next."""
+    """Scratch memory of a search; no content passes from one finger to the next."""
 
     workspace: np.ndarray  # float32, see `budgeted_walk`
     closest: np.ndarray  # float64, see `closest_feature`
-    vectors: np.ndarray  # (9,) float64: three vectors, for each function to say which
+    vectors: np.ndarray  # (9,) float64: three vectors, documented by each function
 
 
 bundle(
@@ -120,7 +120,7 @@ bundle(
 
 @inlined
 def forget_distances(tracks, balls):
-    """Forget how far surfaces were."""
+    """Reset the distances of all tracks, keeping their faces."""
     for i in range(len(tracks)):
         tracks[i].clear, tracks[i].odometer, tracks[i].foot_displacement = -1.0, 0.0, -1.0
         for ball in range(BALL_COUNT):
@@ -129,7 +129,7 @@ def forget_distances(tracks, balls):
 
 @entry("Track[:], float64[:, :]")
 def forget_surfaces(tracks, balls):
-    """Forget how far surfaces were, and which faces are near, as no tick had been before."""
+    """Reset the distances and nearest faces of all tracks to the state before the first tick."""
     forget_distances(tracks, balls)
     for i in range(len(tracks)):
         tracks[i].slot, tracks[i].part = NO_SLOT, NO_PART
@@ -138,7 +138,7 @@ def forget_surfaces(tracks, balls):
 
 @entry(ModelArrays, TrackerArrays)
 def adopt_parts(model, arrays):
-    """Have ticks answer from a model of other parts: tracks begin anew, and poses are those before a tick."""
+    """Reset the tracks for a model with other parts, and store their poses as those before the tick."""
     frames, parts, has_holes = model.frames, model.parts, False
     for part in range(len(parts) - 1):
         has_holes = has_holes or (parts[part].sign == SIGN_WINDING and parts[part].grid == NO_GRID)

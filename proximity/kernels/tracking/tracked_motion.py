@@ -1,7 +1,7 @@
-"""How parts move: how far since the tick before, how fast at most, for how long nothing is met.
+"""Motion of parts: displacement since the previous tick, largest speed, and time until two parts may meet.
 
-Distances shrink no faster than the points of one part move as the other sees them. So much later the parts
-are looked at again, where their velocities have taken them (conservative advancement, Mirtich 1996).
+A distance shrinks no faster than the points of one part move relative to the other. The pair is queried again
+after that time, with the poses extrapolated (conservative advancement, Mirtich 1996).
 """
 
 from math import cos, sin, sqrt
@@ -14,16 +14,17 @@ from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import inlined, kernel
 
 STILL_ROUNDING = 2.0**-50
-"""More than rounding puts a displacement off, in sizes of coordinates."""
+"""Bound of the rounding error of a displacement, relative to the coordinates."""
 MOST_ADVANCES = 6
-"""Walks of one tick that look ahead."""
+"""Predictive queries per tick."""
 AHEAD_TOLERANCE = 0.1
-"""Of those walks: that much of the way to a contact is left for the next."""
+"""Tolerance of predictive queries: the share of the distance to a contact that is left to the next one."""
 AT_CONTACT = 1e-6
-"""Share of the way that is left where a contact counts as found."""
+"""Remaining share of the time at which a contact counts as found."""
 TIMED, MAY_OPEN = 1, 2
 SLIP = 2.0**-17
-"""Parts that touch are not in each other's way if they are apart when they have moved so far, in sizes."""
+"""Touching parts do not block each other if they are apart after this displacement, relative to the part's
+size."""
 
 
 @inlined
@@ -33,7 +34,7 @@ def _length(x, y, z):
 
 @kernel
 def displacements(frames, before, moved):
-    """Fill how far anything on each part has moved since its pose was that in *before*, m, and renew that."""
+    """Fill the largest displacement of each part since the poses in *before*, m, and update those poses."""
     for part in range(len(moved)):
         frame = frames[part]
         moved[part] = 0.0
@@ -51,7 +52,7 @@ def displacements(frames, before, moved):
 
 @kernel
 def _displacement(frame, before, part):
-    """How far the middle of a part's box has moved at most, and what the box is turned by adds."""
+    """Bound the displacement of a part, m: that of its box's centre, plus that by rotation."""
     total, size, step = 0.0, 0.0, stack_f64(3)
     for row in range(3):
         step[row] = frame.translation[row] - before[part, 9 + row]
@@ -72,9 +73,10 @@ def _displacement(frame, before, part):
 
 @kernel
 def fastest_between(own, other, horizon):
-    """Largest speed, m/s, of a point of one part as another sees it, while velocities stay, up to *horizon*.
+    """Return the largest speed, m/s, of a point of one part relative to another, up to *horizon*, s.
 
-    *own*, *other*: frames. As seen from a part that turns, points move the faster the farther they are.
+    *own*, *other*: frames, whose velocities are constant. Relative to a rotating part, the speed of a point
+    grows with its distance.
     """
     vx, vy, vz = (
         own.velocity[0] - other.velocity[0],
@@ -102,7 +104,7 @@ def _turning(frame):
 
 @inlined
 def _reach(frame):
-    """Distance of the farthest corner of a part's box from the part's origin."""
+    """Return the distance of the farthest corner of a part's box from the part's origin."""
     return _length(
         max(abs(frame.own_lower[0]), abs(frame.own_upper[0])),
         max(abs(frame.own_lower[1]), abs(frame.own_upper[1])),
@@ -112,7 +114,7 @@ def _reach(frame):
 
 @kernel
 def pose_ahead(frame, t, pose):
-    """Fill the pose, (`POSE_SIZE`,), that a part has after *t* seconds, while its velocities stay."""
+    """Fill the pose (`POSE_SIZE`,) of a part after *t* seconds at constant velocities."""
     rate = _turning(frame)
     angle = rate * t
     for k in range(3):
@@ -138,13 +140,13 @@ def pose_ahead(frame, t, pose):
 
 @inlined
 def lower_of(pair):
-    """The lower bound of the distance between parts: 0 where one is inside the other."""
+    """Return the lower bound of the distance between parts: 0 if one is inside the other."""
     return 0.0 if pair.is_inside else pair.lower
 
 
 @inlined
 def _size_of(frame):
-    """Length of the diagonal of a part's box, m."""
+    """Return the diagonal of a part's box, m."""
     return _length(
         frame.own_upper[0] - frame.own_lower[0],
         frame.own_upper[1] - frame.own_lower[1],
@@ -154,7 +156,7 @@ def _size_of(frame):
 
 @kernel
 def find_times(model, held):
-    """Find for how long nothing is met, while all velocities stay: of the pairs that come first."""
+    """Find the time in which no surfaces meet at constant velocities, refining the earliest pairs."""
     option = held.settings[0]
     horizon, option.free_time, option.opening = option.horizon, option.horizon, 0
     if not option.is_predicted:
@@ -190,7 +192,7 @@ def find_times(model, held):
 
 @inlined
 def _first_to_meet(held):
-    """The pair that may meet first, unless that is known to within what is looked for; -1: none."""
+    """Return the pair that may meet first within the horizon; -1 if none, or its time is already found."""
     first, soonest = -1, held.settings[0].horizon * (1.0 - AT_CONTACT)
     for number in range(len(held.pairs)):
         pair = held.pairs[number]
@@ -201,7 +203,7 @@ def _first_to_meet(held):
 
 @kernel
 def _advance(model, pair, option, budget):
-    """Look at a pair when it may meet, and put that off by what it is apart then; return the steps."""
+    """Query a pair at its free time and extend it by the distance there; return the steps."""
     frames, slots = model.frames, stack_i64(2)
     turn, offset = stack_f64(9), stack_f64(3)
     one, other = stack_f64(POSE_SIZE), stack_f64(POSE_SIZE)

@@ -1,11 +1,11 @@
-"""One tick of a part that is followed: its nearest connections to the rest, with bounds.
+"""One tick of a tracked part: its nearest connections to the other parts, with bounds.
 
-Of each pair of parts a bound is kept below which the distance is not. A tick lowers it by how far either part
-can have moved, and looks again, the lowest first and each from its last connection, only into those that may
-be nearer than what is found. It is the argument of the coherent point search.
+Each pair of parts has a lower bound of its distance. A tick lowers it by the displacement of both parts, and
+then searches only the pairs that may be nearer than the present result, the lowest bound first and each from
+its last connection, as the coherent point search does.
 
-Where nothing crosses, a part is inside another as long as their surfaces have not met. So that is asked again
-only where the bound has come down to 0.
+A part whose surface crosses no other stays inside or outside until the surfaces meet. Containment is
+therefore decided again only for pairs whose bound has reached 0.
 """
 
 from math import sqrt
@@ -36,16 +36,17 @@ from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
 
 MOST_RECORDS = 16
-"""Connections of one tick."""
+"""Maximum number of connections of a tick."""
 TICKS_AHEAD = 4
-"""Least number of ticks like this one for which a look at a pair of parts is to serve; at most twice that."""
+"""Least number of ticks like this one for which the search of a pair is to last; the largest is below twice
+that."""
 SEARCH_TOLERANCE = 0.5
-"""Share of the tolerance that a look leaves: the rest is for the motion until the next."""
+"""Share of the tolerance that a search uses: the rest is for the motion until the next one."""
 
 
 @entry(ModelArrays, HeldArrays, "bool")
 def follow_parts(model, held, is_moved):
-    """Fill the records of a tick. *is_moved*: whether poses may be others than at the last one."""
+    """Fill the records of a tick. *is_moved*: whether poses may have changed since the last one."""
     option = held.settings[0]
     option.work = 0
     if is_moved:
@@ -67,7 +68,7 @@ def follow_parts(model, held, is_moved):
 
 @kernel
 def _lower_bounds(model, held):
-    """Lower the bounds of all pairs by how far their parts have moved."""
+    """Lower the bounds of all pairs by the displacement of their parts."""
     frames = model.frames
     displacements(frames, held.before, held.moved)
     for number in range(len(held.pairs)):
@@ -90,7 +91,7 @@ def _lower_bounds(model, held):
 
 @inlined
 def _gap_between_boxes(one, other):
-    """Distance between the boxes of two parts, m."""
+    """Return a lower bound of the distance between the boxes of two parts, m."""
     total, size = 0.0, 0.0
     for k in range(3):
         gap = gap_along(one, other, k)
@@ -102,15 +103,15 @@ def _gap_between_boxes(one, other):
 
 @inlined
 def _upper_of(pair):
-    """The upper bound of the distance between parts."""
+    """Return the upper bound of the distance between parts: 0 if one is inside the other."""
     return 0.0 if pair.is_inside else pair.upper
 
 
 @kernel
 def _select(held, count, rows, uppers):
-    """Fill the pairs of the nearest connections, at most one for each of the rest, the nearest first.
+    """Fill the pairs of the nearest connections, at most one per other part, in ascending order.
 
-    Return the upper bound of the last of *count*; inf where there are fewer.
+    Return the upper bound of the last of *count*; inf if there are fewer.
     """
     group, found = held.settings[0].group, 0
     for begin in range(0, len(held.pairs), group):
@@ -134,7 +135,7 @@ def _select(held, count, rows, uppers):
 
 @kernel
 def _resolve(model, held, rows, uppers):
-    """Look into pairs, the lowest bound first, until no other can be among the nearest."""
+    """Search pairs, the lowest bound first, until no other can be among the nearest."""
     option, count = held.settings[0], len(held.records)
     share = 1.0 + option.tolerance
     while True:
@@ -147,7 +148,7 @@ def _resolve(model, held, rows, uppers):
                 lowest, chosen = lower, number
         if chosen < 0 or (option.budget > 0 and option.work >= option.budget):
             return
-        # A little farther than now needed: else all would have to be looked into at every tick.
+        # Search a little farther than needed now, so that pairs are not searched at every tick.
         pair = held.pairs[chosen]
         moved = held.moved[pair.own] + held.moved[pair.other]
         margin = moved * (TICKS_AHEAD + chosen % TICKS_AHEAD) if option.budget == 0 else 0.0
@@ -162,7 +163,7 @@ def _look_into(model, held, number, reach):
     scale = model.frames[pair.own].scale
     frames_between(model.frames, pair.own, pair.other, turn, offset)
     slots[0], slots[1] = pair.slots[0], pair.slots[1]
-    # A little farther, so that a connection of that length is found.
+    # The factor includes a connection of exactly that length.
     limit, tolerance = reach * reach * scale * scale * 1.0000001, SEARCH_TOLERANCE * option.tolerance
     budget = 0 if option.budget == 0 else max(option.budget - option.work, 1)
     frontier = _frontier_of(held, number)
@@ -206,7 +207,7 @@ def _frontier_of(held, number):
 
 @kernel
 def _lowest_of_rest(held, rows, count):
-    """The lowest bound of all parts but those of the first *count* connections."""
+    """Return the lowest bound of all parts except those of the first *count* connections."""
     lowest = np.inf
     for number in range(len(held.pairs)):
         pair, is_known = held.pairs[number], False
@@ -219,7 +220,7 @@ def _lowest_of_rest(held, rows, count):
 
 @kernel
 def _fill_record(model, held, number, rows):
-    """Fill a record with the connection of its pair; -1: with what is known of none."""
+    """Fill a record with the connection of its pair; without one, with the bound of the other parts."""
     record, row = held.records[number], rows[number]
     option, last_part = held.settings[0], record["part"]
     record["pose_ns"], record["age_ns"] = option.pose_ns, option.now_ns - option.pose_ns
@@ -248,7 +249,7 @@ def _fill_record(model, held, number, rows):
         frames_between(model.frames, pair.own, pair.other, turn, offset)
         turn_normal(model, pair.own, (turn, offset), pair.slots, record["normal"])
     if not pair.is_crossing and not pair.is_inside and (is_touching or not pair.is_unsure):
-        for k in range(3):  # from within, surfaces are nearest the wrong way round
+        for k in range(3):  # inside, the nearest surface points give the opposite direction
             pair.normal[k] = record["normal"][k]
     record["part"], record["own_part"] = pair.other, pair.own
     record["own_face"], record["face"] = NO_FACE, NO_FACE
@@ -274,7 +275,7 @@ def _fill_record(model, held, number, rows):
 
 @kernel
 def _predict(model, record, pair, option):
-    """Fill the distance when the answer is used, and the time to contact."""
+    """Fill the distance at the time when the result is used, and the time to contact."""
     if not option.is_predicted:
         _fill_no_prediction(record)
         return
@@ -300,7 +301,7 @@ def _predict(model, record, pair, option):
 
 @inlined
 def _fill_no_prediction(record):
-    """Fill predictions where velocities are not known."""
+    """Fill the predictions of unknown velocities."""
     record["approach_speed"], record["predicted_distance"] = np.nan, np.nan
     record["predicted_lower"], record["predicted_upper"] = 0.0, np.inf
     record["time_to_contact"], record["time_to_contact_lower"] = np.nan, 0.0
@@ -308,7 +309,7 @@ def _fill_no_prediction(record):
 
 @kernel
 def _fill_unknown(record, lowest, option):
-    """Fill a record where no connection was found: nothing is nearer than *lowest*, m."""
+    """Fill a record without a connection: no surface is nearer than *lowest*, m."""
     record["distance"], record["lower"], record["upper"] = np.inf, min(lowest, option.working_range), np.inf
     for k in range(3):
         record["point_on_own"][k], record["point_on_part"][k], record["normal"][k] = np.nan, np.nan, 0.0

@@ -1,1 +1,1 @@
-"""The only loops over trees; queries give them what to do at a node and at a leaf."""
+"""Tree traversals; queries provide the functions for nodes and leaves."""

@@ -1,15 +1,15 @@
-"""A loop over trees within a budget of steps: depth first for a while, then the smallest bounds first.
+"""Traversal within a budget of steps: depth first at the beginning, then smallest bounds first.
 
-Depth first is the shortest search in most cases. A walk that has not ended after an eighth of its budget, or
-a few steps, has met one of the points where any exact search opens everything (the centre of a ball): from
-there on it opens, sweep by sweep, what has the smallest bounds, and follows one of them down to a leaf, so
+Depth first is the shortest search in most cases. A walk that takes longer than an eighth of its budget, or a
+few steps, has met a point where every exact search opens the whole tree (the centre of a ball). From there
+on, sweep by sweep, it opens the subtrees with the smallest bounds and follows one of them down to a leaf, so
 that the gap between the bounds closes from both sides.
 
-What waits is kept in *workspace* (float32): three planes of `MOST_WAITING` numbers: a squared distance below
-which nothing in the subtree lies, in the scene's scaled frame whatever the subtree's own; its reference
-(int32 bits); and the part in whose frame it is, or the scene's row.
+Waiting subtrees are in *workspace* (float32), three planes of `MOST_WAITING` numbers: a lower bound of the
+squared distance, always in the scene's scaled frame; the reference (int32 bits); and the part whose frame it
+is in, or the scene's row.
 
-Tried and dropped (2026-11): see the figures beside `SWEEP_SHARE`.
+Tried and dropped (2026-11): see the figures at `SWEEP_SHARE`.
 """
 
 import numpy as np
@@ -33,25 +33,26 @@ from proximity.native.simd import (
 )
 
 MOST_SWEPT_STEPS = 4096
-"""Steps of a budget that are taken in sweeps at most; the rest goes depth first."""
+"""Maximum steps of a budget that are taken in sweeps; the others go depth first."""
 MOST_WAITING = 4 * STACK_SIZE + (LANES - 1) * MOST_SWEPT_STEPS + 4 * LANES
 WORKSPACE_SIZE = 3 * MOST_WAITING
 DEEP_DIVISOR = 8
-"""Share of a budget, as a divisor, that goes depth first."""
+"""Divisor of a budget giving the steps that go depth first."""
 FEWEST_DEEP_STEPS = 16
-"""Steps that go depth first at least, of budgets of twice as many: mostly that is all it takes. Looking ahead
-with 40 steps, ticks are some 10 % shorter at p99 than with an eighth of them, contacts reported as early."""
+"""Minimum number of depth-first steps, for budgets of at least twice that: mostly they suffice. Predictions
+with 40 steps have some 10 % shorter ticks at p99 than with an eighth of them, and report contacts as
+early."""
 SWEEP_SHARE = 0.08
-"""Share of the gap between the bounds that one sweep closes; more where that would open few. At the centre of
-a ball of 82 k faces 800 steps leave bounds 0.4 % apart with 0.02 to 0.3 (0.02 takes a fifth longer), 0.8 %
-with 1, and 100 % depth first."""
+"""Share of the gap between the bounds that one sweep covers; more if that would open few subtrees. At the
+centre of a ball of 82 k faces 800 steps leave bounds 0.4 % apart with 0.02 to 0.3 (0.02 takes a fifth
+longer), 0.8 % with 1, and 100 % depth first."""
 SWEEP_RATIO = 16
-"""A sweep looks through all that waits, so it should open at least one in so many."""
+"""A sweep scans all waiting subtrees, so it should open at least one in this many."""
 
 
 @inlined
 def _push(workspace, at, bounds, references, part, which):
-    """Leave subtrees waiting, those of eight that *which* says; the position behind them."""
+    """Append the subtrees of eight lanes selected by *which*; return the end position."""
     store(workspace, at, compress(bounds, which))
     store(workspace, at + MOST_WAITING, compress(references, which))
     store(workspace, at + 2 * MOST_WAITING, splat32(np.float32(part)))
@@ -60,7 +61,7 @@ def _push(workspace, at, bounds, references, part, which):
 
 @inlined
 def _step_into(words, parts, reference, part):
-    """The subtree that an entry of the tree over parts stands for, and the row in whose frame it is."""
+    """Return the subtree of an entry of the tree over parts, and the row of its frame."""
     entry = parts[len(parts) - 1].entries + 2 * (~reference - ENTRY)
     owner = np.int64(load_int(words, entry))
     return np.int64(load_int(words, entry + 1)), part if parts[owner].is_fused else owner
@@ -68,7 +69,7 @@ def _step_into(words, parts, reference, part):
 
 @inlined
 def _keep_open(workspace, count, reach):
-    """Drop what waits beyond *reach*; return how many are left, and the smallest bound of them."""
+    """Drop waiting subtrees beyond *reach*; return the number left and their smallest bound."""
     store(workspace, count, splat32(np.float32(np.inf)))
     smallest = splat32(np.float32(np.inf))
     kept = 0
@@ -89,7 +90,7 @@ def _keep_open(workspace, count, reach):
 
 @inlined
 def _nearest_waiting(workspace, first, end):
-    """Position of the smallest bound among the subtrees that wait from *first* up to *end*."""
+    """Return the position of the smallest bound among the subtrees from *first* up to *end*."""
     nearest = first
     for k in range(first + 1, end):
         if workspace[k] < workspace[nearest]:
@@ -100,20 +101,21 @@ def _nearest_waiting(workspace, first, end):
 def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of):
     """Return a walk within a budget, for squared distances in the scene's scaled frame.
 
-    - ``query_in(frames, parts, part, point)``: what the others need of the point, as seen from a part;
+    - ``query_in(frames, parts, part, point)``: the query in the frame of a part, passed to the others;
     - ``node_bounds(words, base, query)``: float32 bounds of a node's children;
-    - ``close_bounds(words, parts, reference, query, above)``: tighter ones, above what is known of all of it;
-    - ``leaf(reals, reference, query, best)``: the best with what a block has; *best*: squared distance, slot;
-    - ``target(best, tolerance)``: the squared distance from which on nothing more is looked for;
-    - ``reach_of(target_sq)``: the float32 number up to which a bound may hide something nearer.
+    - ``close_bounds(words, parts, reference, query, above)``: tighter bounds, at least the node's bound
+      *above*;
+    - ``leaf(reals, reference, query, best)``: *best* updated with a block; *best*: squared distance, slot;
+    - ``target(best, tolerance)``: the squared distance at which the search ends;
+    - ``reach_of(target_sq)``: the float32 limit for bounds of subtrees to open.
 
-    The walk returns the best, the squared distance below which nothing lies, and the steps taken. A step is a
-    node or a leaf.
+    The walk returns the best, a lower bound of the squared distance, and the steps taken. A step is a node or
+    a leaf.
     """
 
     @kernel
     def sweep(model, point, best, tolerance, count, work, budget, workspace):
-        """Go on from what waits: *count* subtrees in *workspace*."""
+        """Continue from the *count* subtrees waiting in *workspace*."""
         reals, words, frames, parts = model
         part = np.int64(-1)
         query = query_in(frames, parts, len(parts) - 1, point)
@@ -130,12 +132,12 @@ def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of):
             gap = min(best[0], 4.0 * lower_sq + 1.0) - lower_sq
             threshold = max(np.float32(lower_sq + share * gap), lowest)
             end, before = count, work
-            # The first that is opened is followed down to a leaf: that brings the other bound down.
+            # The first subtree opened is followed down to a leaf, which lowers the upper bound.
             follows, following = True, np.int64(-1)
             for first in range(0, end, LANES):
                 chosen = bits(load(workspace, first) <= splat32(threshold))
                 if first + LANES > end:
-                    # Children that were appended in this sweep wait for the next.
+                    # Children appended in this sweep wait for the next.
                     chosen &= (1 << (end - first)) - 1
                 left = chosen
                 while left:

@@ -1,17 +1,16 @@
 """Depth-first loops over trees, as factories of inlined kernels.
 
-A walk goes straight to one child of a node and leaves the other open ones waiting. *best* is a tuple: first
-the float32 number with which bounds are compared, then whatever a query has found so far. A query is three
-functions:
+A walk descends into one child of a node and pushes the other open ones. *best* is a tuple: the float32 limit
+for bounds, then the query's best answer. A query is three functions:
 
-- ``open_children(words, base, query, reach)``: bounds of the node at *base*, what else their order goes by,
-  and which children are within *reach*;
-- ``leaf(reals, reference, query, best)``: *best* with what the block ``~reference`` has;
-- ``into_part(model, part, start, query, best, stacks)``, of scenes: *best* with what is below the reference
-  *start* of a part that has a frame of its own.
+- ``open_children(words, base, query, reach)``: bounds of the node at *base*, a secondary sort key, and the
+  mask of children within *reach*;
+- ``leaf(reals, reference, query, best)``: *best* updated with the block ``~reference``;
+- ``into_part(model, part, start, query, best, stacks)``, for scenes: *best* updated with the subtree at the
+  reference *start* of a part with a separate frame.
 
-*stacks* (float32) holds `STACK_SIZE` bounds and then as many references (int32 bits), twice: for a part's
-tree, and behind it, from `SCENE_STACKS` on, for the scene's.
+*stacks* (float32) holds `STACK_SIZE` bounds, then `STACK_SIZE` references (int32 bits), twice: for a part's
+tree and, from `SCENE_STACKS` on, for the scene's.
 """
 
 import numpy as np
@@ -32,15 +31,15 @@ from proximity.native.simd import (
 )
 
 EXIT_WEIGHT = np.float32(2.0**-3)
-"""Weight of the parameter of leaving a box beside that of entering it: any from 2^-2 to 2^-6 does as well."""
+"""Weight of the exit parameter relative to the entry parameter; values from 2^-2 to 2^-6 perform equally."""
 SCENE_STACKS = 2 * STACK_SIZE
 EMPTY = -1
-"""Position on a stack that is empty."""
+"""Position on an empty stack."""
 
 
 @inlined
 def _push(words, base, bounds, which, stacks, at):
-    """Leave children of the node at *base* waiting; *at* behind them."""
+    """Push children of the node at *base*; return the new end of the stack."""
     store(stacks, at, compress(bounds, which))
     store(stacks, at + STACK_SIZE, compress(children_of(words, base), which))
     return at + count_bits(bits(which))
@@ -48,7 +47,7 @@ def _push(words, base, bounds, which, stacks, at):
 
 @inlined
 def _pop(stacks, bottom, at, reach):
-    """Position of the last that waits and whose bound is not above *reach*, or `EMPTY`."""
+    """Pop entries down to one whose bound is not above *reach*; return its position, or `EMPTY`."""
     while at > bottom:
         at -= 1
         if stacks[at] <= reach:
@@ -58,7 +57,7 @@ def _pop(stacks, bottom, at, reach):
 
 @inlined
 def to_nearest(_, words, base, bounds, __, is_open, stacks, at):
-    """Go to the child of the node at *base* with the lowest bound, which is open; the other open ones wait.
+    """Descend into the open child of the node at *base* with the lowest bound; push the other open ones.
 
     Returns its reference, and *at*. The others are not sorted: that cost more than it saved.
     """
@@ -69,16 +68,16 @@ def to_nearest(_, words, base, bounds, __, is_open, stacks, at):
 
 @inlined
 def in_order(reals, words, base, bounds, leaving, is_open, stacks, at):
-    """As `to_nearest`, of boxes left at *leaving*; of those that wait the nearest is taken up next.
+    """Descend as `to_nearest` does, with boxes exited at *leaving*; the second nearest child is popped next.
 
-    A ray that has hit something seldom needs the others: in a gear it visits 8 % fewer nodes and 15 % fewer
-    blocks. Points gain 1 and 2 %, less than it costs. All in order, by a sorting network: no faster.
+    A ray that has hit a face seldom needs the others: in a gear it visits 8 % fewer nodes and 15 % fewer
+    blocks. Points gain 1 and 2 %, less than it costs. A full sort, by a sorting network, is not faster.
 
-    Boxes that share a plane are entered there at once, or the ray starts in all of them: of such the one that
-    is left first comes first (in a gear, 9 % fewer blocks and 2 % fewer nodes).
+    Boxes that share a plane have equal entry parameters, and the ray would start in all of them: the one with
+    the smaller exit parameter comes first (in a gear, 9 % fewer blocks and 2 % fewer nodes).
 
-    What is taken up next is fetched from memory meanwhile: 5 to 14 % of the time, most in large parts. At the
-    leaf before it, instead of here, it is 1 to 9 %.
+    The next child is prefetched: saves 5 to 14 % of the time, most in large parts. Prefetching at the leaf
+    before it saves 1 to 9 %.
     """
     order = fma(leaving, splat32(EXIT_WEIGHT), bounds)
     nearest, it = nearest_lane(order, is_open)
@@ -100,14 +99,14 @@ def _fetch_child(reals, words, base, lane):
 
 @inlined
 def nothing_ahead(reals, words, stacks, bottom, at, reach):
-    """Have nothing brought from memory."""
+    """Prefetch no memory."""
 
 
 @inlined
 def fetch_ahead(reals, words, stacks, bottom, at, reach):
-    """Have what is next, if it is still within reach, brought from memory while a leaf is looked into.
+    """Prefetch the next entry of the stack, if still within reach, before a leaf is processed.
 
-    Points take 0.85 to 0.95 of the time where a part is larger than the nearer caches; else the same.
+    Points take 0.85 to 0.95 of the time if a part is larger than the nearer caches; else the same.
     """
     if at > bottom and stacks[at - 1] <= reach:
         fetch(reals, words, load_int(stacks, at - 1 + STACK_SIZE))
@@ -115,7 +114,7 @@ def fetch_ahead(reals, words, stacks, bottom, at, reach):
 
 @inlined
 def fetch(reals, words, reference):
-    """Have a node or a leaf brought from memory, while something else is done."""
+    """Prefetch a node or a leaf."""
     if reference >= 0:
         fetch_node(words, NODE_STRIDE * reference)
     elif ~reference < ENTRY:
@@ -123,7 +122,7 @@ def fetch(reals, words, reference):
 
 
 def depth_first(open_children, at_leaf, descend=to_nearest):
-    """Return a walk below the reference *start* over a stack that begins at *bottom*; it returns the best.
+    """Return a walk from the reference *start* over a stack that begins at *bottom*; it returns the best.
 
     *at_leaf*: made by `in_blocks` or `in_blocks_and_parts`. *tables*: the model, or its reals and words.
     """
@@ -152,7 +151,7 @@ def depth_first(open_children, at_leaf, descend=to_nearest):
 
 
 def in_blocks(leaf, ahead=nothing_ahead):
-    """Return what a walk does at the leaves of a part's tree: the best there, and nowhere to go on."""
+    """Return the leaf function for a part's tree: it updates the best."""
 
     @inlined
     def at_leaf(tables, reference, query, best, stacks, bottom, at):
@@ -163,9 +162,9 @@ def in_blocks(leaf, ahead=nothing_ahead):
 
 
 def in_blocks_and_parts(leaf, into_part, ahead=nothing_ahead):
-    """Return what a walk does at the leaves of a scene's tree, of which some are parts.
+    """Return the leaf function for a scene's tree, whose leaves are blocks or parts.
 
-    Into parts in the scene's own frame the walk goes on; the others have a walk of their own.
+    The walk continues into parts in the scene's frame; the others have a separate walk.
     """
     in_block = in_blocks(leaf, ahead)
 
@@ -184,10 +183,10 @@ def in_blocks_and_parts(leaf, into_part, ahead=nothing_ahead):
 
 
 def through_all(open_children, leaf):
-    """Return a walk over one part's tree that adds up a *total*, whatever it is, and needs no bounds.
+    """Return a walk over one part's tree that adds up a *total* of any type, without bounds.
 
-    ``open_children(words, node, query, total)`` returns the total with what the node itself adds, and which
-    of its children are walked; ``leaf`` is as above. *stack* (float32) holds `STACK_SIZE` references.
+    ``open_children(words, node, query, total)`` returns the total with the node's contribution, and the mask
+    of children to walk; ``leaf`` is as above. *stack* (float32) holds `STACK_SIZE` references.
     """
 
     @inlined

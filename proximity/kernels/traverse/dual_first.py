@@ -1,13 +1,12 @@
-"""Loop over two trees at once, as a factory of inlined kernels.
+"""Loop over two trees, as a factory of inlined kernels.
 
 The *frontier* is the list of open entries. An entry is a pair of boxes, or a node of one tree and a box of
-the other, with those children of the node that are too far. Each has a *limit*: nothing in it is nearer.
-Boxes and nodes are given by their positions in ``words``.
+the other, with those children of the node that are too far. Each has a *limit*, a lower bound of its
+distances. Boxes and nodes are given by their positions in ``words``.
 
 A walk that drops entries opens the last one and appends its children, the nearest at the end. A walk that
-keeps them goes through the list in sweeps, and leaves in it the entries that are too far: the next walk
-starts from them. With a budget a sweep opens the nearest entries only, so that the lowest limit rises as far
-as it can.
+keeps them goes through the list in sweeps and leaves the entries that are too far in it, as the start of the
+next walk. With a budget a sweep opens only the nearest entries, so that the lowest limit rises quickly.
 """
 
 from typing import NamedTuple
@@ -24,17 +23,17 @@ CHILDREN = 255
 OPENED_FIRST = 256
 BLOCKS = 512
 BOXES = 1024
-"""Bits of an entry: children that are left; a node of the first tree; a pair of blocks; a pair of boxes."""
+"""Bits of an entry: remaining children; node of the first tree; pair of blocks; pair of boxes."""
 NEARLY = 1.0 - 2.0**-40
-"""Share of the reach at which a kept entry is far enough: so much a root may be rounded down."""
+"""Share of the reach at which a kept entry is far enough; covers the rounding of a square root."""
 PAIR_SWEEP_SHARE = 0.25
-"""Share of the way from the lowest limit to the reach that a sweep covers, with a budget."""
+"""Share of the interval from the lowest limit to the reach that a sweep covers, with a budget."""
 OVERFLOW = -1
-"""Count of a frontier that had no room left."""
+"""Count returned by a walk that has exceeded the frontier's capacity."""
 
 
 class Frontier(NamedTuple):
-    """A run of entries, with room for the children of one more and for a vector behind."""
+    """A run of entries, with room for the children of one more and a full vector past the end."""
 
     limits: np.ndarray  # float64
     entries: np.ndarray  # (…, 3) int32: positions in words of both trees, and bits
@@ -64,7 +63,7 @@ def append_children(frontier, count, one, other, is_first, lanes, lane_limits):
 
 @inlined
 def nearest_to_end(frontier, favorite, begin, count):
-    """Exchange the last entry with the nearest from *begin* on: of equals the *favorite*, or the first."""
+    """Exchange the last entry with the nearest from *begin* on; ties go to the *favorite*, or the first."""
     limits, entries, last = frontier.limits, frontier.entries, frontier.begin + count - 1
     nearest = frontier.begin + favorite
     for at in range(frontier.begin + begin, last + 1):
@@ -78,7 +77,7 @@ def nearest_to_end(frontier, favorite, begin, count):
 
 @kernel
 def lower_limits(frontier, count, by):
-    """Lower all limits; return the lowest."""
+    """Subtract *by* from all limits; return the lowest."""
     lowest, end = splat(np.inf), frontier.begin + count
     store(frontier.limits, end, lowest)
     for at in range(frontier.begin, end, LANES):
@@ -90,7 +89,7 @@ def lower_limits(frontier, count, by):
 
 @inlined
 def _size_at(words, position):
-    """The longest side of a box."""
+    """Return the longest side of a box."""
     return max(
         upper_at(words, position, 0) - lower_at(words, position, 0),
         upper_at(words, position, 1) - lower_at(words, position, 1),
@@ -100,7 +99,7 @@ def _size_at(words, position):
 
 @inlined
 def _node_of_boxes(words, one, other, ratio):
-    """Open a pair of boxes: the larger one becomes a node with all its children, if not both are blocks."""
+    """Open a pair of boxes: unless both are blocks, the larger one becomes a node with all its children."""
     below_one, below_other = child_at(words, one), child_at(words, other)
     if below_one < 0 and below_other < 0:
         return one, other, np.int64(BLOCKS)
@@ -114,11 +113,11 @@ def dual_first(open_children, look_into, reach_of, is_kept):
     """Return a walk over a frontier of *count* entries; it returns the best, the new count, and the steps.
 
     - ``open_children(model, query, one, other, is_first)``: limits of the eight pairs of children and box;
-    - ``look_into(model, query, one, other, best)``: *best* with what two blocks have, and the limit of these;
+    - ``look_into(model, query, one, other, best)``: *best* updated with two blocks, and their limit;
     - ``reach_of(query, best)``: the limit up to which entries are opened.
 
-    *best*: only smaller numbers are looked for, and the walk ends when it is 0 or less. *ratio*: the second
-    tree's unit of length in that of the first. *budget*: steps, entries opened, at most; 0: no limit.
+    *best*: only smaller distances are searched, and the walk ends when it is 0 or less. *ratio*: the second
+    tree's unit of length in that of the first. *budget*: maximum steps (opened entries), or 0 for no limit.
     """
 
     @inlined
@@ -167,7 +166,7 @@ def dual_first(open_children, look_into, reach_of, is_kept):
                 count = end
                 continue
             count = append_children(frontier, count, one, other, is_first, near, lane_limits)
-            if not left:  # the last entry takes its place
+            if not left:  # replaced by the last entry
                 count -= 1
                 limits[at] = limits[begin + count]
                 for k in range(3):

@@ -1,1 +1,1 @@
-"""The eight-wide tree over boxes: building, refitting and walking it."""
+"""Eight-wide tree over boxes: building, refitting and bounds."""

@@ -1,11 +1,11 @@
-"""Boxes to a binary tree: binned surface area heuristic.
+"""Binary tree over boxes by binned surface area heuristic.
 
-A box is *packed* into eight float32: its lower x, y, z, a zero, its upper x, y, z with the other sign, a
-zero. So a box around two others is the lesser of both, lane by lane.
+A box is *packed* into eight float32: its lower x, y, z, a zero, its negated upper x, y, z, a zero. The box
+around two others is their lane-wise minimum.
 
-Boxes are moved along with the numbers of their faces, so that every pass reads memory in a row. There are
-two passes over a run: one puts its boxes into bins by the position of their middle, one divides it; the boxes
-of both sides are those of the bins.
+Boxes are moved along with the numbers of their faces, so that every pass reads memory sequentially. A run
+takes two passes: one assigns its boxes to bins by centre, one partitions it; the boxes of both sides come
+from the bins.
 
 Source: Wald 2007, "On fast construction of SAH-based bounding volume hierarchies" (bins).
 """
@@ -18,8 +18,8 @@ from proximity.native import allocating_kernel, inlined, kernel
 from proximity.native.simd import halves_swapped, lane, load, minimum, splat32, store
 
 LINK_LEFT = 0
-"""Columns of a binary tree's links (int32): its children, or -1 in a leaf; the faces of a leaf, where they
-begin in the order of faces and how many they are."""
+"""Columns of a binary tree's links (int32): its children, or -1 in a leaf; a leaf's first face, in the order
+of faces, and face count."""
 LINK_RIGHT = 1
 LINK_FIRST = 2
 LINK_COUNT = 3
@@ -28,29 +28,29 @@ BIN_COUNT = 16
 HALVED_DEPTH = 64
 """From this level on runs are halved by count: any mesh ends 28 levels later."""
 LARGEST_WAITING = 64
-"""The larger side waits: so there are never more of them than halvings of 2^31 faces."""
+"""The larger side waits, which bounds the entries by the number of halvings of 2^31 faces."""
 
-# Where a split leaves what it found of both sides: packed boxes, and doubled middles.
+# Offsets of a split's results for both sides: packed boxes, and doubled centres.
 _LEFT_BOX, _LEFT_MIDDLES, _RIGHT_BOX, _RIGHT_MIDDLES = 0, 8, 16, 24
 
 
 @inlined
 def _sides(box):
-    """The sides of a packed box along x, y and z, with the other sign."""
+    """Return the negated sides of a packed box along x, y and z."""
     sides = box + halves_swapped(box)
     return lane(sides, 0), lane(sides, 1), lane(sides, 2)
 
 
 @inlined
 def half_area(box):
-    """Half the surface of a packed box."""
+    """Return half the surface area of a packed box."""
     dx, dy, dz = _sides(box)
     return dx * (dy + dz) + dy * dz
 
 
 @inlined
 def thickness(box):
-    """The shortest side of a packed box."""
+    """Return the shortest side of a packed box."""
     dx, dy, dz = _sides(box)
     return -max(dx, dy, dz)
 
@@ -64,19 +64,19 @@ def unpack(record, box):
 
 @inlined
 def _middles(box):
-    """Packed box that is the middle of another, doubled: a point."""
+    """Return the packed box of another's doubled centre: a point."""
     return box - halves_swapped(box)
 
 
 @inlined
 def _nowhere():
-    """Packed box around nothing."""
+    """Return an empty packed box."""
     return splat32(np.float32(np.inf))
 
 
 @kernel
 def _measure(boxes, first, count, sides, at):
-    """Put the box of a run, and that of its middles, to *sides*."""
+    """Store the box of a run, and that of its doubled centres, in *sides*."""
     box, middles = _nowhere(), _nowhere()
     for position in range(first, first + count):
         record = load(boxes, BOX_STRIDE * position)
@@ -87,27 +87,27 @@ def _measure(boxes, first, count, sides, at):
 
 @inlined
 def _bins_for(count):
-    """Number of bins for a run along an axis."""
+    """Return the number of bins for a run along an axis."""
     return min(BIN_COUNT, 2 * count)
 
 
 @inlined
 def _bin_rate(middles, at, axis, bin_count):
-    """Bins a unit of doubled middles along an axis."""
+    """Return the number of bins per unit of doubled centres along an axis."""
     extent = -middles[at + 4 + axis] - middles[at + axis]
     return np.float32(bin_count * 0.9999) / extent if extent > 0.0 else np.float32(0.0)
 
 
 @inlined
 def _bin(boxes, position, axis, start, rate, bin_count):
-    """The bin of the box at *position*."""
+    """Return the bin of the box at *position*."""
     at = BOX_STRIDE * position + axis
     return min(np.int64((boxes[at] - boxes[at + 4] - start) * rate), bin_count - 1)
 
 
 @kernel
 def _fill_bins(boxes, first, count, middles, at, bins, bin_counts):
-    """Put the boxes of a run into bins along each axis."""
+    """Assign the boxes of a run to bins along each axis."""
     used = _bins_for(count)
     for axis in range(3):
         for b in range(BIN_COUNT * axis, BIN_COUNT * axis + used):
@@ -131,10 +131,10 @@ def _fill_bins(boxes, first, count, middles, at, bins, bin_counts):
 
 @kernel
 def _best_plane(bins, bin_counts, used, leaf_shift, right_costs):
-    """The last bin, of all three axes' bins, that goes to the left; -1 where no plane separates anything.
+    """Return the last bin, over all axes, on the left side of the best plane; -1 if no plane separates boxes.
 
-    Of each axis' bins the first *used* are filled.
-    The cost of a side is its surface times the leaves that it fills.
+    The first *used* bins of each axis are filled. The cost of a side is its surface area times its number of
+    leaves.
     """
     round_up = (1 << leaf_shift) - 1
     best_cost, best = np.float32(np.inf), -1
@@ -160,7 +160,7 @@ def _best_plane(bins, bin_counts, used, leaf_shift, right_costs):
 
 @kernel
 def _divide(boxes, order, first, count, middles, at, bins, plane, sides):
-    """Move the boxes up to a plane to the front; return how many they are, and fill *sides*."""
+    """Move the boxes up to a plane to the front; return their number, and fill *sides*."""
     axis, last, used = plane // BIN_COUNT, plane % BIN_COUNT, _bins_for(count)
     start, rate = middles[at + axis], _bin_rate(middles, at, axis, used)
     left_middles, right_middles = _nowhere(), _nowhere()
@@ -201,9 +201,8 @@ def _write_leaf(links, node, first, count):
 def halve(boxes, order, leaf_shift):
     """Return the boxes (N * `BOX_STRIDE`) and the links (N, 4) of a binary tree; node 0 is its root.
 
-    *boxes*: (F * `BOX_STRIDE`,) float32; of the faces, F >= 1. Brought into the tree's order. *order*:
-    numbers of the faces. Brought into the tree's order. *leaf_shift*: a leaf takes ``2 ** leaf_shift`` faces
-    at most.
+    *boxes*: (F * `BOX_STRIDE`,) float32, of the faces, F >= 1; *order*: numbers of the faces. Both are sorted
+    into the tree's order. *leaf_shift*: a leaf has at most ``2 ** leaf_shift`` faces.
     """
     capacity = max(64, len(order) >> leaf_shift << 1)
     nodes = np.empty(capacity * BOX_STRIDE, np.float32)

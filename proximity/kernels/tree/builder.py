@@ -1,7 +1,7 @@
-"""Boxes to an eight-wide bounding volume hierarchy.
+"""Eight-wide bounding volume hierarchy over boxes.
 
-Runs of faces are split until a leaf takes them (`binned_sah`), large subtrees are reinserted
-(`reinsertion`), and the binary tree becomes an eight-wide one (`collapse`).
+Runs of faces are split down to the size of a leaf (`binned_sah`), large subtrees are reinserted
+(`reinsertion`), and the binary tree is collapsed to an eight-wide one (`collapse`).
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from proximity.native import entry
 
 @entry("float64[:, 3], int32[:, 3], float32[:]")
 def face_boxes(vertices, faces, boxes):
-    """Fill the packed boxes (see `binned_sah`), float32, that contain each face with a margin."""
+    """Fill the padded, packed boxes (see `binned_sah`), float32, of each face."""
     for face in range(len(faces)):
         at = BOX_STRIDE * face
         boxes[at + 3], boxes[at + 7] = 0.0, 0.0
@@ -32,22 +32,22 @@ def face_boxes(vertices, faces, boxes):
 def build_tree(boxes, leaf_shift):
     """Return nodes (float32, flat), the order of faces (int32) and each leaf's first position in it (int32).
 
-    *boxes*: (F * `BOX_STRIDE`,) float32, F >= 1; they are moved. A leaf takes ``2 ** leaf_shift`` at most.
-    Child references lie in the nodes as int32 bits; see `layout`. Leaves are numbered in the order of faces.
+    *boxes*: (F * `BOX_STRIDE`,) float32, F >= 1; they are reordered. A leaf has at most ``2 ** leaf_shift``.
+    Child references are int32 bits in the nodes; see `layout`. Leaves are numbered in the order of faces.
     """
     order = np.empty(len(boxes) // BOX_STRIDE, np.int32)
     for face in range(len(order)):
         order[face] = face
     tree, links = halve(boxes, order, leaf_shift)
     if leaf_shift != ENTRIES_SHIFT:
-        # Over entries somebody is waiting: it would spare 2 % of the steps, and take a third of the time.
+        # Trees over entries are built at run time: saves 2 % of the steps, but takes a third of the time.
         improve(tree, links)
     return widen_tree(tree, links, order)
 
 
 @entry("float64[:, 3], int32[:, 3], int32[:], int32[:], float64[:], int32[:]")
 def fill_blocks(vertices, faces, order, block_first, blocks, face_of_slot):
-    """Put the corners of every leaf's faces into eight-lane blocks; unused lanes are NaN."""
+    """Copy the corners of every leaf's faces into eight-lane blocks; unused lanes are NaN."""
     for block in range(len(block_first) - 1):
         first = block_first[block]
         number = block_first[block + 1] - first

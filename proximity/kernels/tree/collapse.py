@@ -1,11 +1,11 @@
-"""Nodes of eight children, and the collapse of a binary tree to them with the least total surface.
+"""Collapse of a binary tree to nodes of eight children with the least total surface area.
 
-A node of the binary tree becomes a wide node or goes; what is below it then belongs to the wide node above.
-The cost of a subtree in one to eight lanes of the node above follows from those of its two halves, from the
-bottom up. What a query visits goes with the surface of the nodes.
+A node of the binary tree either becomes a wide node or is removed, with its descendants attached to the wide
+node above. The cost of a subtree in one to eight lanes of that node is computed bottom-up from those of its
+two halves; the expected number of visits is proportional to the surface area of the nodes.
 
 Source: Wald, Benthin, Boulos 2008, "Getting rid of packets" (wide trees from binary ones); Ylitie, Karras,
-Laine 2017, "Efficient incoherent ray traversal on GPUs through compressed wide BVHs" (the best of them).
+Laine 2017, "Efficient incoherent ray traversal on GPUs through compressed wide BVHs" (optimal collapse).
 """
 
 import numpy as np
@@ -25,17 +25,18 @@ from proximity.native import allocating_kernel, entry, inlined, kernel
 from proximity.native.simd import horizontal_min, load, minimum, splat32, store
 
 EVEN_DEPTH = MAX_DEPTH // 2 - 10
-"""From this level on leaves are shared out by count, whatever the binary tree: any ends ten levels later. So
-the tree of a scene and that of a part, one below the other, are within the stack. Real parts end before."""
+"""From this level on leaves are distributed by count, independent of the binary tree, which ends ten levels
+later at most. So the trees of a scene and of a part below it fit the stack together. Real parts end
+before."""
 NOT_WIDER = 0
-"""Split of a subtree that is no better in one more lane."""
+"""Split of a subtree that gains no benefit from one more lane."""
 NO_REFERENCE = -1
-"""Offset of the reference to the root, which has none; the binary node of leaves in a row."""
+"""Offset of the reference to the root, which has none; the binary node of consecutive leaves."""
 
 
 @inlined
 def write_lane(words, base, lane, box, reference):
-    """Write a child of the node at word *base*: its box, lower and upper, and what it is."""
+    """Write a child of the node at word *base*: its box, lower and upper, and its reference."""
     for axis in range(3):
         words[base + LANES * axis + lane] = box[axis]
         words[base + NODE_UPPER + LANES * axis + lane] = box[axis + 3]
@@ -44,7 +45,7 @@ def write_lane(words, base, lane, box, reference):
 
 @entry("float32[:], int")
 def clear_node(words, node):
-    """Make all lanes of a node unused."""
+    """Mark all lanes of a node as unused."""
     base = NODE_STRIDE * node
     for k in range(0, NODE_STRIDE, LANES):
         filling = np.inf if k < NODE_UPPER else (-np.inf if k < NODE_CHILDREN else 0.0)
@@ -53,7 +54,7 @@ def clear_node(words, node):
 
 @kernel
 def node_box(words, node, box):
-    """The box around all children of a node; unused lanes add nothing."""
+    """Fill the box around all children of a node; unused lanes are ignored."""
     base = NODE_STRIDE * node
     for axis in range(3):
         box[axis] = horizontal_min(lower_along(words, base, axis))
@@ -62,17 +63,14 @@ def node_box(words, node, box):
 
 @inlined
 def clear_box(box):
-    """Make a box one that contains nothing."""
+    """Make a box empty."""
     for axis in range(3):
         box[axis], box[axis + 3] = np.inf, -np.inf
 
 
 @allocating_kernel
 def _levels(links):
-    """Return the nodes of a binary tree, each behind its parent, and what leaves each has.
-
-    Where these begin in the order of leaves, and how many they are.
-    """
+    """Return the nodes of a binary tree, parents first, and for each its first leaf and leaf count."""
     count = len(links)
     nodes, starts, numbers = np.empty(count, np.int32), np.zeros(count, np.int32), np.ones(count, np.int32)
     nodes[0] = 0
@@ -96,9 +94,9 @@ def _levels(links):
 
 @kernel
 def _share_out(boxes, links, nodes, costs, splits):
-    """Fill the least cost of each subtree in 1 to 8 lanes, and how many of those its left half gets.
+    """Fill the least cost of each subtree in 1 to 8 lanes, and the number of lanes of its left half.
 
-    The first split is that of all eight lanes of the subtree's own wide node; others may be `NOT_WIDER`.
+    The first split is that of all eight lanes of the subtree's wide node; others may be `NOT_WIDER`.
     """
     for i in range(len(nodes) - 1, -1, -1):
         node = nodes[i]
@@ -123,7 +121,7 @@ def _share_out(boxes, links, nodes, costs, splits):
 
 @kernel
 def _children(links, splits, node, children, waiting):
-    """Put the children of the wide node that *node* becomes into *children*, in order; how many there are."""
+    """Write the children of the wide node of *node* to *children*, in order; return their number."""
     if links[node, LINK_LEFT] < 0:
         children[0] = node
         return 1
@@ -149,13 +147,13 @@ def _children(links, splits, node, children, waiting):
 
 @kernel
 def _give_lanes(boxes, children, count, lanes):
-    """Fill the lane of each child: the thinnest gets the first; of equals, the first in order.
+    """Fill the lane of each child: the thinnest first, ties in order.
 
-    Of boxes that are equally near, as those that contain a point or share a corner, a walk takes the first. A
-    thin one is likelier to have something near all over. A point by itself near a gear box of 119 bodies
-    visits 7 % fewer nodes and 12 % fewer blocks than in any order; one that begins with a neighbour's answer
-    2 and 4 %. Least surface first is as good there; but far from a plate it opens 3 % more blocks, and this
-    3 % fewer.
+    Among equally near boxes, such as those containing a point or sharing a corner, a walk takes the first. A
+    thin one is likelier to have near faces throughout. Near a gear box of 119 bodies, a single point visits 7
+    % fewer nodes and 12 % fewer blocks than in any order; one that starts from a neighbour's answer 2 and 4
+    %. Least surface area first is as good there; but far from a plate it opens 3 % more blocks, and this 3 %
+    fewer.
     """
     for k in range(count):
         own = thickness(load(boxes, BOX_STRIDE * children[k]))
@@ -169,10 +167,9 @@ def _give_lanes(boxes, children, count, lanes):
 
 @allocating_kernel
 def _leaves_in_order(links, starts, leaf_count, order):
-    """Return the nodes that are leaves, in order, the faces in that order, and each leaf's first position
-    there.
+    """Return the leaf nodes in order, the faces in that order, and each leaf's first position there.
 
-    Behind the last leaf's is where it ends.
+    One more position, after the last leaf's, is the end.
     """
     leaves = np.empty(leaf_count, np.int32)
     for node in range(len(links)):
@@ -192,7 +189,7 @@ def _leaves_in_order(links, starts, leaf_count, order):
 
 @inlined
 def _join_leaves(boxes, leaves, first, count):
-    """Packed box around leaves in a row."""
+    """Return the packed box around consecutive leaves."""
     box = load(boxes, BOX_STRIDE * leaves[first])
     for i in range(first + 1, first + count):
         box = minimum(box, load(boxes, BOX_STRIDE * leaves[i]))
@@ -201,17 +198,16 @@ def _join_leaves(boxes, leaves, first, count):
 
 @inlined
 def _wait(waiting, at, node, first, number, depth, reference_at):
-    """Write what is to become a wide node; see `widen_tree`."""
+    """Push a future wide node; see `widen_tree`."""
     waiting[at, 0], waiting[at, 1], waiting[at, 2] = node, first, number
     waiting[at, 3], waiting[at, 4] = depth, reference_at
 
 
 @allocating_kernel
 def widen_tree(boxes, links, order):
-    """Return the wide nodes, and the order of faces and each leaf's first position in it, leaves in a row.
+    """Return the wide nodes, the order of faces, and each leaf's first position in it.
 
-    *boxes*: (N * `BOX_STRIDE`,) float32. *links*: (N, 4); as `binned_sah.halve` returns them; children may
-    have been put elsewhere since.
+    *boxes*: (N * `BOX_STRIDE`,) float32. *links*: (N, 4); from `binned_sah.halve`, possibly rearranged since.
     """
     topological, starts, numbers = _levels(links)
     leaf_count = np.int64(numbers[0])
@@ -221,14 +217,14 @@ def widen_tree(boxes, links, order):
 
     leaves, new_order, leaf_first = _leaves_in_order(links, starts, leaf_count, order)
 
-    # There are no more wide nodes than binary ones with children; what is not written to takes no memory.
+    # No more wide nodes than inner binary ones; unwritten pages take no memory.
     nodes = np.empty(max(leaf_count - 1, 1) * NODE_STRIDE, np.float32)
     node_count = 0
     box = np.empty(6, np.float32)
     children, lanes = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
     scratch = np.empty((LANES + 1, 2), np.int64)
-    # What becomes a wide node: a node of the binary tree, or some leaves in a row; how deep it is, and where
-    # the reference to it belongs.
+    # Future wide nodes: binary node, or first and number of consecutive leaves; depth; offset of the
+    # reference.
     waiting = np.empty((MAX_DEPTH * LANES, 5), np.int64)
     _wait(waiting, 0, 0, 0, leaf_count, 0, NO_REFERENCE)
     waiting_count = 1
@@ -247,7 +243,7 @@ def widen_tree(boxes, links, order):
         else:
             count = _children(links, splits, node, children, scratch)
             _give_lanes(boxes, children, count, lanes)
-        # Last in, first out: the first child is done next, and lies next in memory.
+        # Last in, first out: the first child is processed next, and follows in memory.
         for k in range(count - 1, -1, -1):
             if is_even:
                 child, start, lane = np.int64(NO_REFERENCE), first + number * k // count, k

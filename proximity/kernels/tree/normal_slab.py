@@ -1,12 +1,12 @@
 """Normal slabs: bounds of a node's faces along their mean normal, tight where boxes are not.
 
-A box around a tilted or curved patch is nearer to a point than the patch, by about the patch's size: from the
-centre of a ball all boxes look too near. The slab between two planes across the patch's area normal misses by
-the patch's sagitta only, which falls with the square of its size.
+The box of a tilted or curved patch is nearer to a point than the patch, by about the patch's size: from the
+centre of a ball all boxes appear too near. The slab between two planes perpendicular to the patch's area
+normal errs only by the patch's sagitta, which decreases with the square of its size.
 
-The two numbers of each child, the least and the largest scalar product of a corner with the child's area
-normal, lie in ``moments`` behind those of `winding_number`. They take a second memory access a node, and are
-read only by walks that do not find an end.
+The two numbers of each child, the least and largest scalar product of a corner with the child's area normal,
+are in ``moments`` after those of `winding_number`. They need a second memory access per node, and are read
+only by walks that take long.
 """
 
 import numpy as np
@@ -37,19 +37,19 @@ from proximity.native.simd import (
 )
 
 SLAB_ROUNDING = 1e-12
-"""Rounding of scalar products of local coordinates, at most, in lengths of the normal."""
+"""Bound of the rounding of scalar products of local coordinates, in lengths of the normal."""
 SHRINK_SLAB = 1.0 - 2.0**-22
-"""Makes up for what is rounded in computing a float32 bound."""
+"""Covers the rounding of a computed float32 bound."""
 SMALLEST_BOUND = 2.0**-96
-"""A bound below it counts as 0: the smallest float32 numbers have few bits, and rounding may raise them."""
+"""Bounds below this count as 0: denormal float32 numbers have few bits, and rounding may raise them."""
 
 
 @entry("float32[:], float64[:], int, int, float32[:], int", makes_arrays=True)
 def fill_slabs(words, reals, root, node_count, moments, moments_at):
-    """Fill the slabs of a tree of *node_count* nodes from *root* on; its moments are there.
+    """Fill the slabs of a tree of *node_count* nodes from *root* on, whose moments are known.
 
-    *moments*, *moments_at*: the array that has the moments, and where those of node 0 are or would be. A
-    child's number is above its parent's; the leaves below a node have numbers in a row.
+    *moments*, *moments_at*: the array of moments, and the offset in it of node 0. A child's number is above
+    its parent's; the leaves below a node are numbered consecutively.
     """
     ends = np.empty((node_count, 2), np.int64)
     for node in range(root + node_count - 1, root - 1, -1):
@@ -73,13 +73,13 @@ def fill_slabs(words, reals, root, node_count, moments, moments_at):
 
 @kernel
 def _extent(reals, first, last, nx, ny, nz):
-    """Least and largest scalar product of *n* with a corner in the blocks from *first* to *last*."""
+    """Return least and largest scalar product of *n* with a corner in the blocks from *first* to *last*."""
     x, y, z = splat(nx), splat(ny), splat(nz)
     least, largest = splat(np.inf), splat(-np.inf)
     for block in range(first, last + 1):
         for corner in range(3):
             along = dot(x, y, z, *load_points(reals, BLOCK_STRIDE * block + CORNER_STRIDE * corner))
-            # An unused lane is NaN, which neither comparison lets in.
+            # An unused lane is NaN and fails both comparisons.
             least = select(along < least, along, least)
             largest = select(along > largest, along, largest)
     return horizontal_min(least), -horizontal_min(splat(0.0) - largest)
@@ -87,7 +87,7 @@ def _extent(reals, first, last, nx, ny, nz):
 
 @inlined
 def slabs_distance_sq(words, at, x, y, z, factor):
-    """Squared distances (float32x8), times *factor*, below which nothing in the children of a node lies.
+    """Return lower bounds (float32x8) of squared distances to a node's children, times *factor*.
 
     *at*: the node's moments. *x y z*: float64x8 splats of the point. A child without a mean normal gives 0.
     """
@@ -100,6 +100,6 @@ def slabs_distance_sq(words, at, x, y, z, factor):
     )
     normal_sq = dot(nx, ny, nz, nx, ny, nz)
     squares = gap * gap / normal_sq * splat(SHRINK_SLAB * factor)
-    # NaN, as of 0 / 0, fails the comparison as well.
+    # NaN from 0 / 0 fails the comparison as well.
     is_beyond = (gap > splat(0.0)) & (squares > splat(SMALLEST_BOUND))
     return narrow(minimum(select(is_beyond, squares, splat(0.0)), splat(3.3e38)))

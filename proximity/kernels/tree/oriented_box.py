@@ -1,16 +1,16 @@
-"""Oriented boxes of leaf blocks: which blocks a walk of points need not read.
+"""Oriented boxes of leaf blocks, which let a point query skip blocks.
 
-A box along the axes is nearer to a point than a tilted or curved patch of faces, by about the patch's size.
-A box along the patch's own axes - its mean normal, its longest edge, and what is across both - misses by the
-sagitta only. In float32 it is one cache line; the block behind it is nine, and takes five times the work.
+An axis-aligned box is nearer to a point than a tilted or curved patch of faces, by about the patch's size. A
+box along the patch's axes - its mean normal, its longest edge, and their cross product - errs only by the
+sagitta. In float32 it is one cache line; the block is nine, and takes five times the work.
 
-`ORIENTED_STRIDE` words a block: x of the three axes, y, z; the least scalar product of a corner with each
+`ORIENTED_STRIDE` words per block: x of the three axes, y, z; the least scalar product of a corner with each
 axis, and the largest; 0.
 
-**Rounding.** For a point within `FAR` and a corner, both in the local frame, a computed gap is at most 12 x
-2^-24 above the true one: five from the sum, four from the difference, two from the point's own rounding, one
-from the box's. The axes are at right angles and of length 1 within 2^-21. So the root of the computed square
-is at most `BOX_ROUNDING` above the true distance to any point of a triangle, give or take `BOX_SLACK`.
+**Rounding.** For a point within `FAR` and a corner, both in the local frame, a computed gap exceeds the true
+one by at most 12 x 2^-24: five from the sum, four from the difference, two from rounding the point, one from
+the box. The axes are orthonormal within 2^-21. So the root of the computed square is at most `BOX_ROUNDING`
+above the true distance to any point of a triangle, within the factor `BOX_SLACK`.
 """
 
 from math import sqrt
@@ -51,21 +51,24 @@ def _gap_sq(words, at, axis, x, y, z):
 
 @inlined
 def oriented_box_distance_sq(words, at, x, y, z):
-    """Squared distance from a point, float32, within `FAR`, to the box at *at*; see `reach_into_boxes`."""
+    """Return the squared distance from a point, float32, to the box at *at*; see `reach_into_boxes`.
+
+    The point is within `FAR`.
+    """
     first, second = _gap_sq(words, at, 0, x, y, z), _gap_sq(words, at, 1, x, y, z)
     return first + second + _gap_sq(words, at, 2, x, y, z)
 
 
 @inlined
 def reach_into_boxes(best_sq):
-    """The number that computed distances to boxes are compared with: no farther box has anything as near."""
+    """Return the limit for computed squared distances to boxes: blocks beyond it can be skipped."""
     reach = sqrt(best_sq) + BOX_ROUNDING
     return np.float32(reach * reach * BOX_SLACK)
 
 
 @kernel
 def fill_oriented_boxes(blocks, boxes):
-    """Fill the boxes of all *blocks*; return their surface, as a share of that of boxes along the axes."""
+    """Fill the boxes of all *blocks*; return their surface area relative to that of axis-aligned boxes."""
     oriented, along_axes = 0.0, 0.0
     for block in range(len(blocks) // BLOCK_STRIDE):
         base = BLOCK_STRIDE * block
@@ -87,13 +90,13 @@ def fill_oriented_boxes(blocks, boxes):
 
 @inlined
 def _surface(x, y, z):
-    """Half the surface of a box with these sides."""
+    """Return half the surface area of a box with these sides."""
     return np.float64(x) * y + np.float64(y) * z + np.float64(z) * x
 
 
 @inlined
 def _extent(a, b, c, axis):
-    """How far eight triangles reach along an axis."""
+    """Return the extent of eight triangles along an axis."""
     least = minimum(minimum(a[axis], b[axis]), c[axis])
     largest = maximum(maximum(a[axis], b[axis]), c[axis])
     is_used, none = least == least, splat(np.inf)
@@ -103,14 +106,16 @@ def _extent(a, b, c, axis):
 
 @inlined
 def write_oriented_box(words, at, a, b, c, normals):
-    """Write the box of a block's triangles *a b c* at *at*. *normals*: any multiple of their area normals, 0
-    in unused lanes."""
+    """Write the oriented box of a block's triangles *a b c* at *at*.
+
+    *normals*: any multiple of their area normals, 0 in unused lanes.
+    """
     zero = splat(0.0)
     sums = lane_sums(normals[0], normals[1], normals[2], zero, zero, zero, zero, zero)
     nx, ny, nz = _unit(lane(sums, 0), lane(sums, 1), lane(sums, 2), 0.0, 0.0, 1.0)
     ex, ey, ez = _longest_edge(a, b, c)
     along = ex * nx + ey * ny + ez * nz
-    # Where there is no edge across the normal, any direction across it serves.
+    # Without an edge across the normal any perpendicular direction works.
     ox, oy, oz = _across(nx, ny, nz)
     tx, ty, tz = _unit(ex - along * nx, ey - along * ny, ez - along * nz, ox, oy, oz)
     sx, sy, sz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
@@ -131,7 +136,7 @@ def _between(start, end):
 
 @inlined
 def _unit(x, y, z, other_x, other_y, other_z):
-    """The direction of (x, y, z), or the other one where there is none."""
+    """Return the direction of (x, y, z), or the other one for a zero vector."""
     length_sq = x * x + y * y + z * z
     if length_sq > TINY:
         share = 1.0 / sqrt(length_sq)
@@ -141,7 +146,7 @@ def _unit(x, y, z, other_x, other_y, other_z):
 
 @inlined
 def _across(x, y, z):
-    """A direction at right angles to a unit vector."""
+    """Return a direction perpendicular to a unit vector."""
     if abs(x) < 0.6:
         return _unit(0.0, z, -y, 1.0, 0.0, 0.0)
     return _unit(-z, 0.0, x, 0.0, 1.0, 0.0)
@@ -149,14 +154,14 @@ def _across(x, y, z):
 
 @inlined
 def _longest_edge(a, b, c):
-    """The longest edge of eight triangles, as a vector."""
+    """Return the longest edge of eight triangles, as a vector."""
     ab, bc, ca = _between(a, b), _between(b, c), _between(c, a)
     first, second, third = dot(*ab, *ab), dot(*bc, *bc), dot(*ca, *ca)
     is_second = second > first
     length_sq = select(is_second, second, first)
     is_third = third > length_sq
     length_sq = select(is_third, third, length_sq)
-    # Of unused lanes, which are NaN, none is the longest.
+    # Unused lanes are NaN and never the longest.
     shortness = select(length_sq > splat(0.0), splat(0.0) - length_sq, splat(0.0))
     it = trailing_zeros(bits(shortness <= splat(horizontal_min(shortness))))
     return (
@@ -168,7 +173,7 @@ def _longest_edge(a, b, c):
 
 @inlined
 def _write_axis(words, at, axis, x, y, z, a, b, c):
-    """Write an axis; the least products of eight triangles with it as it is written, and the largest negated.
+    """Write an axis; return eight triangles' least products with the stored axis, and negated largest.
 
     Infinite in unused lanes.
     """

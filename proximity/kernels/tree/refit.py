@@ -1,14 +1,12 @@
-"""Refitting a part's tree, normals and moments to new vertex positions.
+"""Refit of a part's tree, normals and moments to new vertex positions.
 
-One pass over the nodes, from the last to the first, does all of it: the eight triangles of a leaf are fetched
-once, and give their block, their box, their share of the corner normals and their moments while they are in
-registers. A child's number is above its parent's, so that what is below a node is ready when its turn comes.
+One pass over the nodes, from last to first, does all of it: the eight triangles of a leaf are loaded once,
+and contribute their block, box, corner normals and moments while in registers. A child's number is above its
+parent's, so children are complete before their parent. Boxes are rounded and padded as in `builder`; normals
+are those of `mesh.faces`, moments those of `winding_number`, except for the order of summation.
 
-Boxes are rounded and widened as in `builder`; normals are those of `mesh.faces`, moments those of
-`winding_number`, but for the order in which numbers are added.
-
-Tried and dropped (2026-11): fetching and adding number by number instead of row by row, 18 ms instead of 12
-for 300 k faces.
+Tried and dropped (2026-11): loading and adding single numbers instead of rows, 18 ms instead of 12 for 300 k
+faces.
 """
 
 from math import pi, sqrt
@@ -59,26 +57,27 @@ from proximity.native.simd import (
 )
 
 RESULT_SUMS = 16
-"""Numbers of a subtree: area; area times centre; area normal; area normal times position, nine."""
+"""Sums of a subtree: area; area times centre; area normal; area normal times position, nine."""
 RESULT_STRIDE = 24
-"""Numbers kept of a subtree: its sums, then its box: lower xyz, upper xyz negated, two that mean nothing."""
+"""Numbers stored for a subtree: its sums, then its box: lower xyz, upper xyz negated, two unused."""
 CORNER_ROW = 8
-"""Numbers kept of a corner, a cache line: its coordinates and its normal, in rows of four."""
+"""Numbers stored for a corner, a cache line: its coordinates and its normal, in rows of four."""
 CORNER_NORMAL = 4
 BLOCK_CORNERS = 3 * LANES
 """Corners of a block."""
 ULP = np.float32(1.2e-7)
 SMALLEST_STEP = np.float32(1e-38)
 EIGHTH_TANGENT = 0.41421356237309503
-"""Tangent of an eighth of pi: from here on an arc is measured from a quarter of pi."""
+"""Tangent of pi / 8: above it an arc is measured from pi / 4."""
 
 
 @entry("float64[:, 3], int32[:], float, float64[:, 3], float64[:] -> int")
 def survey_vertices(vertices, leaders, largest, kept, box):
-    """Copy *vertices* (V, 3) to *kept*, fill *box* (6,), lower and upper; the first row that cannot be used.
+    """Copy *vertices* (V, 3) to *kept*, fill *box* (6,), lower and upper; return the first invalid row.
 
     *leaders* (V,) int32: the first vertex at the same position, its own row or a lower one, or `UNUSED`. A
-    row cannot be used if it is not finite, beyond *largest*, or elsewhere than its leader. `NO_ROW`: all can.
+    row is invalid if it is not finite, exceeds *largest*, or differs from its leader. `NO_ROW`: all are
+    valid.
     """
     bad = np.int64(NO_ROW)
     low_x, low_y, low_z = np.inf, np.inf, np.inf
@@ -103,7 +102,7 @@ def survey_vertices(vertices, leaders, largest, kept, box):
 
 @entry(ModelArrays, "int, float64[:, 3], int32[:] -> float, float", makes_arrays=True)
 def refit_part(model, part, vertices, leaders):
-    """Write *vertices* (V, 3), m, of which all can be used, into a part; its frame is set, and holds them.
+    """Write valid *vertices* (V, 3), m, into a part, whose frame is set and contains them.
 
     Returns area and three times the enclosed volume, local.
     """
@@ -113,7 +112,7 @@ def refit_part(model, part, vertices, leaders):
     corner_count, boxes = parts[part].corner_count, parts[part].block_boxes
     corner_rows = np.empty((corner_count + 1) * CORNER_ROW)
     _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows)
-    # What is below each node, waiting for its parent; then for the leaves of the node at hand, and for none.
+    # Results of each node for its parent, then of the current node's leaves, and of an empty child.
     results = np.empty((node_count + LANES + 1) * RESULT_STRIDE)
     nothing = (node_count + LANES) * RESULT_STRIDE
     for k in range(RESULT_SUMS):
@@ -145,7 +144,7 @@ def refit_part(model, part, vertices, leaders):
 
 @kernel
 def _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows):
-    """Write local corners: for the model, and as *corner_rows*, where their normals begin as zero."""
+    """Write local corners to the model and to *corner_rows*, with zero normals."""
     x, y, z = frames[part].centre[0], frames[part].centre[1], frames[part].centre[2]
     scale = frames[part].scale
     corner, corner_at = parts[part].corners, 0
@@ -166,7 +165,7 @@ def _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows):
 
 @inlined
 def _find_corners(words, slot, faces, corner_count, ids, first, corner_rows):
-    """Fill *ids* from *first* on: where the rows of corners a, then b, then c of eight slots begin."""
+    """Fill *ids* from *first* on: offsets of the rows of corners a, then b, then c of eight slots."""
     for i in range(LANES):
         face = load_int(words, slot + i)
         for k in range(3):
@@ -177,9 +176,9 @@ def _find_corners(words, slot, faces, corner_count, ids, first, corner_rows):
 
 @inlined
 def _arc(y, x):
-    """Angles of directions (x, y) with y >= 0, float64x8: 0 to pi, to 1e-14; nan where both are zero.
+    """Return angles of directions (x, y) with y >= 0, float64x8: 0 to pi, to 1e-14; nan if both are zero.
 
-    The polynomial is that of the arc tangent at Chebyshev's points.
+    The polynomial interpolates the arc tangent at Chebyshev points.
     """
     across = absolute(x)
     low, high = minimum(across, y), maximum(across, y)
@@ -230,7 +229,7 @@ def _refit_block(model, boxes, block, corner_rows, ids, first, results, at):
     bcx, bcy, bcz = cx - bx, cy - by, cz - bz
     nx, ny, nz = cross(abx, aby, abz, acx, acy, acz)
     length = square_root(dot(nx, ny, nz, nx, ny, nz))
-    # A face without area has no normal, and no share.
+    # A face without area has no normal and weight.
     has_area = length > zero
     inverse = splat(1.0) / length
     a = select(has_area, _arc(length, dot(abx, aby, abz, acx, acy, acz)) * inverse, zero)
@@ -256,8 +255,8 @@ def _refit_block(model, boxes, block, corner_rows, ids, first, results, at):
 
 @inlined
 def _refit_node(words, base, moments, results, below, at):
-    """Write boxes and moments of the node at *base* from the results of its children, and fill its own."""
-    # Of each child, a lane: area; area times centre; area normal n; n times position, xy for nx times y.
+    """Write boxes and moments of the node at *base* from the results of its children, and fill its result."""
+    # Each lane is a child: area; area times centre; area normal n; n times position, xy for nx times y.
     area, x, y, z = load_rows(results, below, 0, 0)
     nx, ny, nz, xx = load_rows(results, below, 0, 4)
     xy, xz, yx, yy = load_rows(results, below, 0, 8)
@@ -286,7 +285,7 @@ def _refit_node(words, base, moments, results, below, at):
     xy = half * (xy - nx * y + (yx - ny * x))
     xz = half * (xz - nx * z + (zx - nz * x))
     yz = half * (yz - ny * z + (zy - nz * y))
-    # Lanes without a child hold nothing.
+    # Lanes without a child are zero.
     x, y, z = select(is_there, x, zero), select(is_there, y, zero), select(is_there, z, zero)
     store_points(words, moments + MOMENT_CENTRE, narrow(x), narrow(y), narrow(z))
     store_points(words, moments + MOMENT_AREA_NORMAL, narrow(nx), narrow(ny), narrow(nz))

@@ -1,9 +1,9 @@
-"""A better binary tree: large subtrees are reinserted where they add least surface.
+"""Improvement of a binary tree: large subtrees are reinserted where they add the least surface area.
 
-Halving looks at one run at a time and never sees that a part of it would be better off elsewhere. A subtree
-is taken out with its parent, which its other child replaces; the surface that all nodes above it lose is
-the gain. The best position is found by a search from the root that follows what adds least so far and ends
-once no position can be better.
+Top-down splitting considers one run at a time and cannot move faces elsewhere later. A subtree is removed
+with its parent, which the sibling replaces; the decrease in surface area of all ancestors is the gain. The
+best position is found by a search from the root in order of added area, ending when no position can be
+better.
 
 Source: Bittner, Hapala, Havran 2013, "Fast insertion-based optimization of bounding volume hierarchies".
 """
@@ -16,22 +16,22 @@ from proximity.native import allocating_kernel, inlined, kernel
 from proximity.native.simd import load, minimum, store
 
 LARGEST_SEARCH = 1024
-"""Positions that wait to be looked at; beyond them the search makes do with what it has found."""
+"""Maximum number of waiting positions; beyond it the search uses the best one found."""
 REINSERTION_RATIO = 4
-"""One in so many subtrees is put elsewhere: the largest, on which most depends."""
+"""Divisor of the number of subtrees giving the number reinserted: the largest, which matter most."""
 FEWEST_REINSERTIONS = 4096
-"""So many in any case, if there are."""
+"""Minimum number of reinsertions, if the tree is large enough."""
 
 
 @inlined
 def _joint_area(boxes, one, box):
-    """Half the surface of the box around node *one* and *box*."""
+    """Return half the surface area of the box around node *one* and *box*."""
     return half_area(minimum(load(boxes, BOX_STRIDE * one), box))
 
 
 @inlined
 def _mend_upward(boxes, links, parents, node):
-    """Make the boxes from *node* up fit their children again."""
+    """Update the boxes from *node* up to fit their children."""
     while node >= 0:
         left, right = np.int64(links[node, LINK_LEFT]), np.int64(links[node, LINK_RIGHT])
         store(
@@ -42,7 +42,7 @@ def _mend_upward(boxes, links, parents, node):
 
 @inlined
 def _replace_child(links, parents, old, new):
-    """Have the parent of *old* refer to *new* instead."""
+    """Replace *old* by *new* as the child of its parent."""
     parent = np.int64(parents[old])
     links[parent, LINK_LEFT if links[parent, LINK_LEFT] == old else LINK_RIGHT] = new
     parents[new] = parent
@@ -50,7 +50,7 @@ def _replace_child(links, parents, old, new):
 
 @inlined
 def _wait(keys, nodes, count, key, node):
-    """Add to a heap."""
+    """Push an entry onto a heap."""
     at = count
     while at > 0 and keys[(at - 1) >> 1] > key:
         keys[at], nodes[at] = keys[(at - 1) >> 1], nodes[(at - 1) >> 1]
@@ -60,7 +60,7 @@ def _wait(keys, nodes, count, key, node):
 
 @inlined
 def _take_least(keys, nodes, count):
-    """Remove the least of a heap of *count*, which has been read; mend it."""
+    """Remove the least entry, already read, from a heap of *count*."""
     key, node = keys[count - 1], nodes[count - 1]
     at = 0
     while True:
@@ -76,9 +76,9 @@ def _take_least(keys, nodes, count):
 
 @kernel
 def _best_position(boxes, links, parents, moved, beside, keys, nodes):
-    """The node beside which the subtree *moved*, which is out of the tree, adds least surface.
+    """Return the node next to which the removed subtree *moved* adds the least surface area.
 
-    *beside*: where it was. *keys*, *nodes*: (`LARGEST_SEARCH`,) scratch.
+    *beside*: its former sibling. *keys*, *nodes*: (`LARGEST_SEARCH`,) scratch.
     """
     box = load(boxes, BOX_STRIDE * moved)
     own = half_area(box)
@@ -87,7 +87,7 @@ def _best_position(boxes, links, parents, moved, beside, keys, nodes):
     while above >= 0:
         best += _joint_area(boxes, above, box) - half_area(load(boxes, BOX_STRIDE * above))
         above = np.int64(parents[above])
-    # What the nodes above a position would gain.
+    # Keys: increase of the surface area of a position's ancestors.
     keys[0], nodes[0] = 0.0, 0
     count = 1
     while count:
@@ -109,9 +109,9 @@ def _best_position(boxes, links, parents, moved, beside, keys, nodes):
 
 @allocating_kernel
 def _at_rank(values, rank):
-    """Return what would be at that place if *values* (N,), float32 and not negative, were sorted.
+    """Return the *rank*-th smallest of *values* (N,), float32 and not negative (radix select).
 
-    Such numbers are ordered as their bits are: eight of them a pass, from the highest on.
+    Such numbers are ordered like their bits: eight bits per pass, from the highest on.
     """
     keys = values.view(np.uint32)
     counts = np.empty(256, np.int64)
@@ -129,20 +129,20 @@ def _at_rank(values, rank):
     for i in range(len(keys)):
         if keys[i] == prefix:
             return values[i]
-    return values[0]  # never: some value has that rank
+    return values[0]  # unreachable: some value has that rank
 
 
 @allocating_kernel
 def improve(boxes, links):
-    """Put the largest subtrees of a binary tree where they add least; see `binned_sah.halve`.
+    """Reinsert the largest subtrees of a binary tree where they add least; see `binned_sah.halve`.
 
-    Children are no longer behind their parents afterwards. The root stays node 0.
+    Children may then precede their parents. The root stays node 0.
     """
     count = len(links)
     parents = np.full(count, NO_CHILD, np.int32)
     areas = np.empty(count, np.float32)
     for node in range(count):
-        areas[node] = half_area(load(boxes, BOX_STRIDE * node)) + np.float32(0.0)  # no zero with a sign
+        areas[node] = half_area(load(boxes, BOX_STRIDE * node)) + np.float32(0.0)  # clears the sign of zero
         if links[node, LINK_LEFT] != NO_CHILD:
             parents[links[node, LINK_LEFT]] = node
             parents[links[node, LINK_RIGHT]] = node
@@ -157,7 +157,7 @@ def improve(boxes, links):
         _replace_child(links, parents, parent, sibling)
         _mend_upward(boxes, links, parents, np.int64(parents[sibling]))
         position = _best_position(boxes, links, parents, node, sibling, keys, nodes)
-        # The parent goes with it.
+        # The parent moves with it.
         _replace_child(links, parents, position, parent)
         links[parent, LINK_LEFT], links[parent, LINK_RIGHT] = position, node
         parents[position], parents[node] = parent, parent

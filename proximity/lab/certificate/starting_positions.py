@@ -80,7 +80,7 @@ def medial_positions(subject: Subject, points: np.ndarray, normals: np.ndarray) 
 
 
 def nearest_points(subject: Subject, positions: np.ndarray) -> np.ndarray:
-    """Return nearest points of the surface, or nearly nearest where those are costly to find, (K, 3)."""
+    """Return surface points nearest, or nearly nearest if that is costly, to points, (K, 3)."""
     tracker = subject.tracker(fingers=GROUP, budget=MEDIAL_BUDGET)
     found, tips = np.empty_like(positions), np.full((GROUP, 3), np.nan)
     for first in range(0, len(positions), GROUP):

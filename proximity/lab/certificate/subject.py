@@ -50,7 +50,7 @@ class Subject:
     settings: dict[str, Any] = field(default_factory=dict)  # of a `Tracker`, if not its defaults
     recording: Recording | None = None  # placed, at the rate of the ticks
     files: tuple[str, ...] = ()  # that it came from
-    real_time: bool = False  # whether the loop asks the system for priority
+    real_time: bool = False  # whether the loop requests priority from the system
     core: int | None = None
     not_measured: tuple[str, ...] = ()  # inputs of the scene file that make a tick costlier
 
@@ -150,7 +150,7 @@ def _of_scene_file(settings: SceneFile, recording: Recording | None, period: flo
 
 
 def _more_inputs(settings: SceneFile) -> dict[str, bool]:
-    """Return the scene file's inputs besides poses, and whether it has them."""
+    """Return the scene file's inputs other than poses, and whether it has them."""
     return {
         "paths of fingers": settings.input.poses is not None,
         "parts that move": settings.input.moves is not None,

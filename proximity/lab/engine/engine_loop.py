@@ -269,7 +269,7 @@ def _feed(finger: PlacedFinger, setup: EngineSetup, period: float) -> Feed:
 
 
 def _glove(finger: PlacedFinger, setup: EngineSetup) -> Decaff:
-    """Return drum, servo and cable; the drum waits where the controller's is retracted."""
+    """Return drum, servo and cable; the drum starts at the controller's retracted position."""
     reach = min(setup.start_distance, finger.contact_position - LEAD)
     glove = Decaff(
         drum=setup.drum,

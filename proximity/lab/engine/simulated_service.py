@@ -114,7 +114,7 @@ class SimulatedService:
         return self._now_ns
 
     def sleep_until(self, due_ns: int) -> None:
-        """Return at once: ticks are triggered by calls."""
+        """Return immediately: ticks are triggered by calls."""
 
     def poll(self, now_ns: int) -> tuple[FingerPoses | Measurements]:
         """Return the known state."""

@@ -1,6 +1,6 @@
 """Design of an experiment: walls, tasks of two intervals with their levels, limits and exclusions.
 
-A field is a key of the design's file and says how it is read; `design_file` reads the whole file.
+A field is a key of the design's file and declares its reader; `design_file` reads the whole file.
 ``decaff_against_coupled.toml`` explains every key.
 """
 

@@ -57,7 +57,7 @@ class CoupledController(FingerController):
         self._served = 0.0  # N, of the last sample
 
     def step(self, seen: Observation) -> DrumAction:
-        """Return the drum's action: the wall's force where the drum's own law would serve one."""
+        """Return the drum's action, with the wall's force in force mode."""
         action = super().step(seen)
         if action.mode is DriveMode.FORCE:
             force = min(self._wall_force(seen.sample_ns), self._limits.continuous_force, action.force_cap)
@@ -151,7 +151,7 @@ class DrumDisplay(DrumBench):
         self._is_over.set()
 
     def switch_off(self, why: str) -> None:
-        """Leave all motors without power, and end the interval."""
+        """Switch off all motors, and end the interval."""
         super().switch_off(why)
         self._failure = why
         self._is_over.set()

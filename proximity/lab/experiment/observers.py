@@ -29,7 +29,7 @@ from proximity.lab.stability import rests_on
 
 DISTANCE_RATE = 1000.0  # Hz, of forces and of distances
 FRAME_PERIOD = 1e-3  # s
-DEEP = 0.9  # of the deepest position, where a finger rests
+DEEP = 0.9  # of the deepest position, at which a finger rests
 FASTER = (-1, 0, 1)  # speeds of a hand, in the observers' deviation of them: few, so that presses are shared
 
 

@@ -177,7 +177,7 @@ class DecaffLoop:
         )
 
     def _message(self, row: int) -> Message | None:
-        """Return the newest message delivered at a row; None without a message, or with nothing in reach."""
+        """Return the newest message delivered at a row; None without a message, or with no part in reach."""
         response, sensing = self.response, self._sensing
         # A millionth of a period decides only ties.
         asked = math.floor((row * response.step - sensing.latency) * sensing.rate - sensing.phase + 1e-6)

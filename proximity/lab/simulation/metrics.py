@@ -14,7 +14,7 @@ from proximity.lab.simulation.closed_loop import Response, real_wall
 FELT_SWING = 0.005  # N, p-p: about the threshold at 250 Hz, 1 µm of a fingertip; assumed
 ONSET_FORCE = 0.1  # N, minimum force of a felt wall; assumed
 REST_TIME = 0.090  # s of the hold, that count as rest
-REST_END = 0.010  # s before the release, where they end
+REST_END = 0.010  # s from the end of rest to the release
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,7 +45,7 @@ class DistanceSample:
     link: float  # m, by the potentiometer
     speed: float  # m/s, of the link
     finger_speed: float  # m/s, behind the pad: when the link is stopped, the finger still moves
-    drum: float  # m, where it is
+    drum: float  # m, its position
     force: float  # N, between link and drum
     applied: float  # N, of the motor during the last sample, positive away from the finger
     message: Message | None  # the newest delivered; None: no message, or no surface within reach

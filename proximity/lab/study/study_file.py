@@ -63,7 +63,7 @@ class Study:
 
 
 def read_study(path: Path, jobs: Mapping[str, Job]) -> Study:
-    """Return a study; *jobs*: by the names that its file may use besides ``module:function``."""
+    """Return a study; *jobs*: by the names that its file may use, in addition to ``module:function``."""
     document = read_document(path, "a study")
     Table(document, (), document.data, TABLES)  # complains of others
     table = Table(document, ("study",), document.data.get("study", {}), ("name", "job"))

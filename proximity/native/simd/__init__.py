@@ -1,15 +1,15 @@
 """Eight-lane vectors for numba: a kernel reads like its formula and runs as vector instructions.
 
-Three types: ``f32x8``, ``f64x8`` and ``mask8``. They live in registers only: a kernel loads them from
-one-dimensional arrays, works on them with ``+ - * /``, comparisons, ``& | ~`` and the functions below,
-and takes lanes or bits out of them. LLVM maps them to AVX-512, AVX2, SSE or NEON. Most functions take
-plain floats as well, so that one formula serves eight triangles or one.
+Three types: ``f32x8``, ``f64x8`` and ``mask8``. They exist only in registers: a kernel loads them from
+one-dimensional arrays, computes with ``+ - * /``, comparisons, ``& | ~`` and the functions below, and
+extracts lanes or bits. LLVM maps them to AVX-512, AVX2, SSE or NEON. Most functions also take plain floats,
+so that one formula serves eight triangles or one.
 
-Every operation rounds once, as written: nothing is contracted or reordered; a fused multiply-add is
-asked for by name (`fma`). NaN makes every comparison false.
+Every operation rounds once, as written: none is contracted or reordered; a fused multiply-add is explicit
+(`fma`). NaN makes every comparison false.
 
 Under ``NUMBA_DISABLE_JIT=1`` the same names work on NumPy arrays of eight, so that a kernel can be stepped
-through. There `fma` multiplies and adds exactly, too.
+through. There `fma` is exact before rounding, too.
 """
 
 from proximity.native import IS_JIT

@@ -1,6 +1,6 @@
 """Vector functions as compiled code: each a few LLVM instructions, inlined into the caller.
 
-A function that takes plain floats as well lets one formula serve eight triangles or one.
+Functions that also take plain floats let one formula serve eight triangles or one.
 """
 
 from llvmlite import ir
@@ -13,7 +13,7 @@ from proximity.native.simd.vectors import LLVM, Vector, f32x8, f64x8, mask8, suf
 
 
 def _splat(builder, value, vector_type):
-    """All lanes of an LLVM vector equal to *value*."""
+    """Broadcast *value* to all lanes of an LLVM vector."""
     undefined = ir.Constant(vector_type, ir.Undefined)
     first = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
     zeros = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
@@ -21,7 +21,7 @@ def _splat(builder, value, vector_type):
 
 
 def _element_pointer(context, builder, array_type, array, offset, target):
-    """Address of ``array[offset]``, as a pointer to the LLVM type *target*."""
+    """Return the address of ``array[offset]``, as a pointer to the LLVM type *target*."""
     data = context.make_array(array_type)(context, builder, array).data
     return builder.bitcast(builder.gep(data, [offset]), target.as_pointer())
 
@@ -60,7 +60,7 @@ _ROW = ir.VectorType(ir.DoubleType(), 4)
 
 
 def _row_pointers(context, builder, array_types, arrays, at, shift):
-    """Addresses of eight rows of four float64: *shift* beyond the offsets in an int64 array from *at* on."""
+    """Yield the addresses of eight rows of four float64: offsets from *at* on, plus *shift*."""
     offsets = context.make_array(array_types[1])(context, builder, arrays[1]).data
     for i in range(LANES):
         offset = builder.load(builder.gep(offsets, [builder.add(at, ir.Constant(at.type, i))]))
@@ -93,7 +93,7 @@ def load_rows(typingctx, array, offsets, at, shift):
             for pointer in _row_pointers(context, builder, sig.args[:2], args[:2], args[2], args[3])
         ]
         wide = [builder.shuffle_vector(rows[i], rows[i + 4], _order(*range(8))) for i in range(4)]
-        # Columns x and z of rows 0 1, then of 2 3; likewise y and w; then what belongs together.
+        # Columns x and z of rows 0 1, then of 2 3; likewise y and w; then join halves.
         evens, odds = _order(0, 8, 2, 10, 4, 12, 6, 14), _order(1, 9, 3, 11, 5, 13, 7, 15)
         xz, more_xz = (builder.shuffle_vector(wide[i], wide[i + 1], evens) for i in (0, 2))
         yw, more_yw = (builder.shuffle_vector(wide[i], wide[i + 1], odds) for i in (0, 2))
@@ -131,7 +131,7 @@ def prefetch(typingctx, array, offset):
         i32 = ir.IntType(32)
         fnty = ir.FunctionType(ir.VoidType(), [pointer.type, i32, i32, i32])
         fn = cgutils.get_or_insert_function(builder.module, fnty, "llvm.prefetch.p0")
-        # For reading, into the nearest cache, of data.
+        # Arguments: read, nearest cache, data.
         builder.call(fn, [pointer, i32(0), i32(3), i32(1)])
         return context.get_dummy_value()
 
@@ -139,14 +139,14 @@ def prefetch(typingctx, array, offset):
 
 
 def _constant(builder, name, value):
-    """The address of a constant of the module; equal ones become one when all are linked."""
+    """Return the address of a constant of the module; the linker merges equal ones."""
     constant = cgutils.global_constant(builder.module, builder.module.get_unique_name(name), value)
     constant.unnamed_addr = True
     return constant
 
 
 def _lanes_of_bits():
-    """For all eight bits of a mask, which lanes they name, lowest first: bytes of an int64; then any."""
+    """Return the lanes of each eight-bit mask, lowest first, as bytes of an int64, then arbitrary ones."""
     chosen = [[k for k in range(LANES) if mask >> k & 1] for mask in range(1 << LANES)]
     words = [sum(k << 8 * position for position, k in enumerate(lanes)) for lanes in chosen]
     return ir.Constant(ir.ArrayType(ir.IntType(64), len(words)), words)
@@ -155,8 +155,8 @@ def _lanes_of_bits():
 @intrinsic
 def compress(typingctx, vector, mask):
     def codegen(context, builder, sig, args):
-        # A permutation from a table. LLVM's own compress goes through memory where there is no AVX-512: some
-        # 140 instructions a node, a quarter of the time of a ray. With AVX-512 the two are equally fast.
+        # A permutation from a table. LLVM's compress goes through memory without AVX-512: some 140
+        # instructions a node, a quarter of the time of a ray. With AVX-512 the two are equally fast.
         i32, i64 = ir.IntType(32), ir.IntType(64)
         table = _constant(builder, "lanes_of_bits", _lanes_of_bits())
         which = builder.zext(builder.bitcast(args[1], ir.IntType(LANES)), i64)
@@ -200,7 +200,7 @@ def like(typingctx, value, example):
 
 
 def _converting(convert, vectors, scalars):
-    """Between the two float types; *vectors*, *scalars*: from which to which."""
+    """Return a conversion between the two float types; *vectors*, *scalars*: (source, target)."""
 
     @intrinsic
     def function(typingctx, value):
@@ -232,7 +232,7 @@ def fma(typingctx, a, b, c):
 
 
 def _common_type(*arguments):
-    """The one float type of an operation; integers and literals count as float64."""
+    """Return the common float type of an operation; integers and literals count as float64."""
     vectors = {ty for ty in arguments if isinstance(ty, Vector)}
     if vectors:
         (ty,) = vectors
@@ -319,12 +319,12 @@ def horizontal_min(typingctx, vector):
 
 
 def _lowest(context, builder, bounds, result_type):
-    # Numbers that are not negative order like their bits; the three lowest make room for the lane.
+    # Non-negative numbers order like their bits; the three lowest bits are replaced by the lane.
     i32 = ir.IntType(32)
     vector = ir.VectorType(i32, LANES)
     keys = builder.and_(builder.bitcast(bounds, vector), ir.Constant(vector, [~7] * LANES))
     keys = builder.or_(keys, ir.Constant(vector, list(range(LANES))))
-    # In all lanes, so that the lane that has it is reported without leaving the vectors.
+    # In all lanes, so that the mask is computed without leaving the vectors.
     lowest = keys
     for step in (4, 2, 1):
         order = ir.Constant(vector, [i ^ step for i in range(LANES)])
@@ -383,7 +383,7 @@ def count_bits(typingctx, value):
 
 
 def _each(combine):
-    """An intrinsic of eight vectors: lane i is what *combine* makes of all lanes of the i-th."""
+    """Return an intrinsic of eight vectors: lane i is the reduction by *combine* of the i-th."""
 
     @intrinsic
     def function(typingctx, a, b, c, d, e, f, g, h):
@@ -392,7 +392,7 @@ def _each(combine):
         def codegen(context, builder, sig, args):
             vectors = list(args)
             for step in (1, 2, 4):
-                # Lanes that differ in the bit *step* are combined; the two vectors share the lanes left.
+                # Combine lanes that differ in the bit *step*; the two vectors share the remaining lanes.
                 low = [i + (LANES - step if i & step else 0) for i in range(LANES)]
                 orders = [
                     ir.Constant(ir.VectorType(ir.IntType(32), LANES), [i + shift for i in low])

@@ -1,4 +1,4 @@
-"""Vector functions on NumPy arrays of eight, for stepping through kernels: bit-identical answers."""
+"""Vector functions on NumPy arrays of eight, for stepping through kernels, with bit-identical answers."""
 
 from fractions import Fraction
 
@@ -62,11 +62,11 @@ def fma(a, b, c):
     if not (np.isfinite(a) and np.isfinite(b)):
         result = a * b + c
     elif not np.isfinite(c):
-        result = c  # the product is finite before it is rounded
+        result = c  # the product is finite before rounding
     else:
         exact = Fraction(a) * Fraction(b) + Fraction(c)
         try:
-            result = float(exact) if exact else a * b + c  # the sum has the right sign of zero
+            result = float(exact) if exact else a * b + c  # the sum has the correct sign of zero
         except OverflowError:
             result = np.inf if exact > 0 else -np.inf
         if is_narrow and np.isfinite(result) and Fraction(result) != exact:
@@ -76,7 +76,7 @@ def fma(a, b, c):
 
 
 def _rounded_to_odd(result, exact):
-    """The float64 next to *exact* with an odd last bit: it rounds to float32 as *exact* does."""
+    """Return the float64 next to *exact* with an odd last bit, which rounds to float32 as *exact* does."""
     other = np.nextafter(result, np.inf if exact > Fraction(result) else -np.inf)
     return result if np.float64(result).view(np.int64) & 1 else float(other)
 

@@ -1,6 +1,6 @@
-"""The vector types that numba sees, and their operators.
+"""Vector types of numba, and their operators.
 
-A value of such a type is an LLVM vector in registers; arrays hold scalars only.
+Their values are LLVM vectors in registers; arrays hold only scalars.
 """
 
 import operator
@@ -14,7 +14,7 @@ from proximity.native.signature import LANES
 
 
 class Vector(types.Type):
-    """Eight lanes of one scalar type, or of truth values (*element* boolean)."""
+    """Eight lanes of one scalar type, or of booleans (*element* boolean)."""
 
     def __init__(self, name, element):
         self.element = element
@@ -40,7 +40,7 @@ class _VectorModel(models.PrimitiveModel):
 
 
 def suffix(ty):
-    """The type as LLVM's intrinsics spell it."""
+    """Return the type's spelling in LLVM's intrinsics."""
     return {f32x8: "v8f32", f64x8: "v8f64", types.float32: "f32", types.float64: "f64"}[ty]
 
 

@@ -1,7 +1,7 @@
 """Assembly of solids and scenes into the arrays that kernels take.
 
-A part's arrays are made once, numbered from zero. A model puts those of its parts together and renumbers
-tree references; the solids of a scene's parts look at the scene's arrays and keep none of their own.
+The arrays of a part are made once, numbered from zero. A model concatenates those of its parts and renumbers
+tree references; the solids of a scene's parts have views of the scene's arrays, not copies.
 """
 
 from collections.abc import Collection
@@ -28,15 +28,15 @@ from proximity.mesh.part_memory import aligned_empty
 from proximity.pose import ROUNDING, Pose
 
 EXACT_ENOUGH = 2.0 * ROUNDING
-"""Error of a rotation up to which it is taken as it is: that of a `Pose` always, in whatever order summed."""
+"""Rotation error up to which a matrix is used unchanged: any `Pose` is below it, in any summation order."""
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class Model:
     """Parts with poses as four arrays.
 
-    Whoever looks at the arrays of a scene's model must keep the model itself: once nobody has it, some of
-    them are written anew for a later one.
+    A reader of a scene's arrays must keep a reference to the model: once the model is garbage-collected, some
+    of them are overwritten for a later one.
     """
 
     reals: np.ndarray  # float64
@@ -44,7 +44,7 @@ class Model:
     frames: np.ndarray  # (P + 1,) FRAME
     parts: np.ndarray  # (P + 1,) PART
     packed: Any  # the four, as entry points take them
-    epoch: int = 0  # of the scene: grows whenever part indices, faces or what is hidden change
+    epoch: int = 0  # of the scene: grows whenever part indices, faces or visibility change
     names: tuple[str, ...] = ()  # of the scene's parts, row by row
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -66,7 +66,7 @@ class Model:
         return finished(self.reals, self.words, frames, parts)
 
     def folded_faces(self, row: int) -> np.ndarray:
-        """Return the faces of a part over which the winding number tells the side, (K,) int32."""
+        """Return the faces of a part near which the sign comes from the winding number, (K,) int32."""
         part = self.parts[row]
         first, count = part["first_block"], part["block_count"]
         notes = self.words[part["block_notes"] + first :][:count].view(np.int32)
@@ -101,8 +101,8 @@ def assemble(
 ) -> Model:
     """Return the model of parts at poses, in new memory.
 
-    *sources*: at least one; models of one part alone. *dynamic*, *hidden*: rows of parts that are going to
-    move, and of those that no query finds.
+    *sources*: at least one; models of one part each. *dynamic*, *hidden*: rows of parts that will move, and
+    of parts that queries ignore.
     """
     count = len(sources)
     parts, frames = np.zeros(count + 1, layout.PART), np.zeros(count + 1, layout.FRAME)
@@ -130,7 +130,7 @@ def assemble(
 
 
 def adopt(source: Model, pose: Pose, *, is_hidden: bool = False, name: str = "") -> Model:
-    """Return the model of the part of *source* at a pose, in the memory of *source*, which it takes over."""
+    """Return a model of the part of *source* at a pose; it takes over the memory of *source*."""
     frames, parts = source.frames.copy(), source.parts.copy()
     write_part_row(source.packed, 0, frames, parts, 0, pose.matrix, EXACT_ENOUGH)
     parts["is_hidden"][0] = is_hidden
@@ -142,7 +142,7 @@ def adopt(source: Model, pose: Pose, *, is_hidden: bool = False, name: str = "")
 
 
 def _refuse_frame(frames: np.ndarray) -> None:
-    """Raise a `MeshError`: the parts are too far apart for any frame."""
+    """Raise a `MeshError`: the parts are too far apart for one frame."""
     local_frame(frames["box_lower"][:-1].min(axis=0), frames["box_upper"][:-1].max(axis=0))
 
 
@@ -154,6 +154,6 @@ def finished(
     epoch: int = 0,
     names: tuple[str, ...] = (),
 ) -> Model:
-    """Return a model of arrays that are complete."""
+    """Return a model of complete arrays."""
     packed = native.packed(ModelArrays(reals, words, frames, parts))
     return Model(reals, words, frames, parts, packed, epoch, names)

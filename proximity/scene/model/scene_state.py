@@ -1,9 +1,9 @@
-"""The models of one scene as its parts move: readers keep theirs while the next is written.
+"""Models of one scene while its parts move: readers keep theirs while the next is written.
 
-A `SceneState` keeps what is true now. When a model is asked for, the rows, boxes and dynamic nodes that have
-changed since are written to a copy that no living model uses, and that copy becomes the model. The static
-tree is copied, and thinned out, when a part moves for the first time or is hidden; it is made anew only when
-a part that stands still is shown, or one leaves the scene's frame.
+A `SceneState` has the present state. A request for a model brings the rows, boxes and dynamic nodes of a copy
+that no living model uses up to date, and that copy becomes the model. The static tree is copied without a
+part when that part moves for the first time or is hidden; it is rebuilt only when a static part is shown, or
+a part leaves the scene's frame.
 """
 
 import weakref
@@ -30,16 +30,16 @@ from proximity.pose import ORTHONORMAL_TOLERANCE, Pose
 from proximity.scene.model.assembly import EXACT_ENOUGH, Model, finished
 
 FARTHEST_MOVE = LARGEST_COORDINATE / 4.0
-"""m; farther off, sums of coordinates could leave what can be computed with."""
+"""m; beyond it, sums of coordinates could leave the range of computation."""
 FASTEST_MOVE = 1e9
-"""m/s, three times light, or rad/s: squares of more, over some time, could leave it too."""
+"""m/s, three times the speed of light, or rad/s: displacements and squares of more could overflow."""
 UPDATES_BEFORE_SHRINKING = 1000
-"""A part that went far away and came back leaves a frame that is too large; a new one costs a new tree, which
-is not to be paid at every tick of a part that goes to and fro."""
+"""A part that returned from far away leaves a frame that is too large. A new frame costs a new tree, which a
+part that oscillates must not cause at every tick."""
 
 
 def write_motion(frame: np.ndarray, velocity: np.ndarray, angular_velocity: np.ndarray) -> None:
-    """Write into a part's row of frames how it moves.
+    """Write a part's velocities into its row of frames.
 
     *frame*: of `FRAME`; *velocity*, *angular_velocity*: (3,).
     """
@@ -47,7 +47,7 @@ def write_motion(frame: np.ndarray, velocity: np.ndarray, angular_velocity: np.n
 
 
 def write_surface(frame: np.ndarray, stiffness: float | None, damping: float) -> None:
-    """Write into a part's row of frames how it answers a touch.
+    """Write a part's surface, rigid or deformable, into its row of frames.
 
     *frame*: of `FRAME`.
     """
@@ -55,14 +55,14 @@ def write_surface(frame: np.ndarray, stiffness: float | None, damping: float) ->
     frame["stiffness"], frame["damping"] = stiffness or 0.0, damping
 
 
-# What is to be done about the static tree.
+# Pending work on the static tree.
 _RIGHT = 0
 _THINNER = 1
 _NEW = 2
 
 
 class _Copy:
-    """Moving state at some version: rows of a model's tables, and a region of its words."""
+    """State of moving parts at some version: rows of a model's tables, and a region of its words."""
 
     __slots__ = ("frames", "owner", "packed", "parts", "region", "static", "version")
 
@@ -82,15 +82,15 @@ class _Copy:
 class SceneState:
     """The present poses of a scene's parts, and the models made of them.
 
-    Not for several threads at once: the scene has a lock. A model, once made, may be asked by any of them.
+    Not thread-safe: the scene has a lock. A model may be queried from any thread.
     """
 
-    current: Model | None  # None while something has changed that no model shows yet
-    latest: Model  # the current one, or what that was before something changed
-    changes: int  # how often something has changed
-    versions: np.ndarray  # (P + 1,) int64, what *changes* was when the row changed last
-    _sort_steps: int  # at most, until the order along the curve is made anew
-    _is_whole: bool  # False while something is being changed, and for good if that was interrupted
+    current: Model | None  # None after a change, until a model is requested
+    latest: Model  # the current one, or the last before the change
+    changes: int  # number of changes
+    versions: np.ndarray  # (P + 1,) int64, the value of *changes* when the row changed last
+    _sort_steps: int  # largest number before the order along the curve is recomputed
+    _is_whole: bool  # False during a change, and afterwards if it was interrupted
 
     def __init__(self, model: Model) -> None:
         self.current = self.latest = model
@@ -101,7 +101,7 @@ class SceneState:
         self.versions = np.zeros(count + 1, np.int64)
         self._boxes, self._boxes_version = np.empty((count, 6), np.float32), NEVER
         self._list_dynamic()
-        # A model out of a file may be any copy; one that is made is the first.
+        # A model from a file may be any copy; a new one is the first.
         number, self._static = copies_in_use(self.parts)
         self._copies = [self._new_copy(k) for k in range(number)]
         own = _Copy(model, model.frames, model.parts, self._region(number))
@@ -111,12 +111,12 @@ class SceneState:
         self._updates = 0
         self._is_whole = True
 
-    # --- what changes ------------------------------------------------------------------------------------
+    # --- changes -----------------------------------------------------------------------------------------
 
     def move(
         self, rows: np.ndarray, matrices: np.ndarray, velocities: np.ndarray, angular_velocities: np.ndarray
     ) -> None:
-        """Put parts elsewhere; a part whose pose stays gets its velocities only.
+        """Move parts; a part whose pose stays gets its velocities only.
 
         *matrices*: (K, 4, 4); *velocities*, *angular_velocities*: (K, 3).
         """
@@ -130,13 +130,13 @@ class SceneState:
         self._is_whole = True
 
     def set_surface(self, row: int, stiffness: float | None, damping: float) -> None:
-        """Say how a part answers a touch."""
+        """Set whether a part is rigid, else its stiffness and damping."""
         self._begin(row)
         write_surface(self.frames[row], stiffness, damping)
         self._is_whole = True
 
     def set_hidden(self, row: int, is_hidden: bool) -> bool:
-        """Hide or show a part; whether that is a change."""
+        """Hide or show a part; return whether that is a change."""
         if self.parts["is_hidden"][row] == is_hidden:
             return False
         self._begin(row)
@@ -148,12 +148,12 @@ class SceneState:
         return True
 
     def writable_model(self) -> Model:
-        """Return a model of the present state itself, to change a part's shape in."""
+        """Return a model of the present state itself, for changing a part's shape."""
         latest = self.latest
         return finished(latest.reals, latest.words, self.frames, self.parts, self.epoch, latest.names)
 
     def reshape(self, row: int) -> None:
-        """Take notice that the shape of a part has changed; from now on it stands by itself."""
+        """Record that the shape of a part has changed; from now on the part is dynamic."""
         self._begin(row)
         self.epoch += 1
         update_box(self.frames, self.parts, row)
@@ -164,11 +164,11 @@ class SceneState:
 
     @property
     def dynamic_rows(self) -> list[int]:
-        """Rows of the parts that have moved by themselves."""
+        """Rows of the parts that have moved on their own."""
         return [int(row) for row in np.flatnonzero(self.parts["is_dynamic"][:-1])]
 
     def values(self, row: int) -> dict[str, Any]:
-        """Return what is true of a part now, by names of fields."""
+        """Return the present values of a part by names of fields."""
         frame = self.frames[row]
         velocity, angular_velocity = frame["velocity"].copy(), frame["angular_velocity"].copy()
         velocity.flags.writeable = angular_velocity.flags.writeable = False
@@ -190,9 +190,9 @@ class SceneState:
             self._tree = max(self._tree, tree)
 
     def _begin(self, row: int | None = None) -> None:
-        """Begin to change something, of that row; until `_is_whole` is set again, what follows may not fit.
+        """Begin a change of that row; until `_is_whole` is set again, derived arrays may be inconsistent.
 
-        A signal may come between any two steps, and its handler may raise: Ctrl-C does.
+        A signal may arrive between any two steps, and its handler may raise: Ctrl-C does.
         """
         if not self._is_whole:
             self._start_over()
@@ -203,7 +203,7 @@ class SceneState:
             self.versions[row] = self.changes
 
     def _start_over(self) -> None:
-        """Have all that follows from the rows made anew, after somebody was interrupted at work."""
+        """Recompute all that is derived from the rows, after an interrupted change."""
         self.current = None
         self.changes += 1
         self.versions[:] = self.changes
@@ -219,7 +219,7 @@ class SceneState:
     # --- models ------------------------------------------------------------------------------------------
 
     def update(self) -> Model | None:
-        """Return a model of what is true now; None where no copy is left, or no space, to write it to."""
+        """Return a model of the present state; None if no copy or space is left to write it."""
         if not self._is_whole:
             self._start_over()
         self._is_whole = False
@@ -233,7 +233,7 @@ class SceneState:
             return None
         reach = self._write(copy)
         if reach > 1.0:
-            # Some part has left the scene's frame.
+            # A part has left the scene's frame.
             self._need(_NEW)
             if not self._mend_tree():
                 return None
@@ -277,7 +277,7 @@ class SceneState:
         return float(reach)
 
     def _mend_tree(self) -> bool:
-        """Make the static tree what it should be, beside those in use; False where there is no space."""
+        """Bring the static tree up to date in an unused copy; return False if there is no space."""
         in_use = {copy.static for copy in self._copies if not copy.is_free}
         unused = [static for static in range(STATIC_COPIES) if static not in in_use]
         if not unused:
@@ -307,7 +307,7 @@ class SceneState:
 
 
 def first_unfit_move(matrices: np.ndarray, velocities: np.ndarray, angular_velocities: np.ndarray) -> int:
-    """Return the first row of a move that is no rigid transform, or goes too far or too fast; -1 if none.
+    """Return the first row of a move that is not a rigid transform, or too far or too fast; -1 if none.
 
     *matrices*: (K, 4, 4); *velocities*, *angular_velocities*: (K, 3).
     """
@@ -322,7 +322,7 @@ def box_of_vertices(model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Return the corners of the smallest box around all parts of a model, m, (3,) each."""
     frames = model.frames[:-1]
     lowers, uppers = frames["box_lower"].copy(), frames["box_upper"].copy()
-    # The kernels' box of a turned part is around its turned box, which is larger.
+    # The kernels' box of a rotated part encloses its rotated box, which is larger.
     for row in np.flatnonzero(model.parts["is_turned"][:-1]):
         part, frame, turn = model.parts[row], frames[row], frames["rotation"][row].reshape(3, 3)
         local = model.reals[part["corners"] :][: 3 * part["corner_count"]].reshape(-1, 3)

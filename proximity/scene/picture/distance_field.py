@@ -13,12 +13,12 @@ if TYPE_CHECKING:
 
 AXES = "xyz"
 SHOWN_AXES = {"x": (1, 2), "y": (0, 2), "z": (0, 1)}
-"""To the right and up in the map of a plane across this axis."""
+"""Horizontal and vertical axis of the map of a plane across this axis."""
 MARGIN = 0.18  # of the longer side of the scene's box, around it
 CELLS = 480  # along the longer side of the map
 MAP = "RdBu"
 TICKS = 9
-SHARE_OF_RANGE = 0.12  # the smaller side of zero reaches at least as far as this share of the larger
+SHARE_OF_RANGE = 0.12  # the smaller side of zero reaches at least to this share of the larger
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +36,7 @@ class FieldSlice:
     def of(
         cls, scene: "Scene", axis: str, position: float, *, unit: str = "m", metres: float = 1.0
     ) -> "FieldSlice":
-        """Return the slice of a scene, a margin around its parts included."""
+        """Return the slice of a scene, including a margin around its parts."""
         if axis not in SHOWN_AXES:
             raise ArgumentError(f"a slice across {axis!r}, expected one of x, y, z")
         lower, upper = scene.bounds
@@ -61,7 +61,7 @@ class FieldSlice:
 
 
 def load_matplotlib() -> Any:
-    """Return matplotlib with what a page takes."""
+    """Return matplotlib with the modules that a page uses."""
     with needed("pictures need", "picture"):
         import matplotlib
         import matplotlib.figure
@@ -75,9 +75,9 @@ def load_matplotlib() -> Any:
 class DistanceColors:
     """A colour map for the signed distances of one picture.
 
-    *signed_distance*: all that will be shown; values that are not finite are left out. *metres*: metres in
-    the unit in which steps are round numbers. *is_even*: the bar is as long on both sides of zero. *reach*:
-    the ends of the bar, m, whatever the distances.
+    *signed_distance*: all that will be shown; values that are not finite are ignored. *metres*: metres in the
+    unit in which steps are round numbers. *is_even*: the bar is equally long on both sides of zero. *reach*:
+    fixed ends of the bar, m.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class DistanceColors:
         self.norm = matplotlib.colors.Normalize(self.levels[0], self.levels[-1])
 
     def share(self, signed_distance: np.ndarray) -> float:
-        """Return the share of distances, m, that do not pass the ends of the bar."""
+        """Return the share of distances, m, within the ends of the bar."""
         ends = self.levels[[0, -1]] * self.metres
         return float(np.mean((signed_distance >= ends[0]) & (signed_distance <= ends[1])))
 

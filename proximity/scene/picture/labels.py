@@ -1,4 +1,4 @@
-"""What is written over the view of the parts: distances, a scale, and the directions of the axes."""
+"""Labels over the view of the parts: distances, a scale, and the directions of the axes."""
 
 from typing import Any
 
@@ -13,14 +13,14 @@ ARROW = 0.055  # of the height
 
 
 def draw_distances(axes: Any, camera: Camera, connections: Connections, unit: str, metres: float) -> None:
-    """Write its signed distance beside each point, on the side away from the part."""
+    """Write the signed distance of each point next to it, on the side away from the part."""
     scale = text_size() / 13
     points, ends = camera.pixels(connections.points)[:, :2], camera.pixels(connections.closest)[:, :2]
     for point, end, distance in zip(points, ends, connections.signed_distance, strict=True):
         away = point - end
         length = np.hypot(*away)
         away = away / length if length > 2.0 else np.array([0.0, -1.0])
-        # Text is wider than high; the gap is in points, and y goes up there.
+        # Text is wider than it is high; the gap is in points, y up.
         gap = np.array([44.0, -20.0]) * away * scale
         text = f"{distance / metres:.4g} {unit}".replace("-", "\N{MINUS SIGN}")
         axes.annotate(
@@ -71,5 +71,5 @@ def text_size() -> float:
 
 
 def halo() -> list[Any]:
-    """Return the effect of a white rim, for text over anything."""
+    """Return a white outline, for text over any background."""
     return [load_matplotlib().patheffects.withStroke(linewidth=3, foreground="white", alpha=0.85)]

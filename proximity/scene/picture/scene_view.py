@@ -1,7 +1,7 @@
-"""The view of the parts, as an image: PyVista draws parts, points, connections and the plane of a slice.
+"""The view of the parts as an image: PyVista draws parts, points, connections and the plane of a slice.
 
-Its renderer computes in single precision: it is given coordinates from the middle of what is shown, in units
-of its size.
+Its renderer computes in single precision: coordinates are relative to the middle of the view, in units of its
+size.
 """
 
 import os
@@ -40,16 +40,16 @@ LIGHTS = (  # towards the light: right, up, to the viewer; how bright
     ((0.0, 0.0, 1.0), 0.25),
 )
 SURFACE_LOOK = {"ambient": 0.20, "diffuse": 0.95, "specular": 0.12, "specular_power": 24.0}
-SHINE_THROUGH = 0.30  # of queries behind or inside a part
+SHINE_THROUGH = 0.30  # opacity of queries behind or inside a part
 NEAREST_OFFSET = -66000.0  # offset in depth, in units that VTK calls so
 SHEET_OPACITY = 0.5
-MAX_TUBES = 400  # connections; more would be a tangle, and only the points are drawn
+MAX_TUBES = 400  # connections; with more, only the points are drawn
 POINT_RADIUS, END_RADIUS, TUBE_RADIUS = 0.0125, 0.0055, 0.0026  # of the image's height
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """Parallel projection: where the viewer stands, and how many metres a pixel shows."""
+    """Parallel projection: the viewer's direction, and metres per pixel."""
 
     screen_from_scene: np.ndarray  # (3, 3), rows: right, up, to the viewer
     center: np.ndarray  # (3,) m, scene's frame, in the middle of the image
@@ -67,13 +67,13 @@ class Camera:
         return cls(turn, turn.T @ ((lower + upper) / 2), scale, size)
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """Return how far right and down of the upper left corner points, (..., 3), m, are, in pixels."""
+        """Return positions of points, (..., 3), m, in pixels right and down from the upper left corner."""
         seen = (points - self.center) @ self.screen_from_scene[:2].T / self.meters_per_pixel
         pixels: np.ndarray = seen * [1.0, -1.0] + np.array(self.size) / 2
         return pixels
 
     def heights(self, points: np.ndarray) -> np.ndarray:
-        """Return points, (..., 3), m, from the middle of the image, in heights of it."""
+        """Return points, (..., 3), m, relative to the middle of the image, in units of its height."""
         turned: np.ndarray = (points - self.center) / (self.meters_per_pixel * self.size[1])
         return turned
 
@@ -92,7 +92,7 @@ def rotation_of(view: str) -> np.ndarray:
     if view not in TO_VIEWER:
         raise ArgumentError(f"no view {view!r}, expected one of {', '.join(TO_VIEWER)}")
     back = np.array(TO_VIEWER[view]) / np.linalg.norm(TO_VIEWER[view])
-    # Seen from above or below, y points up in the image.
+    # In views from above and below, y points up in the image.
     up = np.array([0.0, 0.0, 1.0]) if abs(back[2]) < 1.0 else np.array([0.0, np.sign(back[2]), 0.0])
     right = np.cross(up, back) / np.linalg.norm(np.cross(up, back))
     return np.array([right, np.cross(back, right), back])
@@ -101,8 +101,8 @@ def rotation_of(view: str) -> np.ndarray:
 def load_pyvista() -> Any:
     """Return PyVista, set to draw without a screen."""
     if sys.platform == "linux":
-        # VTK would try an X server first. Its check of OSMesa says yes where there is none, and the program
-        # ends with a segmentation fault (9.7, 2026-11-25): only EGL is tried.
+        # VTK would try an X server first. Its check reports OSMesa where there is none, which ends in a
+        # segmentation fault (9.7, 2026-11-25): only EGL is tried.
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     with needed("pictures need", "picture"):
         import pyvista
@@ -130,7 +130,7 @@ def draw_scene(
             "pictures need OpenGL, and VTK found none: install libEGL and Mesa's drivers (Debian and Ubuntu: "
             "apt install libegl1 libgl1-mesa-dri)"
         )
-    plotter.set_background("white")  # a gradient would darken edges that end before it
+    plotter.set_background("white")  # a gradient would darken outlines in front of it
     for direction, brightness in LIGHTS:
         plotter.add_light(
             pyvista.Light(position=camera.screen_from_scene.T @ direction, intensity=brightness)
@@ -179,10 +179,10 @@ def _add_parts(plotter: Any, parts: "Sequence[Part]", tints: Sequence[str], came
 
 
 def _add_sheet(plotter: Any, field: FieldSlice, camera: Camera, colors: DistanceColors) -> None:
-    """Draw the plane's colours and lines of equal distance, and where it cuts the surface."""
+    """Draw the plane's colours and iso-distance lines, and its intersection with the surface."""
     sheet = load_pyvista().StructuredGrid(*np.moveaxis(camera.heights(field.points)[..., None, :], -1, 0))
     sheet["colors"] = np.swapaxes(colors(field.signed_distance), 0, 1).reshape(-1, 3)
-    sheet["distance"] = field.signed_distance.T.reshape(-1)  # down the columns, as points are
+    sheet["distance"] = field.signed_distance.T.reshape(-1)  # in column order, as the points
     look = {"lighting": False, "show_scalar_bar": False}
     plotter.add_mesh(sheet, scalars="colors", rgb=True, opacity=SHEET_OPACITY, **look)
     levels = np.arange(colors.levels[0] * colors.metres, colors.levels[-1] * colors.metres, colors.step)

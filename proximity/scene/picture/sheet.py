@@ -32,11 +32,11 @@ HEAD, FOOT = 0.075, 0.085  # of the height
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """What to draw.
+    """Contents of a picture.
 
-    ``scene`` is asked for every number. ``title`` stands above. ``points`` (N, 3), m, are joined with the
-    nearest points of the parts. ``cut`` is the axis that a slice lies across, and where, m. ``unit`` is the
-    word for lengths on the page, ``metres`` how many metres it has. ``view`` is one of `TO_VIEWER`,
+    ``scene`` computes every number. ``title`` is at the top. ``points`` (N, 3), m, are joined with the
+    nearest points of the parts. ``cut`` is the axis across which a slice lies, and its position, m. ``unit``
+    is the name of the unit of lengths on the page, ``metres`` its length. ``view`` is one of `TO_VIEWER`,
     ``size`` the width and height in pixels. ``reach``, m, are the ends of the colour bar of the points, the
     first below 0; the share of the points between them is written below it.
     """
@@ -53,7 +53,7 @@ class Picture:
 
 
 def write_picture(picture: Picture, path: str | os.PathLike[str]) -> None:
-    """Write a picture as a PNG file, at once and wholly; one that is there is replaced."""
+    """Write a picture as a PNG file, atomically; an existing file is replaced."""
     content = draw(picture)
     with whole_file(path) as stream:
         stream.write(content)
@@ -84,7 +84,7 @@ def draw(picture: Picture) -> bytes:
 
 
 def load_renderer() -> None:
-    """Import PyVista and matplotlib: what takes a second is over, and what is missing is reported."""
+    """Import PyVista and matplotlib, which takes a second; raise an error that names a missing one."""
     load_pyvista()
     load_matplotlib()
 
@@ -92,7 +92,7 @@ def load_renderer() -> None:
 def slice_box(size: tuple[int, int], field: FieldSlice) -> tuple[float, float, float, float]:
     """Return left, bottom, width and height of the slice's map, as shares of the page.
 
-    *field*: what the map shows; a metre is as long to the right as up.
+    *field*: the contents of the map; it has the same scale in both directions.
     """
     left, bottom, width, height = 0.590, 0.16, 0.315, 0.70
     shape = (field.up[-1] - field.up[0]) / (field.right[-1] - field.right[0]) * size[0] / size[1]
@@ -148,7 +148,7 @@ def _draw_view(
     colors: tuple[DistanceColors, DistanceColors],
     share: float,
 ) -> Camera:
-    """Draw the parts on the left of the page, and what is asked of them; returns the camera."""
+    """Draw the parts on the left of the page, with points and slice; return the camera."""
     parts = [part for part in picture.scene.parts if not part.is_hidden]
     if not parts:
         raise ArgumentError("all parts of the scene are hidden: nothing can be drawn")
@@ -192,7 +192,7 @@ def _draw_legend(figure: Any, names: list[str], tints: list[str], connections: C
 
 
 def _draw_map(axes: Any, picture: Picture, field: FieldSlice, colors: DistanceColors) -> None:
-    """Signed distance in the plane: colours, iso lines, the surface bold."""
+    """Draw the signed distance in the plane: colours, iso lines, the surface bold."""
     right, up = field.right / picture.metres, field.up / picture.metres
     distance = field.signed_distance / picture.metres
     extent = (right[0], right[-1], up[0], up[-1])
@@ -235,7 +235,7 @@ def _draw_bar(
     """Draw a colour bar, of the points if *distances*, m, are given; it is flat next to a slice."""
     matplotlib = load_matplotlib()
     mappable = matplotlib.cm.ScalarMappable(colors.norm, colors.map)
-    every = 2 if is_flat else 1  # zero stays
+    every = 2 if is_flat else 1  # keeps the tick at zero
     ticks = colors.levels[np.argmin(np.abs(colors.levels)) % every :: every]
     bar = figure.colorbar(
         mappable, cax=axes, ticks=ticks, orientation="horizontal" if is_flat else "vertical"
@@ -246,7 +246,7 @@ def _draw_bar(
     if distances is not None and picture.reach is not None and len(distances):
         low, high = (f"{end:g}".replace("-", "\N{MINUS SIGN}") for end in colors.levels[[0, -1]])
         ends = f"±{high}" if -colors.levels[0] == colors.levels[-1] else f"{low} to {high}"
-        tenths = np.floor(1e3 * colors.share(distances))  # 100 % are all
+        tenths = np.floor(1e3 * colors.share(distances))  # rounded down, so that 100 % are all points
         words += f"\n{tenths / 10:.1f} % within {ends} {picture.unit}"
     bar.set_label(f"points: {words}" if is_flat else words)
     if distances is not None and not is_flat:

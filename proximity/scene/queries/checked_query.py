@@ -1,10 +1,10 @@
-"""Queries with all their checks: rows of any shape, limits, slices, threads.
+"""Validated queries: rows of any shape, limits, slices, threads.
 
-Batches are cut into slices so that Ctrl-C is answered soon, since compiled code cannot be interrupted. How a
-batch is cut changes no answer.
+Batches are cut into slices so that Ctrl-C takes effect soon, since compiled code cannot be interrupted. The
+slices do not change the answers.
 
-A query takes a model, one or two arrays of rows, how far to look, and a number of workers; it returns the
-table of its answers. Few plain rows are answered by compiled code alone, see `native.query`.
+A query takes a model, one or two arrays of rows, the largest distance, and a number of workers; it returns
+the table of its answers. A small batch of plain rows is answered by compiled code alone, see `native.query`.
 """
 
 import os
@@ -31,20 +31,20 @@ from proximity.scene.model.assembly import Model
 CHUNKS_PER_WORKER = 4
 SMALLEST_CHUNK = 1024
 BLOCK = 1 << 20
-"""Rows that are sorted together, which takes some 30 ms: more can be interrupted in between."""
+"""Rows that are sorted together, about 30 ms; a larger batch can be interrupted between blocks."""
 SLICE_SECONDS = 0.04
-"""Duration of a slice, about. At its end it waits for the interpreter lock: 5 ms where others are busy."""
+"""Duration of a slice, about. At its end it waits for the interpreter lock: 5 ms if others are busy."""
 LARGEST_SLICE = 1 << 16
-"""Rows; where searches suddenly take a hundred times as long, so does one slice."""
+"""Rows; bounds the duration of a slice whose searches suddenly take a hundred times longer."""
 SMALLEST_FIRST = 16
 GROWTH = 4
-"""Most times by which a slice is longer than the one before."""
+"""Largest ratio between the lengths of a slice and the one before."""
 FIRST_BYTES = 1 << 30
-"""Bytes of a model times rows of the first slice: at the centre of a sphere, where a search looks at every
-face, some 100 bytes in 15 ns, that slice takes 0.2 s."""
+"""Bytes of a model times rows of the first slice: at the centre of a sphere, where a search tests every face,
+some 100 bytes in 15 ns, that slice takes 0.2 s."""
 
 IN_ORDER = np.empty(0, np.int64)
-"""The order of rows that are asked as they come."""
+"""The order of rows that are answered in the order given."""
 
 Ask = Callable[..., Any]
 OrderOf = Callable[..., np.ndarray]
@@ -53,27 +53,27 @@ _NO_LIMIT = np.array([inf])
 
 
 def _order_of_points(model: Model, _: int) -> tuple[OrderOf | None, int]:
-    """Return how to order many points or segments, and how many rows to ask at first."""
+    """Return the function that orders points or segments, and the number of rows in the first slice."""
     return morton_order_of, first_slice(model.reals.nbytes)
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedQuery:
-    """A query of some kind."""
+    """A query of one kind."""
 
     name: str  # of the entry point
     entry: Any  # the entry point itself
-    names: tuple[str, ...]  # what callers call the arrays of rows
-    subject: str  # what the rows are, for messages about limits
-    width: int  # columns of an answer; of one column the table has no axis of columns
-    refusal: Callable[[int], ProximityError]  # the error for what an entry point returns but `NO_ROW`
+    names: tuple[str, ...]  # names of the arrays of rows in the public signature
+    subject: str  # name of the rows in messages about limits
+    width: int  # columns of an answer; with one column the table has no axis of columns
+    refusal: Callable[[int], ProximityError]  # the error for a row that the entry point rejects
     order_of: Callable[[Model, int], tuple[OrderOf | None, int]] = _order_of_points
     dtype: type = np.float64
 
     def ask(self, model: Model, *arguments: Any) -> Any:
-        """Return the table of answers, in the shape of the question.
+        """Return the table of answers, in the shape of the rows.
 
-        *arguments*: arrays of rows, how far to look, and a number of workers, as the caller gave them.
+        *arguments*: arrays of rows, the largest distance, and a number of workers, as the caller gave them.
         """
         *given, max_distance, workers = arguments
         rows = [as_points(each, name) for each, name in zip(given, self.names, strict=True)]
@@ -99,7 +99,7 @@ class CheckedQuery:
         return answers.reshape((*shape, self.width) if self.width > 1 else shape)[()]
 
     def _ask_batch(self, model: Model, arrays: list[np.ndarray], workers: Any) -> int:
-        """Fill the last of *arrays* in slices; the first row that is refused, or `NO_ROW`."""
+        """Fill the last of *arrays* in slices; return the first row that is rejected, or `NO_ROW`."""
         order_of, size = self.order_of(model, len(arrays[0]))
 
         def ask_slice(order: np.ndarray, *arrays: np.ndarray) -> int:
@@ -111,16 +111,16 @@ class CheckedQuery:
         return min((first + row for first, row in found if row not in answered), default=NO_ROW)
 
     def quick(self) -> Any:
-        """Return the query as a function that answers few plain rows at once."""
+        """Return the query as a function with a fast path for a small batch of plain rows."""
         return native.query(self.name, self.width, SORT_FROM, self.ask)
 
 
 def _warn_of_millimetres(model: Model, distances: np.ndarray) -> None:
-    """Warn a user all of whose points are as far away as points in millimetres; called by `CheckedQuery.ask`.
+    """Warn if the distances suggest points in millimetres; called by `CheckedQuery.ask`.
 
-    The package itself is not warned: its commands and replays say in their own words what is far away.
+    Not for calls from the package: its commands and replays report far points themselves.
     """
-    caller = sys._getframe(3)  # of the method that asks
+    caller = sys._getframe(3)  # of the query method
     if caller.f_globals.get("__name__", "").startswith("proximity."):
         return
     nearest = float(distances.min(initial=np.inf))
@@ -131,13 +131,13 @@ def _warn_of_millimetres(model: Model, distances: np.ndarray) -> None:
 
 
 def size_of(model: Model) -> float:
-    """Diagonal of the box of all parts, m."""
+    """Return the diagonal of the box of all parts, m."""
     box = model.frames[-1]
     return float(np.linalg.norm(box["box_upper"] - box["box_lower"]))
 
 
 def in_millimetres(what: str, distance: float, size: float, names: str) -> str:
-    """Say that *what* is so far away that *names* were probably given in millimetres."""
+    """Return a message that *what* is far enough away for *names* to be in millimetres."""
     return (
         f"{what} is {distance:.3g} m from the nearest part, {distance / size:.0f} times the size of the "
         f"scene: {names} are metres"
@@ -160,7 +160,7 @@ def _broadcast_rows(rows: list[np.ndarray], names: tuple[str, ...]) -> list[np.n
 def _broadcast_limits(
     max_distance: Any, rows: list[np.ndarray], name: str
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return how far to look, m, (1,) for all rows or (N,) for each, and the rows in one shape with that.
+    """Return the largest distance, m, (1,) for all rows or (N,) for each, and the rows in the same shape.
 
     *max_distance*: one length, or lengths whose shape broadcasts against the leading shape of the rows.
     *rows*: (..., 3).
@@ -197,7 +197,7 @@ def _checked_limit(max_distance: Any) -> float:
 
 
 def _spread(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """The array in that shape, C-ordered."""
+    """Return the array broadcast to that shape, C-ordered."""
     return array if array.shape == shape else copied(np.broadcast_to(array, shape))
 
 
@@ -214,14 +214,14 @@ def morton_order_of(rows: np.ndarray, *_: np.ndarray) -> np.ndarray:
 
 
 def worker_count(workers: Any, kind: str = "threads") -> int:
-    """Return how many workers of that kind are meant."""
+    """Return the number of workers, with -1 resolved to the number of cores."""
     if not is_whole(workers, -1) or workers == 0:
         raise ArgumentError(f"workers is {workers!r}, expected a number of {kind}, or -1 for all cores")
     return (os.cpu_count() or 1) if workers == -1 else int(workers)
 
 
 def first_slice(model_bytes: int) -> int:
-    """Return how many rows to ask at first, of points or segments, which may be anywhere."""
+    """Return the number of rows in the first slice of points or segments, which may be anywhere."""
     return min(max(SMALLEST_FIRST, FIRST_BYTES // model_bytes), LARGEST_SLICE)
 
 
@@ -232,12 +232,12 @@ def run_batch(
     order_of: OrderOf | None,
     size: int = LARGEST_SLICE,
 ) -> list[tuple[int, Any]]:
-    """Ask for all rows, sorted if there are many, on as many threads as wanted.
+    """Run a query for all rows, sorted if there are many, on the given number of threads.
 
-    *ask*: given an order and the arrays, or a slice of each, asks for the rows of that number, or for all as
-    they come where the order is empty. *arrays*: what *ask* takes, N rows each; one that has a single row
-    stands for all. *order_of*: given the arrays, or a slice of each, the order to take their rows in; None:
-    as they come. Returned: for each slice, the first row that it was cut from, and what *ask* has returned.
+    *ask*: takes an order and the arrays, or a slice of each; it answers the rows in that order, or all rows
+    as they are if the order is empty. *arrays*: the arguments of *ask*, N rows each; an array with a single
+    row applies to all. *order_of*: takes the arrays, or a slice of each, and returns the order of their rows;
+    None keeps the order given. Returns, for each slice, the first row of its arrays and the result of *ask*.
     """
     thread_count = worker_count(workers)
     count = len(arrays[0])
@@ -269,7 +269,7 @@ def _run_on_threads(
                 for chunk in chunks:
                     answers += chunk.result()
         finally:
-            is_over.set()  # whoever is interrupted here has the threads stop, and waits for that
+            is_over.set()  # after an interrupt, the pool's exit waits until the threads have stopped
     return answers
 
 
@@ -288,9 +288,9 @@ class Block:
     def ask(
         self, ask: Ask, at: int, last: int, size: int, is_over: Event | None = None
     ) -> list[tuple[int, Any]]:
-        """Ask for rows *at* to *last*, in slices.
+        """Run a query for rows *at* to *last*, in slices.
 
-        *at*, *last*: of the order, or of the rows where there is none.
+        *at*, *last*: positions in the order, or row numbers if there is none.
         """
         answers = []
         while at < last and not (is_over and is_over.is_set()):

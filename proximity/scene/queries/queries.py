@@ -1,11 +1,11 @@
-"""The queries that solids and scenes answer alike: points, rays and segments."""
+"""Point, ray and segment queries, common to solids and scenes."""
 
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numpy import inf  # looked up in NumPy, it would cost calls of five points 2 %
+from numpy import inf  # looked up in NumPy, it would add 2 % to calls of five points
 
 from proximity.errors import ArgumentError, NotWatertightError, ProximityError
 from proximity.kernels.answers import (
@@ -28,10 +28,10 @@ from proximity.scene.queries.checked_query import LARGEST_SLICE, CheckedQuery, O
 from proximity.scene.queries.results import ClosestPoints, RayHits, Reals, SegmentHits
 
 SORT_RAYS_FROM = 1024
-"""Rays from which on a batch is sorted."""
+"""Number of rays from which a batch is sorted."""
 SORT_RAYS_IN = 1 << 20
-"""Bytes of a model from which on that is worth it: it costs 15 ns a ray; in one that fits into a nearer cache
-it spares no more than that."""
+"""Bytes of a model from which sorting pays: it costs 15 ns a ray, no less than it saves with a model that
+fits into a nearer cache."""
 
 
 def _no_inside(_: int) -> ProximityError:
@@ -72,12 +72,12 @@ _closest_to_segments = CheckedQuery(
 
 
 class Queries:
-    """Distance, inside, rays and segments; a base for what has a `Model`."""
+    """Distance, containment, ray and segment queries; a base class of owners of a `Model`."""
 
     __slots__ = ()
 
     def snapshot(self) -> Model:
-        """Return the arrays that are queried, up to date."""
+        """Return the up-to-date arrays for queries."""
         raise NotImplementedError
 
     def closest(
@@ -89,11 +89,11 @@ class Queries:
         ----------
         points : (..., 3) float64, m
             Points to measure from. A point that is not finite, or farther away than 1e100 part sizes, is
-            answered with nan and `NO_FACE`; the others are answered as usual.
+            answered with nan and `NO_FACE`; the others are not affected.
         max_distance : float or (...) float64, m
-            Search no farther than this. An array broadcasts against the leading shape of *points*, which
-            then is that of both. It changes the cost, never an answer within it. Points deeper inside than
-            this have no answer.
+            Search no farther than this. An array broadcasts against the leading shape of *points*; the answer
+            has the common shape. The limit changes the cost, never an answer within it. Points deeper inside
+            than this have no answer.
         workers : int
             Threads; -1 for all cores. The answers are the same, bit for bit.
 
@@ -111,12 +111,12 @@ class Queries:
         Notes
         -----
         Sign: per part, see `SignMethod`; of a scene, the smallest signed distance over its parts: exact
-        outside, inside a lower bound of the depth. A part without an inside counts with its distance.
+        outside, a lower bound of the depth inside. A part without an inside counts with its distance.
         On the surface: distance 0, gradient is the pseudo-normal of the feature.
         Ties: the lowest part; within a part any of the nearest faces, the same on every run.
         Degenerate: faces without area answer as their edges. On them, and on edges and corners where the
-        normals of faces back to back cancel, there is no direction out: the gradient is 0.
-        Cost: about O(log F) on the surface, O(√F) near one that is finely meshed, towards O(F) at centres of
+        normals of faces back to back cancel, no direction is outward: the gradient is 0.
+        Cost: about O(log F) on the surface, O(√F) near a finely meshed one, towards O(F) at centres of
         symmetry.
         Thread: any number of threads may query; the interpreter lock is released.
         Source: Bærentzen & Aanæs 2005; Barill et al. 2018; see `kernels`.
@@ -208,7 +208,8 @@ class Queries:
         directions : (..., 3) float64
             Directions of the rays; any length except zero.
         max_distance : float or (...) float64, m
-            Look no farther along a ray than this; an array broadcasts against the leading shape of the rays.
+            Search no farther along a ray than this; an array broadcasts against the leading shape of the
+            rays.
         workers : int
             Threads; -1 for all cores.
 
@@ -228,8 +229,8 @@ class Queries:
         -----
         On the surface: a ray that starts there hits at distance 0.
         Ties: the lowest part; within a part any of the faces, the same on every run.
-        Degenerate: a ray never passes through an edge or corner of a closed surface. A face that is
-        parallel to the ray is not hit.
+        Degenerate: a ray never passes through an edge or corner of a closed surface. A face parallel to the
+        ray is not hit.
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
         record = RayHits()
@@ -253,14 +254,15 @@ class Queries:
         directions : (..., 3) float64
             Directions of the rays; any length except zero.
         max_distance : float or (...) float64, m
-            Look no farther along a ray than this; an array broadcasts against the leading shape of the rays.
+            Search no farther along a ray than this; an array broadcasts against the leading shape of the
+            rays.
         workers : int
             Threads; -1 for all cores.
 
         Returns
         -------
         (...) float64, m
-            Of the broadcast leading shape; inf where nothing is hit, nan in a row that is not finite, or
+            Of the broadcast leading shape; inf for a ray without a hit, nan in a row that is not finite, or
             starts farther away than 1e100 part sizes.
 
         Raises
@@ -304,8 +306,8 @@ class Queries:
 
         Notes
         -----
-        On the surface: a segment that crosses or touches it has distance 0; of several crossings the one
-        nearest to the start is reported.
+        On the surface: a segment that crosses or touches it has distance 0; the crossing nearest to the start
+        is reported.
         Ties: the lowest part; within a part any of the nearest faces, the same on every run.
         """
         record = SegmentHits()

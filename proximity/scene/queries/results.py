@@ -1,7 +1,7 @@
 """Results of queries: records of arrays with the leading shape S of the query's points.
 
-One point gives scalars, a grid gives a grid. Where there is no answer: `NO_FACE`, `NO_PART`, distance inf,
-points nan. Records are views of an array that a kernel has filled, and read-only.
+One point gives scalars, a grid gives a grid. A missing answer is `NO_FACE`, `NO_PART`, distance inf, points
+nan. Records are read-only views of an array that a kernel has filled.
 """
 
 from enum import IntEnum
@@ -24,14 +24,14 @@ from proximity.scene.html_table import html_table
 
 Reals = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int32]
-"""Types of fields, as a type checker knows them. One question answers with NumPy's scalars, which have the
-methods of arrays and count as numbers."""
+"""Types of fields, for type checkers. A single query answers with NumPy's scalars, which have the methods of
+arrays and count as numbers."""
 
 __all__ = ["NO_FACE", "NO_PART", "ClosestPoints", "Feature", "RayHits", "SegmentHits"]
 
 
 class Feature(IntEnum):
-    """The feature of a face that the closest point lies on."""
+    """The feature of a face that contains the closest point."""
 
     NONE = FEATURE_NONE
     FACE = FEATURE_FACE
@@ -40,14 +40,14 @@ class Feature(IntEnum):
 
 
 FEW_ROWS = 6
-"""Answers that a record shows all of."""
+"""Largest number of answers that a record shows in full."""
 
 
 class _Record:
-    """Columns of a table, float64 and behind them int32, seen in the shape of the question.
+    """Columns of a table, float64 followed by int32, in the shape of the query.
 
-    Most callers look at one or two: nothing is done for a column before it is asked for. Whoever makes a
-    record gives it its table: an `__init__` would be a twentieth of a call with five rays.
+    Most callers read one or two columns, so each is computed on access. The creator of a record assigns its
+    table: an `__init__` would take a twentieth of a call with five rays.
     """
 
     __slots__ = ("_table",)
@@ -67,12 +67,12 @@ class _Record:
 
     @property
     def part(self) -> Rows:
-        """S int32, index into ``scene.parts``; `NO_PART` where there is no answer."""
+        """S int32, index into ``scene.parts``; `NO_PART` without an answer."""
         return self._choice(0)
 
     @property
     def face_id(self) -> Rows:
-        """S int32, row of that part's ``solid.mesh.faces``; `NO_FACE` where there is no answer."""
+        """S int32, row of that part's ``solid.mesh.faces``; `NO_FACE` without an answer."""
         return self._choice(1)
 
     def __repr__(self) -> str:
@@ -99,13 +99,13 @@ def _shown(name: str, value: Any) -> str:
 
 
 def _kept(column: np.ndarray) -> Any:
-    """A column that nobody writes; of one question the number itself."""
+    """Return a column as read-only; for a single query, the number itself."""
     column.setflags(write=False)
     return column if column.ndim else column[()]
 
 
 class ClosestPoints(_Record):
-    """Answers to point queries, in the frame of the scene or solid that was asked."""
+    """Answers to point queries, in the frame of the scene or solid queried."""
 
     __slots__ = ()
     _choice_count = 4
@@ -122,7 +122,7 @@ class ClosestPoints(_Record):
 
     @property
     def signed_distance(self) -> Reals:
-        """S float64, m, negative inside; inf where nothing is within *max_distance*."""
+        """S float64, m, negative inside; inf if no surface is within *max_distance*."""
         return self._real(0)
 
     @property
@@ -132,7 +132,7 @@ class ClosestPoints(_Record):
 
     @property
     def gradient(self) -> Reals:
-        """S + (3,) float64, unit, direction of steepest increase of the signed distance; 0 where none is."""
+        """S + (3,) float64, unit, direction of steepest increase of signed distance; 0 if undefined."""
         return self._vector(4)
 
     @property
@@ -142,30 +142,30 @@ class ClosestPoints(_Record):
 
     @property
     def feature(self) -> Rows:
-        """S int32, a `Feature`: whether the point lies within the face, on an edge or at a vertex."""
+        """S int32, a `Feature`: face, edge or vertex that contains the point."""
         return self._choice(2)
 
     @property
     def is_signed(self) -> npt.NDArray[np.bool_]:
-        """S bool, False where the distance has no sign, since that part has no inside."""
+        """S bool, False if the distance has no sign, since that part has no inside."""
         is_signed = self._choice(3) != 0
         return _kept(is_signed) if is_signed.ndim else is_signed
 
 
 class RayHits(_Record):
-    """First hits of rays, in the frame of the scene or solid that was asked."""
+    """First hits of rays, in the frame of the scene or solid queried."""
 
     __slots__ = ()
     _fields = ("distance", "point", "normal", "part", "face_id", "barycentric")
 
     @property
     def distance(self) -> Reals:
-        """S float64, m along the ray; inf where it hits nothing within *max_distance*."""
+        """S float64, m along the ray; inf without a hit within *max_distance*."""
         return self._real(0)
 
     @property
     def point(self) -> Reals:
-        """S + (3,) float64, m, where it hits."""
+        """S + (3,) float64, m, the hit point."""
         return self._vector(1)
 
     @property
@@ -180,14 +180,14 @@ class RayHits(_Record):
 
 
 class SegmentHits(_Record):
-    """Shortest connections between segments and surfaces, in the frame of the scene or solid asked."""
+    """Shortest connections between segments and surfaces, in the frame of the scene or solid queried."""
 
     __slots__ = ()
     _fields = ("distance", "point_on_segment", "point_on_solid", "fraction", "part", "face_id", "barycentric")
 
     @property
     def distance(self) -> Reals:
-        """S float64, m, unsigned; 0 where the segment meets the surface, inf beyond the limit."""
+        """S float64, m, unsigned; 0 if the segment meets the surface, inf beyond the limit."""
         return self._real(0)
 
     @property
@@ -202,7 +202,7 @@ class SegmentHits(_Record):
 
     @property
     def fraction(self) -> Reals:
-        """S float64, where on the segment: 0 at its start, 1 at its end."""
+        """S float64, position on the segment: 0 at its start, 1 at its end."""
         return self._real(7)
 
     @property

@@ -1,15 +1,15 @@
-"""Archives: files of arrays that are memory-mapped, and refused if a bit has changed.
+"""Archives: memory-mapped files of arrays, rejected if a bit has changed.
 
-Knows files, arrays and JSON only; what the arrays mean is the business of `compiled`. A file is a header of
-`HEADER` bytes, a JSON document, and the arrays, each on a page of its own and filled up with zeros::
+This module knows files, arrays and JSON only; `compiled_scene` defines the contents. A file is a header of
+`HEADER` bytes, a JSON document, and the arrays, each starting on a page and padded with zeros::
 
     magic, byte order, format version, bytes of the file, bytes and checksum of the JSON part, own checksum
-    JSON: what the arrays are laid out for; their names, types, shapes, offsets and checksums; anything else
+    JSON: layout of the arrays; their names, types, shapes, offsets and checksums; any other data
     page by page: the arrays
 
-These first 64 bytes keep their form in every version, so that any version can tell what it has before it.
-Checksums guard against damage (a cut, a flipped bit, a page that went astray), not against malice: what the
-arrays say is looked at by `compiled_model`.
+The first 64 bytes keep their form in every version, so that any version can recognise any file. Checksums
+guard against damage (a cut, a flipped bit, a misplaced page), not against malice: `compiled_model` validates
+the contents of the arrays.
 """
 
 import json
@@ -52,23 +52,23 @@ SENTENCES = {
     stored_bytes.BAD_ARRAY: "it is damaged: the checksum of {name} differs",
     stored_bytes.BAD_END: "its table of arrays does not fit it (the end)",
 }
-"""Of each kind of fault: {0} and {1} are the numbers that a kernel noted, {name} the array."""
+"""Message of each kind of fault: {0} and {1} are numbers from the kernel, {name} the array."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contents:
     """Contents of an archive."""
 
-    metadata: dict[str, Any]  # as it was written
+    metadata: dict[str, Any]  # as written
     arrays: dict[str, np.ndarray]  # mapped copy-on-write: changes stay in this process
 
 
 def check_extension(path: Any) -> None:
-    """Refuse to write to a name that does not end in ".prox": it could be that of a mesh."""
+    """Raise an error unless a name ends in ".prox": it could be that of a mesh."""
     try:
         name = os.fsdecode(path)
     except TypeError:
-        return  # refused where it is written
+        return  # raises where it is written
     if name and not name.lower().endswith(EXTENSION):
         raise SceneError(f"{name} does not end in {EXTENSION}, expected the name of a compiled scene")
 
@@ -79,10 +79,10 @@ def check_extension(path: Any) -> None:
 def write_archive(
     path: Any, metadata: dict[str, Any], arrays: dict[str, np.ndarray], layout: dict[str, int]
 ) -> None:
-    """Write a file, wholly or not at all: until it is whole it bears another name.
+    """Write a file atomically: until it is complete it has another name.
 
-    *path*: a file that is there is replaced; who has it mapped keeps the old one. *layout*: what the arrays
-    are laid out for; whoever reads must say the same.
+    *path*: an existing file is replaced; a process that has it mapped keeps the old one. *layout*: layout of
+    the arrays; a reader must give the same.
     """
     head = _head(metadata, arrays, layout)
     with whole_file(path, takes_devices=False) as file:
@@ -90,12 +90,12 @@ def write_archive(
 
 
 def _head(metadata: dict[str, Any], arrays: dict[str, np.ndarray], layout: dict[str, int]) -> bytes:
-    """Header and JSON, filled up to whole pages."""
+    """Return header and JSON, padded to whole pages."""
     table, offset = [], 0
     for name, array in arrays.items():
         entry = {"name": name, "dtype": array.dtype.name, "shape": list(array.shape), "offset": offset}
         in_order = np.ascontiguousarray(array).reshape(-1)
-        with np.errstate(over="ignore"):  # sums go round, which plain Python would tell of
+        with np.errstate(over="ignore"):  # sums wrap around, which uncompiled kernels would warn of
             table.append({**entry, "checksum": checksum_of(in_order.view(np.uint8))})
         offset += _whole_pages(array.nbytes)
     document = {"version": proximity.__version__, "layout": layout, "arrays": table, "metadata": metadata}
@@ -118,13 +118,13 @@ def _write_all(file: BinaryIO, head: bytes, arrays: dict[str, np.ndarray]) -> No
 
 
 def read_archive(path: Any, layout: dict[str, int]) -> Contents:
-    """Map a file, after looking at every bit of it.
+    """Map a file, after verifying all of its checksums.
 
-    *path*: the file. It must not be changed in place as long as the arrays live; `write_archive` never does.
+    *path*: the file. It must not be changed in place while the arrays exist; `write_archive` never does.
 
     Notes
     -----
-    Cost: reading the file at the speed of memory, if the system has it there: 10 to 30 ms for 200 MB.
+    Cost: reading the file at the speed of memory, if the system has it cached: 10 to 30 ms for 200 MB.
     """
     shown = os.fsdecode(path)
     try:
@@ -143,12 +143,12 @@ def read_archive(path: Any, layout: dict[str, int]) -> Contents:
         raise type(reason)(f"{shown}: {reason}") from None
     except OSError as reason:
         raise MeshFormatError(f"{shown}: it cannot be opened ({_reported(reason)})") from reason
-    except _NOT_UNDERSTOOD as reason:  # its checksums are right, but not what it says
+    except _NOT_UNDERSTOOD as reason:  # its checksums are right, but not its contents
         raise MeshFormatError(f"{shown}: its description cannot be understood; {AGAIN}") from reason
 
 
 def _checked_header(whole: np.ndarray) -> int:
-    """Bytes of the JSON part, if the file is whole and of this version and machine."""
+    """Return the bytes of the JSON part, if the file is whole and of this version and machine."""
     fault = np.zeros(FAULT_SIZE, np.int64)
     _refuse(stored_bytes.fault_in_header(whole, fault), fault)
     return int(fault[0])
@@ -176,7 +176,7 @@ def _check_layout(document: dict[str, Any], expected: dict[str, int]) -> None:
 
 
 def _checked_arrays(data: np.ndarray, table: list[dict[str, Any]]) -> dict[str, np.ndarray]:
-    """The arrays in *data*, which they fill from its first byte to its last, each as it was written."""
+    """Return the arrays, which must fill *data* and match their checksums."""
     rows, fault = [], np.zeros(FAULT_SIZE, np.int64)
     for entry in table:
         dtype, shape = _TYPES.get(entry["dtype"]), entry["shape"]

@@ -1,7 +1,7 @@
 """Compiled scenes: saving a scene with its trees, and opening it without building them.
 
-What a scene, its parts and their solids consist of is listed here once, for writing and reading. Parts share
-a file's few long arrays, however many they are.
+The fields of scenes, parts and solids are listed here once, for writing and reading. All parts share a few
+long arrays in the file.
 """
 
 from collections.abc import Iterable
@@ -46,13 +46,13 @@ LAYOUT |= {
     for field in layout.PART.names or ()
 }
 LAYOUT["SCENE_GRID"] = LAYOUT["PART_GRID"]
-"""Numbers by which the arrays of a model are laid out: a file with others is refused. What no number shows,
-say another meaning of a column, needs another `archive.FORMAT_VERSION`."""
+"""Numbers that define the layout of a model's arrays: a file with others is rejected. A change that no number
+shows, such as another meaning of a column, needs another `archive.FORMAT_VERSION`."""
 
 _FIELDS = (
     "name", "repairs", "velocity", "angular_velocity", "is_hidden", "stiffness", "damping",
 )  # fmt: skip
-"""Fields of a part that JSON can hold. Solid, pose and source faces are arrays."""
+"""Fields of a part that are stored as JSON. Solid, pose and source faces are arrays."""
 
 
 _CONTRADICTIONS = (ValueError, TypeError, LookupError, ArithmeticError, MeshFormatError)
@@ -68,9 +68,9 @@ class CompiledScene:
 
 
 def write_scene(path: Any, model: Model, parts: Iterable[Any], report: Any) -> None:
-    """Write what a scene consists of."""
+    """Write the contents of a scene."""
     parts = list(parts)
-    # A solid may be in several parts: it is written once, and its first part is where its arrays are.
+    # A solid in several parts is written once; its arrays are those of its first part.
     row_of: dict[int, int] = {}
     for row, part in enumerate(parts):
         row_of.setdefault(id(part.solid), row)
@@ -89,7 +89,7 @@ def write_scene(path: Any, model: Model, parts: Iterable[Any], report: Any) -> N
     }
     arrays = {
         "reals": model.reals,
-        # Of this model's words nothing changes, but of those that later models of its scene are written to.
+        # A copy: later models of the scene write to other words of the same array.
         "words": model.words.copy(),
         "frames": layout.columns_of(model.frames),
         "parts": layout.columns_of(model.parts),
@@ -102,11 +102,11 @@ def write_scene(path: Any, model: Model, parts: Iterable[Any], report: Any) -> N
 
 
 def read_scene(path: Any) -> CompiledScene:
-    """Return what `write_scene` wrote; the arrays are mapped, and trees are not made anew."""
+    """Return the scene that `write_scene` wrote; its arrays are mapped, and trees are not rebuilt."""
     contents = read_archive(path, LAYOUT)
     try:
         return _scene(contents.metadata, contents.arrays)
-    except _CONTRADICTIONS as reason:  # its checksums are right, but not what it says
+    except _CONTRADICTIONS as reason:  # its checksums are right, but not its contents
         raise MeshFormatError(
             f"{path}: its contents are inconsistent ({reason}); save the scene again with this version"
         ) from reason
@@ -147,11 +147,11 @@ def _scene(metadata: dict[str, Any], arrays: dict[str, np.ndarray]) -> CompiledS
     values = _values(fields, names)
     poses = _array(arrays, "poses", np.float64, 12)
     _write_rows(frames, rows, poses, values)
-    # What walks the trees counts on all of it, from here on.
+    # From here on, traversals rely on a valid model.
     complete_model(*model_arrays, names)
     model = finished(*model_arrays, names=names)
 
-    # Solids look at rows of their own: those of the scene's model serve for others once its parts have moved.
+    # Solids have separate rows: those of the scene's model are reused once its parts have moved.
     whole = finished(reals, words, frames.copy(), rows.copy())
     solids, solid_of_part = _solids(metadata, arrays, whole, names)
     faces = _slices(
@@ -170,7 +170,7 @@ def _scene(metadata: dict[str, Any], arrays: dict[str, np.ndarray]) -> CompiledS
 
 
 def _values(fields: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
-    """Fields of all parts, by name: a list each, one entry a part."""
+    """Return the fields of all parts by name, a list with one entry a part each."""
     count = len(names)
     stiffness, damping = surfaces_of(fields["stiffness"], fields["damping"], names)
     return {
@@ -185,7 +185,7 @@ def _values(fields: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _write_rows(frames: np.ndarray, rows: np.ndarray, poses: np.ndarray, values: dict[str, Any]) -> None:
-    """Write into the tables of parts what is said of them elsewhere in the file: that is what holds."""
+    """Overwrite the tables with the poses, velocities, surfaces and visibility from the metadata."""
     count = len(poses)
     expect(count == len(values["name"]), f"there are {len(values['name'])} parts, but {count} poses")
     for table, what in ((rows, "the trees"), (frames, "frames")):
@@ -200,7 +200,7 @@ def _write_rows(frames: np.ndarray, rows: np.ndarray, poses: np.ndarray, values:
 def _solids(
     metadata: dict[str, Any], arrays: dict[str, np.ndarray], model: Model, names: tuple[str, ...]
 ) -> tuple[list[Solid], list[int]]:
-    """The solids, and which of them each part has."""
+    """Return the solids, and the solid number of each part."""
     rows = model.parts
     reported = [solid_of(each, len(names)) for each in list_of(list, metadata["solids"], "solids")]
     solid_of_part = numbers_below(len(reported), metadata["solid_of_part"], "solid_of_part", len(names))
@@ -239,7 +239,7 @@ def _array(arrays: dict[str, np.ndarray], name: str, dtype: type, columns: int |
 
 
 def _slices(array: np.ndarray, counts: list[int]) -> list[np.ndarray]:
-    """*array* cut into runs of so many rows, read-only."""
+    """Return *array* cut into runs of *counts* rows, read-only."""
     ends = np.cumsum([0, *counts]).tolist()
     expect(ends[-1] == len(array), f"there are {len(array)} rows, but {ends[-1]} are spoken of")
     array.flags.writeable = False

@@ -1,4 +1,4 @@
-"""The description in a compiled scene: types and ranges of what it says."""
+"""The description in a compiled scene: types and ranges of its entries."""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -31,9 +31,9 @@ def expect(is_right: Any, message: str) -> None:
 
 
 def list_of(kind: type, value: Any, what: str, count: int | None = None) -> list[Any]:
-    """Return *value* if it is a list of *kind*, of *count* where that is given.
+    """Return *value* if it is a list of *kind*, of *count* entries if given.
 
-    *kind*: of all entries, exactly: True is no whole number.
+    *kind*: exact type of all entries: True is not a whole number.
     """
     expect(type(value) is list, f"{what} are {_shown(value)}, expected a list")
     expect(count is None or len(value) == count, f"there are {len(value)} {what}, expected {count}")
@@ -43,7 +43,7 @@ def list_of(kind: type, value: Any, what: str, count: int | None = None) -> list
 
 
 def numbers_below(limit: int, value: Any, what: str, count: int | None = None) -> list[int]:
-    """Return *value* if it is a list of whole numbers from 0 up to, but not, *limit*."""
+    """Return *value* if it is a list of whole numbers from 0 to *limit* - 1."""
     numbers = list_of(int, value, what, count)
     bad = next((number for number in numbers if not 0 <= number < limit), None)
     expect(bad is None, f"{what} have {_shown(bad)}, expected 0 to {limit - 1}")
@@ -51,14 +51,14 @@ def numbers_below(limit: int, value: Any, what: str, count: int | None = None) -
 
 
 def names_of(value: Any) -> tuple[str, ...]:
-    """Return the names of parts, which must differ."""
+    """Return the names of parts, which must be unique."""
     names = list_of(str, value, "names")
     expect(len(set(names)) == len(names), "two parts have one name")
     return tuple(names)
 
 
 def repairs_of(value: Any) -> Repairs:
-    """Return repairs of a dictionary of counts."""
+    """Return repairs from a dictionary of counts."""
     expect(type(value) is dict and tuple(value) == _REPAIRS, f"repairs are {_shown(value)}")
     for entry in value.values():
         expect(type(entry) in (bool, int, float) and 0 <= entry < np.inf, f"repairs are {_shown(value)}")
@@ -106,7 +106,7 @@ def report_of(value: Any) -> dict[str, Any] | None:
 
 
 def solid_of(value: Any, part_count: int) -> tuple[int, str, SignMethod, str, bool]:
-    """Return what is said of a solid: first part, name, sign method, reason, and whether it is watertight."""
+    """Return a solid's fields: first part, name, sign method, reason, and whether it is watertight."""
     expect(type(value) is list and len(value) == 5, f"a solid is {_shown(value)}")
     kinds: tuple[Callable[..., Any], ...] = (int, str, str, str, bool)
     expect(all(type(entry) is kind for entry, kind in zip(value, kinds, strict=True)),
@@ -119,6 +119,6 @@ def solid_of(value: Any, part_count: int) -> tuple[int, str, SignMethod, str, bo
 
 
 def _shown(value: Any) -> str:
-    """A value as text that fits into a sentence."""
+    """Return a value as text, shortened for a message."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,7 +1,6 @@
-"""The model in a compiled scene, validated before anything walks it; and what is said of its faults.
+"""The model in a compiled scene, validated before any traversal; and messages for its faults.
 
-Kernels check no bounds. So every number that says where something lies is compared with what is there, see
-`kernels.scene.store`.
+Kernels check no bounds, so every stored position is compared with the arrays, see `kernels.scene.store`.
 """
 
 import numpy as np
@@ -81,17 +80,17 @@ SENTENCES = {
     opened_model.BAD_ORDER: "the tree over the parts that have moved does not have each of them once",
     opened_model.BEYOND_FRAME: "its parts reach beyond the scene's frame",
 }
-"""Of each kind of fault: {0} to {2} are the numbers that a kernel noted, {3} and {4} nodes and blocks of the
-part."""
+"""Message of each kind of fault: {0} to {2} are numbers from the kernel, {3} and {4} the counts of nodes and
+blocks of the part."""
 MOVE_LIMITS = ORTHONORMAL_TOLERANCE, FARTHEST_MOVE, FASTEST_MOVE
 
 
 def complete_model(
     reals: np.ndarray, words: np.ndarray, frames: np.ndarray, parts: np.ndarray, names: tuple[str, ...]
 ) -> None:
-    """Check a model, and write again what follows from poses and from which parts are hidden.
+    """Validate a model, and recompute all that depends on poses and visibility.
 
-    *frames*, *parts*: with what is true of poses, velocities, surfaces and which parts are hidden.
+    *frames*, *parts*: with the final poses, velocities, surfaces and visibility.
     """
     fault, columns = np.zeros(model_validation.FAULT_SIZE, np.int64), layout.columns_of(parts)
     kind = opened_model.complete_model(reals, words, frames, parts, columns, len(names), *MOVE_LIMITS, fault)
@@ -108,7 +107,7 @@ def check_mesh(
 ) -> None:
     """Check that a part's faces are those of a mesh.
 
-    *words*, *parts*: of a model of which `check_parts` has looked at the parts. *vertices*: (V, 3) m;
+    *words*, *parts*: of a model whose parts `check_parts` has validated. *vertices*: (V, 3) m;
     *faces*: (F, 3).
     """
     fault, corners = np.zeros(model_validation.FAULT_SIZE, np.int64), np.empty(len(vertices), np.int32)
@@ -119,7 +118,7 @@ def check_mesh(
 
 
 def _raise_at(kind: int, fault: np.ndarray, parts: np.ndarray, names: tuple[str, ...]) -> None:
-    """Raise what a kernel has found."""
+    """Raise an error with the message of a kernel's fault, if any."""
     if kind == model_validation.SOUND:
         return
     part, *numbers = fault.tolist()
@@ -132,5 +131,5 @@ def _raise_at(kind: int, fault: np.ndarray, parts: np.ndarray, names: tuple[str,
 
 
 def named(part: int, names: tuple[str, ...]) -> str:
-    """Return what a part is called in messages."""
+    """Return the name of a part in messages."""
     return f"part {part} {names[part]!r}"

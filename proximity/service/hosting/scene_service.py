@@ -201,7 +201,7 @@ class _Beside:
             self._stop.set()
             return
         if self._seconds is not None:
-            # Not by this thread: an edit of a large part may take minutes.
+            # In another thread: an edit of a large part may take minutes.
             self._timer = threading.Timer(self._seconds, self._stop.set)
             self._timer.daemon = True
             self._timer.start()

@@ -50,12 +50,12 @@ class Request:
 class ChangesInput:
     """Changes of parts, as `CHANGES`, `ADDITIONS` and `DEFORMATIONS` messages at an address.
 
-    What one message says is done as a whole. One that cannot be done is refused and counted, with the reason
-    of the first of each kind, and the scene stays as it is.
+    A message is applied completely or, if that fails, not at all: then it is refused and counted, with the
+    reason of the first of each kind.
 
-    *requests*: where to put what takes long; the thread that carries it out writes ``refusal``, ``is_over``.
-    *describe*: is called when a message asks for the description, *refuse* with kind and reason of one that
-    is refused. *deforming*: is entered while a shape changes.
+    *requests*: queue of slow changes; the thread that executes them writes ``refusal`` and ``is_over``.
+    *describe*: called when a message requests the description; *refuse*: with kind and reason of a refused
+    message. *deforming*: entered while a shape changes.
     """
 
     requests: SimpleQueue[Request | None]

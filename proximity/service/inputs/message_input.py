@@ -42,7 +42,7 @@ class MessageInput:
         self.address = address
         self._inbox = Inbox(address, tuple(self._readers), clock)
         self._gloves, self._everybody = gloves, np.arange(count)
-        # Their arrays are replaced by views of each message.
+        # Each message replaces their arrays by views.
         self._poses, self._measured = FingerPoses(0), Measurements(0)
 
     @property

@@ -1,4 +1,4 @@
-"""Bounds of boxes: never above the distance of anything inside, however far the point, whatever rounds."""
+"""Lower bounds of boxes, correct at any distance despite rounding."""
 
 from fractions import Fraction
 
@@ -30,7 +30,7 @@ compiled = numba.njit(error_model="numpy")
 
 @compiled
 def open_lanes(node, points, best_sq, bounds, opened):
-    """Of each point: the bounds of the node's boxes, and which lanes a walk with that best would open."""
+    """Bounds of the node's boxes for each point, and the lanes that a traversal with that best opens."""
     for i in range(len(points)):
         px, py, pz = points[i]
         point_lanes = lanes_of_point(px, py, pz)
@@ -58,7 +58,7 @@ def opened_at(node, points, best_sq):
 
 
 def rounded_distance_sq(point, contents):
-    """Squared distance from a point to the nearest of points, as low as a walk may compute it."""
+    """Squared distance from a point to the nearest of points, as low as a traversal may compute it."""
     exact = min(
         sum((Fraction(x) - Fraction(y)) ** 2 for x, y in zip(point.tolist(), q.tolist(), strict=True))
         for q in contents
@@ -95,7 +95,7 @@ def test_box_that_holds_the_nearest_point_is_always_opened(reach, size):
 
 @pytest.mark.parametrize(("nearest", "farthest"), [(1.0, 2.0), (2.0, 8.0)])
 def test_boxes_in_the_corners_are_opened_from_the_opposite_ones(nearest, farthest):
-    # Where rounding of the squares and of the point is largest beside the margin.
+    # Here rounding of the squares and of the point is largest relative to the margin.
     rng = np.random.default_rng(7)
     contents = np.array([[[i & 1, i >> 1 & 1, i >> 2]] for i in range(LANES)], float) * 2.0 - 1.0
     points = rng.uniform(nearest, farthest, (1500, 3)) * rng.choice([-1, 1], (1500, 3))
@@ -147,7 +147,7 @@ def test_unused_lane_is_never_opened(best, distance):
 
 @pytest.mark.parametrize("distance", [0.5, 3.0, 1e12, 1e26, 1e30, 1e99])
 def test_everything_is_opened_as_long_as_nothing_is_found(distance):
-    # Was: from 1e26 part sizes on all bounds were infinite, and the walk read beside its arrays.
+    # Regression: from 1e26 part sizes on all bounds were infinite, and the traversal read out of bounds.
     node = node_of(np.random.default_rng(7).uniform(-1, 1, (LANES, 2, 3)))
 
     opened, _ = opened_at(node, np.array([[distance, -distance, 0.1]]), np.array([np.inf]))
@@ -157,7 +157,7 @@ def test_everything_is_opened_as_long_as_nothing_is_found(distance):
 
 @pytest.mark.parametrize("distance", [1.0, 1.99, 2.01, 10.0, 1e3, 1e6])
 def test_far_point_still_tells_near_boxes_from_far_ones(distance):
-    # Else a point a kilometre from a screw would look at every face.
+    # Otherwise a point a kilometre from a screw would test every face.
     contents = np.zeros((2, 1, 3))
     contents[0, 0, 0], contents[1, 0, 0] = 0.9, -0.9
     point = np.array([[distance, 0.0, 0.0]])

@@ -1,4 +1,4 @@
-"""The order in which points are walked: every row once, and cells along the curve one after another."""
+"""Morton order of points: every row once, and cells along the curve in sequence."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from proximity.kernels.geometry.morton_order import CELL_BITS, morton_order
 
 
 def place_on_curve(points):
-    """Of the cell of each point, by whole numbers of any size."""
+    """Morton code of each point's cell, by Python integers."""
     lower = points.min(axis=0)
     extent = float((points.max(axis=0) - lower).max())
     cells = ((points - lower) * ((2**CELL_BITS - 1) / extent)).astype(int)

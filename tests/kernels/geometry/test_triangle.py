@@ -1,4 +1,4 @@
-"""One triangle and one point: the walk's formula, for one and for eight, and its closest feature."""
+"""One triangle and one point: the traversal's formula, scalar and for eight, and the closest feature."""
 
 import numba
 import numpy as np
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.internals
 
 ROUNDING = 2.0**-52
 ALLOWED = 4.0
-"""Units of the last place of the largest coordinate, at least of 1: the largest seen is 2.9."""
+"""In units of the last place of the largest coordinate, at least of 1; the largest error seen is 2.9."""
 
 
 @numba.njit(error_model="numpy")
@@ -61,7 +61,7 @@ def products(a, b, c, d):
 
 
 def in_blocks(triangles):
-    """Each triangle in lane 0 of a block whose other lanes hold those that follow."""
+    """Each triangle in lane 0 of a block, followed by the next triangles in the other lanes."""
     rows = np.arange(len(triangles))[:, None] + np.arange(LANES)
     return triangles.reshape(-1, 9)[rows % len(triangles)].transpose(0, 2, 1).ravel()
 
@@ -119,7 +119,7 @@ def hard_triangles(rng, kind, count):
 
 
 def hard_points(rng, triangles, farthest=10.0):
-    """Points on, over, beside and far from the triangles."""
+    """Points on, over, near and far from the triangles."""
     count = len(triangles)
     weights = rng.dirichlet((1, 1, 1), count)
     weights[::5] = np.eye(3)[rng.integers(0, 3, len(weights[::5]))]
@@ -260,7 +260,7 @@ def test_height_over_a_face_has_the_side_of_the_normal():
 def test_point_beyond_an_obtuse_corner_belongs_to_the_long_side():
     #   2
     #      .  .
-    #          0 ------ 1     the foot lies left of edge 0, over no corner
+    #          0 ------ 1     the foot is to the left of edge 0, not over a corner
     corners = [[0, 0, 0], [1, 0, 0], [-4, 1, 0]]
     closest, features = closest_of([-1.5, 0.625, 0.0], corners)
 
@@ -269,7 +269,7 @@ def test_point_beyond_an_obtuse_corner_belongs_to_the_long_side():
 
 
 def test_closest_point_of_a_needle_thinner_than_rounding_stays_at_its_place():
-    # Was: the weights' clamp moved the point along the needle by up to its length.
+    # Regression: clamped weights moved the point along the needle by up to its length.
     rng = np.random.default_rng(2)
     along = np.array([0.3, 0.5, 0.7])
     triangles = np.array([[along * 0.1, along * 0.8, along * t] for t in rng.uniform(0.1, 0.8, 500)])
@@ -283,8 +283,8 @@ def test_closest_point_of_a_needle_thinner_than_rounding_stays_at_its_place():
 @pytest.mark.parametrize("first", [0, 1, 2])
 @pytest.mark.parametrize("order", [1, -1])
 def test_point_beyond_the_short_side_of_a_needle_is_not_over_its_face(first, order):
-    # Was: one side of three taken from the other two; with the tip at corner a the distance was wrong by up
-    # to 1 % of the part's size.
+    # Regression: one side was derived from the other two; with the tip at corner a the distance was off by
+    # up to 1 % of the part's size.
     #   a ----------------------- b
     #     ---------------------- c    . p
     rng = np.random.default_rng(5)
@@ -318,7 +318,7 @@ SHORT_EDGES = """
 
 
 def test_edges_shorter_than_rounding_have_weights_within_a_triangle():
-    # Was: a parameter of 50 on an edge of 1e-16, and so a weight of -49.
+    # Regression: a parameter of 50 on an edge of 1e-16 gave a weight of -49.
     cases = np.array([float.fromhex(number) for number in SHORT_EDGES.split()]).reshape(2, 4, 3)
     triangles, points = cases[:, :3], cases[:, 3]
 
@@ -367,7 +367,7 @@ def test_scaling_by_a_power_of_two_scales_to_the_bit(power):
 
     if power > -40:
         np.testing.assert_array_equal(scaled, expected * scale**2)
-    else:  # every square is below TINY: the corners answer for the face, which is 1e-18 small
+    else:  # every square is below TINY: the corners replace the face, which is 1e-18 small
         assert abs(np.sqrt(scaled) - np.sqrt(expected) * scale).max() <= 4.0 * scale
 
 

@@ -18,7 +18,7 @@ SHAPES = {
     "cavity": shapes.hollow_cube(),
 }
 PLACES = [(1.0, 0.0), (1e-9, 0.0), (1e60, 0.0), (1.0, 1e4)]
-"""Scales, and how far from the origin."""
+"""Scales, and distances from the origin."""
 
 
 def placed(name, place):
@@ -60,7 +60,7 @@ def test_flat_and_single_points_enclose_nothing():
 
 @pytest.mark.parametrize("way", [1, -1])
 def test_ball_and_the_same_inside_out_enclose_nothing(way):
-    # Was: rounding, and so by chance less than nothing; then all faces were turned.
+    # Regression: a volume of rounding only, negative by chance, reversed all faces.
     vertices, faces = shapes.sphere(1.0, 3)
     rotated = vertices @ shapes.rotation(7).T
     both = np.concatenate([faces[:, ::way], faces[:, ::-way]]).astype(np.int32)
@@ -115,7 +115,7 @@ def test_shells_are_told_apart():
 
 
 def expected_topology(corners):
-    """Neighbours and counts of edges as sorting all half-edges says."""
+    """Neighbours and edge counts by sorting all half-edges."""
     one, other = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
     low, high, direction = np.minimum(one, other), np.maximum(one, other), np.sign(other - one)
     edge, counts = np.unique(np.stack([low, high], axis=1), axis=0, return_inverse=True, return_counts=True)[
@@ -166,7 +166,7 @@ def shell_count_of(face_count, links):
 
 
 def test_corner_that_everything_meets_at_costs_no_more():
-    # All in one place of the last pass: what is sorted within such places takes the square of it.
+    # All edges share one bucket of the last pass, within which sorting takes quadratic time.
     rim = np.random.default_rng(7).permutation(np.arange(1, 10_001)).astype(np.int32)
     fan = np.stack([np.zeros(10_000, np.int32), rim, np.roll(rim, 1)], axis=1)
 
@@ -180,7 +180,7 @@ def test_corner_that_everything_meets_at_costs_no_more():
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("turn", [1, -1])
 def test_long_chains_are_one(seed, turn):
-    """A strip of faces, in order from either end and at random."""
+    """A strip of faces, ordered from either end and randomly."""
     rows = np.arange(100_000)[::turn]
     rows = np.random.default_rng(seed).permutation(rows) if seed else rows
     strip = np.stack([rows, rows + 1, rows + 2], axis=1).astype(np.int32)

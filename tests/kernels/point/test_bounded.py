@@ -1,4 +1,4 @@
-"""The walk with a budget: bounds that hold whatever was spent, an end always, nothing written elsewhere."""
+"""The budgeted traversal: bounds correct for any work, guaranteed termination, no stray writes."""
 
 import itertools
 from dataclasses import replace
@@ -46,27 +46,27 @@ from proximity.scene.model.assembly import assemble
 pytestmark = pytest.mark.internals
 
 ROUNDING = 1e-13
-"""What distances are off, relative and in coordinates; accuracy.md says 1e-12 and 1e-15, in lengths."""
+"""Error of distances, relative and in coordinates; accuracy.md states 1e-12 and 1e-15, in lengths."""
 
 
 def assert_between(low, distance, high, size):
-    """Whether a distance lies between two, but for its own rounding."""
+    """Check that a distance lies between two bounds within its own rounding."""
     slack = ROUNDING * (distance + size)
     assert low - slack <= distance <= high + slack, (low, distance, high)
 
 
 @pytest.mark.parametrize("name", SCENES + MINUTE_BESIDE_LARGE)
 def test_bounds_hold_whatever_the_budget(name):
-    """From nothing, from a triangle that is known, and within a limit; whatever ends is exact to the bit."""
+    """Start without a candidate, from a known triangle, or with a limit; complete traversals are exact."""
     rng = np.random.default_rng(7)
     model, mesh = scene_named(name)
     points = points_at(mesh, rng, 40)
     if name in MINUTE_BESIDE_LARGE:
         points = float(name) * rng.normal(size=(40, 3)) * 10.0 ** rng.uniform(-0.5, 0.5, (40, 1))
-        # Others between the two; along axes as well, so far away for the small one that squares overflow.
+        # Other points between the two parts, some along axes; for the small part their squares overflow.
         points[::4] = rng.normal(size=(10, 3)) * 10.0 ** rng.uniform(np.log10(float(name)), -1, (10, 1))
         points[4::12, :2] = 0.0
-    # Of the small part where that is the question: the oracle is right beside the large one.
+    # Relative to the small part in those cases: the oracle is accurate next to the large one.
     size = float(name) if name in MINUTE_BESIDE_LARGE else abs(mesh[0]).max()
     scale = model.frames["scale"][-1]
     used = np.flatnonzero(~np.isnan(model.reals[: BLOCK_STRIDE * block_count(model)].reshape(-1, 9, 8)[:, 0]))
@@ -94,7 +94,7 @@ def test_bounds_hold_whatever_the_budget(name):
 @pytest.mark.parametrize("tolerance", [0.02, 0.1, 0.5, 1.0])
 @pytest.mark.parametrize("name", SCENES)
 def test_with_ease_bounds_hold_and_no_more_than_its_share_is_missed(name, tolerance):
-    """Of the distance beyond a exact_within, which is searched exactly."""
+    """The tolerance applies to the distance beyond *exact_within*, below which the search is exact."""
     rng = np.random.default_rng(8)
     model, mesh = scene_named(name)
     points = points_at(mesh, rng, 40)
@@ -156,7 +156,7 @@ def test_each_node_and_each_leaf_is_one_step():
         assert found.work == min(budget, 2)
         assert found[:2] == pytest.approx(expected, rel=1e-15)
 
-    # So far away nothing can be left out, and every step is needed.
+    # At this distance no node can be pruned, and every step is needed.
     ball = model_of(shapes.sphere(1.0, 3))
     whole = int(ball.parts["node_count"][0]) + block_count(ball)
     for budget in (whole - 1, whole, whole + 1, 4 * whole, UNLIMITED):
@@ -185,7 +185,7 @@ def test_any_best_ends_within_the_budget(best_sq):
 
 
 def test_point_that_is_not_a_number_finds_nothing_and_ends():
-    """Was: unused lanes were opened, a node led to itself, and the walk wrote beyond its room."""
+    """Regression: unused lanes were opened, a node led to itself, and the workspace overflowed."""
     values = [np.nan, np.inf, -np.inf, 1.7e308, 1e9, 0.3]
     ball = shapes.sphere(1.0, 1)
     turned = Pose(shapes.rotation(3), (0.1, 0.2, 0.3))
@@ -203,13 +203,13 @@ def test_point_that_is_not_a_number_finds_nothing_and_ends():
 
 
 def test_unused_lanes_of_a_minute_part_stay_closed():
-    """Was: they were opened where the part's bounds vanish in float32, and led to another part's faces."""
+    """Regression: they were opened where bounds underflow in float32, and led to another part's faces."""
     size = 1e-30
     large = shapes.moved(shapes.tetrahedron(), (0.25, 0.0, 0.0))
     sheet = shapes.grid(5, 7)
     model = model_of(large, (size * sheet[0], sheet[1]))
     frame = model.frames[1]
-    for corner in large[0] * model.frames["scale"][0]:  # as if it were of the sheet's frame
+    for corner in large[0] * model.frames["scale"][0]:  # as if in the sheet's frame
         point = corner / frame["scale"] + frame["centre"]
         exact = without_budget(model, point)
         for budget in range(1, 60):
@@ -219,7 +219,7 @@ def test_unused_lanes_of_a_minute_part_stay_closed():
 
 
 def probed(arrays, budget, best_sq=np.inf, room=None):
-    """What a walk from the origin through a tree made by hand finds, in guarded room."""
+    """Traverse a tree made by hand from the origin, in a guarded workspace."""
     workspace, whole = room or guarded_room()
     found = nearest_with_budget(
         arrays, 0, 0, (0.0, 0.0, 0.0), (best_sq, NO_SLOT), NO_TOLERANCE, budget, workspace
@@ -230,7 +230,7 @@ def probed(arrays, budget, best_sq=np.inf, room=None):
 
 @pytest.mark.parametrize("best_sq", [np.inf, 1.0, 0.0])
 def test_room_suffices_where_all_is_open(best_sq):
-    """With every bound 0 and nothing found each step leaves eight more waiting, as long as asked."""
+    """With all bounds 0 and no face, each step leaves eight more nodes pending, up to the budget."""
     arrays, room = eightfold(6), guarded_room()
     few = [1, 2, 9, 100, 1000, 4 * MOST_SWEPT_STEPS // 3, 2 * MOST_SWEPT_STEPS]
     for budget in [*few, *range(MOST_SWEPT_STEPS - 3, 8 * MOST_SWEPT_STEPS, 997)]:
@@ -240,7 +240,7 @@ def test_room_suffices_where_all_is_open(best_sq):
 
 
 def test_room_suffices_for_the_deepest_trees_and_all_budgets():
-    """Seven wait on each level: of the tree over parts, one level deeper when opened, and of a part."""
+    """Seven nodes are pending per level of the tree over parts, of one more level, and of a part."""
     depth = 2 * MAX_DEPTH + 1
     children = np.full((depth, LANES), ~0)
     children[:-1, 0] = np.arange(1, depth)
@@ -265,7 +265,7 @@ def test_room_suffices_for_sweeps_after_the_deepest_descent():
 
 
 def test_opening_a_node_does_not_lower_the_bound():
-    """What is known of a node holds for its children, also where their boxes say less."""
+    """The bound of a node holds for its children, even if their boxes give less."""
     arrays = by_hand(3, [[1] * LANES, [2] * LANES, [~0] * LANES])
     words, at = arrays[1], int(arrays[3]["moments"][0]) + MOMENT_STRIDE
     words[:48].reshape(6, LANES)[:3, 1:], words[:48].reshape(6, LANES)[3:, 1:] = np.inf, -np.inf
@@ -304,7 +304,7 @@ def test_thousands_of_parts_are_answered_within_any_budget():
 
 @pytest.fixture(scope="module")
 def cavity():
-    """A ball of 81 920 faces in a shell of as many, in the memory of a scene."""
+    """A ball of 81 920 faces in a shell of equal face count, within a scene's memory."""
     shell = shapes.join(shapes.sphere(1.0, 6), shapes.sphere(1.25, 6))
     return model_of(shapes.tetrahedron(), shell).part_alone(1)
 
@@ -317,7 +317,7 @@ def gap_of(model, point, budget):
 
 
 def without_slabs(model):
-    """The same model with slabs that say nothing."""
+    """The same model with slabs that bound no distance."""
     words, part = model.words.copy(), model.parts[0]
     moments = words[part["moments"] + MOMENT_STRIDE * part["root"] :][: MOMENT_STRIDE * part["node_count"]]
     moments.reshape(-1, MOMENT_STRIDE)[:, MOMENT_SLAB_LEAST : MOMENT_SLAB_LEAST + LANES] = -np.inf
@@ -326,7 +326,7 @@ def without_slabs(model):
 
 
 def test_bracket_at_the_centre_of_a_ball_is_narrow_by_its_slabs(cavity):
-    """All faces are equally near: a walk without a budget looks at nearly all of them."""
+    """All faces are equally near: a traversal without a budget tests nearly all of them."""
     points = np.random.default_rng(7).normal(size=(8, 3)) * np.array([0, 1e-9, 1e-4, 1e-3] * 2)[:, None]
     blind = without_slabs(cavity)
     gaps = [gap_of(cavity, point, 800) for point in points]
@@ -342,14 +342,14 @@ def test_bracket_at_the_centre_closes_with_the_budget(cavity):
 
 
 def test_a_few_steps_from_nothing_find_a_near_face_and_raise_the_bound():
-    """Each sweep follows one of the nearest down to a leaf, and opens the others from the nearest on."""
+    """Each sweep follows a nearest node down to a leaf, and opens the others in order of distance."""
     found = walk(model_of(shapes.sphere(1.0, 5)), (0.0, 0.0, 0.5), 8)
 
     assert found.slot != NO_SLOT and 0.2 < found.lower_sq <= 0.25 <= found.best_sq * 1.01 < 0.26
 
 
 def test_bracket_is_narrow_all_around_the_centre(cavity):
-    """Where boxes mislead the first descent, the sweeps find the near side: brackets were 18 % wide here."""
+    """Regression: boxes mislead the first descent here, and bounds were 18 % apart without the sweeps."""
     rng = np.random.default_rng(4)
     ways = rng.normal(size=(100, 3))
     points = ways / np.linalg.norm(ways, axis=1)[:, None] * rng.uniform(0.0, 0.1, (100, 1))
@@ -359,7 +359,7 @@ def test_bracket_is_narrow_all_around_the_centre(cavity):
 
 @pytest.mark.parametrize("reach", [2.0, 2.5, 30.0, 1e3, 1e9, 1e17])
 def test_first_bounds_are_below_exact_distances(reach):
-    """Boxes around single points, so that nothing but the rounding is between bound and distance."""
+    """Boxes around single points leave only rounding between bound and distance."""
     rng = np.random.default_rng(7)
     ends = np.array([[1.0, 1.0, 1.0], [-1.0, -1.0, -1.0]])
     model = model_of((ends, np.repeat([[0, 0, 0], [1, 1, 1]], 9, axis=0)))

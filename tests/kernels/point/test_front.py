@@ -1,4 +1,4 @@
-"""The search from a front: the same nearest face as a walk from the root, whatever way the point has come."""
+"""The coherent search from a front: the same nearest face as from the root, for any motion."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ PLENTY = 10**6
 
 
 class Searcher:
-    """A point that goes about in a model, and the front it keeps."""
+    """A point that moves in a model, and its front."""
 
     def __init__(self, model):
         self.model = model
@@ -37,7 +37,7 @@ class Searcher:
         self.steps = 0
 
     def at(self, point, budget=PLENTY):
-        """Squared distance, slot, and whether it was found; what has gone beside the front is noticed."""
+        """Return squared distance, slot, and whether it was found; check for writes past the front."""
         if self.slot is None:
             _, self.slot = without_budget(self.model, point)
         part = int(part_of_slot(self.model.words, self.model.parts, self.slot))
@@ -52,7 +52,7 @@ class Searcher:
 
 
 def ways(mesh, rng, count):
-    """Ways of different kinds: at rest, straight, wandering, shaking, and leaping."""
+    """Paths of several kinds: at rest, straight, random, oscillating, and jumping."""
     extent = np.ptp(mesh[0], axis=0).max()
     start = points_at(mesh, rng, 5)
     for kind, step in enumerate((0.0, 1e-9, 1e-3, 1e-2, 0.3)):
@@ -201,7 +201,7 @@ def test_where_more_nodes_are_near_than_it_holds_it_is_given_up():
 
 
 def ticked(scene, tracker, places, between=lambda step: None):
-    """Tick along *places* (N, F, 3); each exact answer is the scene's."""
+    """Tick along *places* (N, F, 3); compare each exact distance with the scene's."""
     kept = 0
     for step, place in enumerate(places):
         between(step)
@@ -250,7 +250,7 @@ def test_ticks_answer_as_the_scene_does_while_parts_move_deform_hide_and_go():
 
 
 def test_fronts_go_on_while_the_only_part_moves_and_begin_anew_when_its_shape_changes():
-    """A part that moves at every tick took a walk for each finger."""
+    """Regression: a part that moved at every tick required a full traversal for each finger."""
     scene = Scene([part_of(shapes.sphere(1.0, 5), "ball", Pose())])
     tracker = Tracker(scene, fingers=5, radius=0.0, working_range=10.0, max_speed=1e6)
     vertices, rng = scene.parts[0].solid.mesh.vertices, np.random.default_rng(4)

@@ -1,4 +1,4 @@
-"""The closest-point walk: it ends where it would whatever it starts from, and finds its part again."""
+"""The closest-point traversal: the same result from any start, and the correct part."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def model_of(name):
 
 
 def some_points(rng, count):
-    """Around, far off, and on the middle of things."""
+    """Points around, far away, and at the centre of parts."""
     return np.concatenate([rng.normal(size=(count, 3)), 1e4 * rng.normal(size=(3, 3)), np.zeros((1, 3))])
 
 

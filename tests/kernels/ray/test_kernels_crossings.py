@@ -1,4 +1,4 @@
-"""Faces that pass through others: found all of them and no others, and no side is wrong because of them."""
+"""Faces that cross others: exactly these are found, and no sign near them is wrong."""
 
 import numpy as np
 import pytest
@@ -17,11 +17,11 @@ from proximity.scene.solid import Solid
 from proximity.tracker.tracker import Tracker
 
 ACROSS = np.array([[1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 2.0**0.5]]) / 2.0**0.5
-"""Turns a cube until one of its edges is what reaches farthest along x."""
+"""Rotates a cube so that one of its edges reaches farthest along x."""
 
 
 def edge_to_edge(depth, finer=0):
-    """Two beams that cross, each with an edge in the other, so deep: no corner is near the other."""
+    """Two crossing beams, an edge of each at *depth* in the other; no corner is near the other beam."""
     beam = np.array([0.6, 0.6, 2.0])
     vertices, faces = shapes.cube(1.0, (0.0, 0.0, 0.0))
     for _ in range(finer):
@@ -32,14 +32,14 @@ def edge_to_edge(depth, finer=0):
 
 
 def ball_in_ball(depth):
-    """Two balls that overlap, so deep."""
+    """Two balls that overlap by *depth*."""
     return shapes.join(
         shapes.sphere(1.0, 4), shapes.moved(shapes.sphere(0.5, 3), (1.5 - depth, 0.003, 0.002))
     )
 
 
 def corner_in_side(depth):
-    """A cube with a corner in the side of another, so deep."""
+    """A cube with a corner at *depth* in the side of another."""
     vertices, faces = shapes.cube(0.4, (0.0, 0.0, 0.0))
     turned = vertices @ shapes.rotation(5).T
     lowest = turned[turned[:, 2].argmin()]
@@ -47,7 +47,7 @@ def corner_in_side(depth):
 
 
 def ball_deep_inside():
-    """A tiny ball, facing outward as well, in a body of many small faces."""
+    """A tiny ball, facing outward too, in a body of many small faces."""
     torus = shapes.torus(n=96, m=48)
     return shapes.join(torus, shapes.moved(shapes.sphere(1e-3, 1), (2.2, 0.1, 0.05)))
 
@@ -59,7 +59,7 @@ def finer(mesh, times):
 
 
 def flush_boss(place, size, times=4):
-    """A small boss that stands on a plate of small faces, flush; and balls that draw samples away."""
+    """A small boss flush on a plate of small faces, with balls that attract the sign samples."""
     plate = finer(shapes.box((0, 0, 0), (1, 1, 0.2)), times)
     low, high = (*place, 0.2), (place[0] + size, place[1] + size, 0.2 + size)
     balls = [shapes.moved(shapes.sphere(0.03, 2), (x, y, 0.5)) for x in (0.2, 0.5, 0.8) for y in (0.2, 0.8)]
@@ -67,7 +67,7 @@ def flush_boss(place, size, times=4):
 
 
 def flush_beams(overlap):
-    """Two beams, one a little way in the end of the other, with all sides in the same planes."""
+    """Two beams, one extending into the end of the other, with all sides coplanar."""
     one, other = shapes.box((0, 0, 0), (1, 0.2, 0.2)), shapes.box((1 - overlap, 0, 0), (2, 0.2, 0.2))
     return shapes.join(finer(one, 3), finer(other, 2))
 
@@ -89,13 +89,13 @@ MEETINGS = {
 
 
 def faces_that_pass(vertices, faces):
-    """By brute force, of a mesh in general position: the faces of which one passes through the other."""
+    """Faces that cross others, by brute force for a mesh in general position."""
     pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     edges, of_half_edge = np.unique(pairs, axis=0, return_inverse=True)
     a, b, c = (vertices[faces[:, k]] for k in range(3))
 
     def side(p, q, r, s):
-        """Sign of the volume of a tetrahedron; 0 where it is flat, as faces of a cube's side are."""
+        """Sign of the volume of a tetrahedron; 0 if flat, as for coplanar faces of a cube's side."""
         volumes = np.einsum("...i,...i", np.cross(q - p, r - p), s - p)
         return np.where(np.abs(volumes) > 1e-12, np.sign(volumes), 0.0)
 
@@ -113,7 +113,7 @@ def faces_that_pass(vertices, faces):
 
 
 def bare_marks(solid):
-    """What the kernel marks before faces that lie on a wrong side and neighbours are added."""
+    """Marks of the kernel, before neighbours and faces with a wrong sign are added."""
     piece = part_arrays(solid.snapshot(), 0)
     model = solid.snapshot()
     marks = np.zeros(len(piece.faces), bool)
@@ -169,14 +169,14 @@ def test_side_is_right_wherever_a_body_meets_itself(name):
 
 @pytest.mark.parametrize("depth", [0.03, 0.01, 1e-3])
 def test_beams_that_cross_mid_edge_keep_their_normals_elsewhere(depth):
-    """The samples do not see so little, so that these would have wrong sides without the marks."""
+    """The samples miss so small an overlap: without the marks these signs would be wrong."""
     solid = Solid(*edge_to_edge(depth))
     assert solid.sign_method is SignMethod.PSEUDONORMAL
     assert 0 < len(folded_faces_of(solid)) < len(solid.mesh.faces)
 
 
 def test_marks_outlast_a_scene_that_gives_the_part_another_shape():
-    """Whoever holds the solid before has it as it was: made anew, and its sides told as before."""
+    """Earlier solids keep their shape; after rebuilding they have the same signs."""
     vertices, faces = edge_to_edge(0.03, 2)
     first = Solid(vertices, faces, name="beams")
     marked = folded_faces_of(first)
@@ -202,7 +202,7 @@ def test_usual_parts_have_no_marks(make):
 
 
 def test_lid_that_is_a_fan_of_slivers_has_no_marks():
-    """Its long edges are in the way of each other, but lie between faces in one plane."""
+    """Its long edges nearly meet one another, but lie between coplanar faces."""
     count = 6000
     turn = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     rim = np.stack([np.cos(turn), np.sin(turn), np.zeros(count)], axis=1)
@@ -236,7 +236,7 @@ def test_bodies_that_do_not_pass_through_have_no_marks(gap):
 
 @pytest.mark.internals
 def test_faces_without_area_are_no_faces_to_pass_through():
-    """Tessellation leaves needles of no width along edges; heights over them are rounding."""
+    """Tessellation leaves needles of zero width along edges, with heights of rounding only."""
     corners = np.array(
         [[0, 0, 0], [0.1, 0.3, 0.2], [0.3, 0.9, 0.6 + 2e-16], [0, 0.3, 0.5], [0.2, 0.3, -0.1], [0.1, -1, 0]]
     )
@@ -246,7 +246,7 @@ def test_faces_without_area_are_no_faces_to_pass_through():
 
 
 def test_faces_of_a_tangle_all_count_as_passing_through():
-    """Every rod passes every other in the middle: whether each does would take too long to find out."""
+    """All rods cross at their centres: testing every pair would take too long."""
     rod = shapes.box((-1.0, -1e-4, -1e-4), (1.0, 1e-4, 1e-4))
     rods = [(rod[0] @ shapes.rotation(seed).T, rod[1]) for seed in range(600)]
     solid = Solid(*shapes.join(*rods))

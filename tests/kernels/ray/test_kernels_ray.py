@@ -1,6 +1,6 @@
-"""The ray walk below its queries: boxes, sides of edges, ties, rows and their order, eight rays at a time.
+"""Kernels of the ray traversal: boxes, edge functions, ties, row order, and packets of eight rays.
 
-That its hits are the right ones is tested with the queries, in `tests/scene`.
+The tests of queries in `tests/scene` compare their hits with the oracle.
 """
 
 from fractions import Fraction
@@ -55,7 +55,6 @@ def directions_of(count, seed):
     return np.random.default_rng(seed).normal(size=(count, 3))
 
 
-"""Farther than this a ray may touch the surface and pass: there rounding decides, here and in the oracle."""
 FINE_BOX = shapes.quartered(*shapes.quartered(*shapes.cube(2.0, (0.0, 0.0, 0.0))))
 SPHERE = shapes.sphere(subdivisions=2)
 
@@ -69,7 +68,7 @@ def test_direction_of_least_and_largest_numbers_is_followed():
 
 
 def test_no_ray_of_a_lattice_slips_between_faces_of_a_lattice():
-    """Rays along axes and diagonals, all of them exactly through corners and along edges."""
+    """Rays along axes and diagonals, all exactly through corners and along edges."""
     vertices, faces = FINE_BOX
     model = model_of((vertices, faces))
     steps = np.arange(-1.0, 1.25, 0.25)
@@ -85,7 +84,7 @@ def test_no_ray_of_a_lattice_slips_between_faces_of_a_lattice():
 @pytest.mark.internals
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1.0, 1e-8, 1e-15, 1e-160]))
 def test_the_side_of_an_edge_is_never_wrong(seed, size):
-    """Two triangles at one edge may both be hit, or one; never none."""
+    """One or both of two triangles at an edge may be hit, never neither."""
     rng = np.random.default_rng(seed)
     b = rng.normal(size=2) * size
     c = -b * rng.random() * 2.0 ** rng.integers(-30, 30) + rng.integers(-2, 3, 2) * 2.0**-52 * size
@@ -104,7 +103,7 @@ def _sides(ax, ay, bx, by, cx, cy):
 
 @numba.njit
 def _open_lanes(node, ox, oy, oz, dx, dy, dz, best, margin):
-    """Which lanes are open, and the bound of lane 0."""
+    """Open lanes, and the bound of lane 0."""
     aim = (*walk.slab(ox, dx, margin), *walk.slab(oy, dy, margin), *walk.slab(oz, dz, margin))
     best32 = walk.bound_of_parameter(best, 0.0)
     bounds, _, is_open = walk.open_boxes(node, 0, aim, splat32(np.float32(0.0)), best32)
@@ -122,7 +121,7 @@ def node_of(lower, upper):
 @pytest.mark.internals
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-300, 1e-18, 1e-9, 1.0]))
 def test_a_box_is_open_to_every_ray_that_meets_something_in_it(seed, flatness):
-    """The ray ends in a corner of the box, at the very parameter that is the bound."""
+    """The ray ends at a corner of the box, at a parameter equal to the bound."""
     rng = np.random.default_rng(seed)
     lower = rng.uniform(-1, 1, 3).astype(np.float32)
     upper = np.minimum(lower + np.float32(rng.random() * 2.0 ** -rng.integers(0, 30)), np.float32(1.0))
@@ -183,7 +182,7 @@ def test_of_equal_parts_the_lowest_is_taken(is_fused):
 
 
 def test_a_face_without_area_answers_against_the_ray():
-    """Corners on a line, told apart by rounding alone: if it is hit at all, the normal is a number."""
+    """Corners on a line within rounding: if it is hit, the normal is finite."""
     vertices = np.array(
         [[0.1, 0.1, 0.0], [0.3, 0.3, 0.0], [0.7, 0.7, 0.0], [5.0, 0.0, 0.0], [5.0, 1.0, 0.0], [6.0, 0.0, 0.0]]
     )
@@ -216,7 +215,7 @@ def made_ready(frames, parts, drift, origins, directions, offsets, limit, aims, 
 
 @numba.njit
 def one_made_ready(frames, parts, origin, way, drift):
-    """The same for one ray, by the formulas of a part with a frame of its own."""
+    """Prepare one ray by the formulas of a part with its own frame."""
     x, y, z = to_local(frames, parts, 0, origin[0], origin[1], origin[2])
     margin = walk.SLAB_MARGIN + drift * max(abs(x), abs(y), abs(z))
     dx, dy, dz = ray_lanes.scaled_direction(way[0], way[1], way[2])

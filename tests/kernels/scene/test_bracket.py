@@ -1,4 +1,4 @@
-"""The signed distance between bounds: they hold for any budget and start, and meet when there is enough."""
+"""Bounds of the signed distance: correct for any budget and start, and equal if the budget suffices."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ PLENTY = 10**6
 
 
 class Asked:
-    """A scene, and the room that its questions take."""
+    """A scene and the scratch memory of its queries."""
 
     def __init__(self, scene):
         self.scene = scene
@@ -31,7 +31,7 @@ class Asked:
         self.arrays = arrays_of(m)
 
     def at(self, point, *, part=-1, slot=NO_SLOT, is_outside=False, tolerance=0.0, core=0.0, budget=PLENTY):
-        """Distance, lower, upper, clear, part, slot, bits, work."""
+        """Return distance, lower, upper, clear, part, slot, bits, work."""
         return distance_bounds.bounds_at(
             self.arrays, tuple(map(float, point)), part, slot, is_outside, tolerance, core, budget,
             self.workspace, self.closest,
@@ -60,7 +60,7 @@ def asked():
 
 
 def unsigned(scene, points):
-    """Distances to the nearest surface, inside overlapping parts too: of segments of length zero."""
+    """Distances to the nearest surface, also inside overlapping parts, by segments of zero length."""
     return scene.closest_to_segments(points, points).distance
 
 
@@ -107,7 +107,7 @@ def test_more_steps_leave_a_smaller_gap():
 
 @pytest.mark.parametrize("budget", [20, 100, 400])
 def test_inside_a_part_the_gap_is_that_of_the_walk(budget):
-    """The side is asked for after the walk, with steps left or without: it widens nothing."""
+    """The sign is computed after the traversal, with or without remaining steps; it does not widen bounds."""
     ball = Asked(Scene([part_of(shapes.sphere(1.0, 5))]))
     _, lower, upper, _, _, _, bits, _ = ball.at((0.001, 0.002, 0.0), budget=budget)
     _, least, most, *_ = ball.at((0.001, 0.002, 0.0), budget=budget, is_outside=True)
@@ -221,7 +221,7 @@ def test_only_in_the_box_of_a_part_with_holes_a_point_may_slip_in(asked):
 @pytest.mark.parametrize("kind", ["balls", "boxes", "open balls"])
 @pytest.mark.parametrize("count", [30, 200])
 def test_parts_within_parts_are_not_all_searched_when_the_budget_is_spent(kind, count):
-    """Each was, and cost eight steps: a finger in 200 nested parts took a tick 1.6 ms."""
+    """Regression: each part took eight steps, so that a finger in 200 nested parts took 1.6 ms per tick."""
     vertices, faces = shapes.cube(2.0, (0, 0, 0)) if kind == "boxes" else shapes.sphere(1.0, 2)
     faces = faces[1:] if kind == "open balls" else faces
     sizes = np.random.default_rng(6).permutation(1.0 + 0.01 * np.arange(count))

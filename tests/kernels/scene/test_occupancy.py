@@ -1,4 +1,4 @@
-"""Which parts may hold a point: none is left out, and lists stay short."""
+"""Lists of parts that may contain a point: complete and short."""
 
 import numpy as np
 import pytest
@@ -23,13 +23,13 @@ def placed(name, solid, pose=None):
 
 
 def listed(model, point):
-    """The parts that are listed for a point, in their order."""
+    """The parts listed for a point, in their order."""
     first, last = list_of(model.words, model.frames, model.parts, *map(float, point))
     return model.words[first:last].view(np.int32).tolist()
 
 
 def holders(model, point):
-    """The parts with a point in their boxes that do not say it is outside, asked one by one."""
+    """The parts whose box contains a point and whose own query does not exclude it."""
     arrays = arrays_of(model)
     found = []
     for part in range(len(model.parts) - 1):
@@ -53,7 +53,7 @@ def scene_of(rng, count, *, spread=2.0, offset=0.0, is_turned=True):
 
 
 def points_around(scene, rng, count):
-    """Anywhere in the scene and a little beyond, on the surfaces, and a hair beside them."""
+    """Points within and slightly beyond the scene's box, on the surfaces, and very near them."""
     lower, upper = scene.bounds
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
     anywhere = middle + 1.1 * half * rng.uniform(-1.0, 1.0, (count, 3))
@@ -62,7 +62,7 @@ def points_around(scene, rng, count):
 
 
 def corners_of_cells(model, rng, count):
-    """Corners of the grid's cells, and the numbers next to them."""
+    """Corners of the grid's cells, and the floating point numbers next to them."""
     row, frame = model.parts[-1], model.frames[-1]
     counts = np.array([row["grid_x"], row["grid_y"], row["grid_z"]])
     lower = frame["grid_lower"]

@@ -1,4 +1,4 @@
-"""Segments against boxes, triangles, one part and a scene: bounds that hold, and every degenerate case."""
+"""Segments against boxes, triangles, one part and a scene: correct bounds, and every degenerate case."""
 
 from fractions import Fraction
 
@@ -59,7 +59,7 @@ class Found:
 
 
 def assert_right(mesh, starts, ends):
-    """Distance as the oracle's; witness points on segment and face, as far apart as it says."""
+    """Compare distances with the oracle's; check that the witness points are on segment and face."""
     vertices, faces = np.asarray(mesh[0]), np.asarray(mesh[1])
     found = Found(model_of(mesh), starts, ends)
     largest = max(np.abs(vertices).max(), np.abs(found.starts).max(), np.abs(found.ends).max())
@@ -80,7 +80,7 @@ def assert_right(mesh, starts, ends):
 
 
 def some_edges(mesh, count, seed):
-    """Corners a, b, c of faces drawn by chance, and vectors (count, 3)."""
+    """Corners a, b, c of random faces, and random vectors (count, 3)."""
     vertices, faces = mesh
     rng = np.random.default_rng(seed)
     chosen = faces[rng.integers(0, len(faces), count)]
@@ -88,7 +88,7 @@ def some_edges(mesh, count, seed):
 
 
 def needles(aspect, count=40):
-    """Triangles that are *aspect* times as long as high, all over the place."""
+    """Triangles at random poses, *aspect* times as long as high."""
     rng = np.random.default_rng(5)
     triangles = []
     for seed in range(count):
@@ -105,7 +105,7 @@ def mesh(request):
 
 @numba.njit(error_model="numpy")
 def open_lanes(node, segments, best_sq, far, opened):
-    """Of each segment: the lanes that a walk with that best opens; whether it counts as far."""
+    """Lanes that a traversal with that best opens for each segment, and a flag for far segments."""
     plan, probe = stack_plans(1)[0], stack_probes(1)[0]
     for i in range(len(segments)):
         s = segments[i]
@@ -117,7 +117,7 @@ def open_lanes(node, segments, best_sq, far, opened):
 
 @numba.njit(error_model="numpy")
 def bounds_of(node, segment):
-    """The bounds of a node's boxes, the square taken off them, and the bound for a crossing at 0.5."""
+    """The bounds of a node's boxes, the square subtracted from them, and the bound for a crossing at 0.5."""
     plan, probe, bounds = stack_plans(1)[0], stack_probes(1)[0], np.zeros(LANES)
     s = segment
     make_plan(plan, probe, s[0], s[1], s[2], s[3], s[4], s[5])
@@ -128,7 +128,7 @@ def bounds_of(node, segment):
 
 
 def distance_sq_to_segment(point, start, end):
-    """Exactly."""
+    """Exact squared distance of a point to a segment."""
     p, a, b = ([Fraction(x) for x in each.tolist()] for each in (point, start, end))
     way, arm = [y - x for x, y in zip(a, b, strict=True)], [y - x for x, y in zip(a, p, strict=True)]
     length_sq = sum(x * x for x in way)
@@ -146,7 +146,7 @@ def test_box_that_holds_the_nearest_point_is_always_opened(reach, size):
     segments = rng.normal(size=(200, 6)) * reach
     segments[::4, 3:] = segments[::4, :3] + 1e-3 * rng.normal(size=(50, 3))
     segments[1::4, 3:] = segments[1::4, :3] + np.eye(3)[rng.integers(0, 3, 50)] * reach
-    # Through a box, or beside it, far at both ends.
+    # Through a box or near it, far at both ends.
     aim = contents[rng.integers(0, LANES, 50), 0] + rng.choice([0.0, 1e-9, 0.1], (50, 1))
     way = rng.normal(size=(50, 3)) * reach
     segments[2::4] = np.concatenate([aim - way, aim + way], axis=1)
@@ -154,7 +154,7 @@ def test_box_that_holds_the_nearest_point_is_always_opened(reach, size):
         [float(min(distance_sq_to_segment(p, s[:3], s[3:]) for p in box)) for box in contents]
         for s in segments
     ]
-    # As low as a walk may compute it, once the segment is cut.
+    # As low as a traversal may compute it for the cut segment.
     best_sq = np.maximum(np.sqrt(np.min(each, axis=1)) * (1.0 - 2.0**-48) - 2.0**-48, 1e-300) ** 2
     opened, far = np.empty(200, np.int64), np.empty(200)
 
@@ -167,7 +167,7 @@ def test_box_that_holds_the_nearest_point_is_always_opened(reach, size):
 
 @pytest.mark.internals
 def test_bounds_are_tight_along_the_ways_that_matter():
-    """Within a tenth of the distance, for small boxes beside, beyond and far from segments."""
+    """Within a tenth of the distance, for small boxes near, beyond and far from segments."""
     rng = np.random.default_rng(8)
     for scale in (1.0, 1e5):
         for _ in range(100):
@@ -225,7 +225,7 @@ def test_long_segment_is_cut_on_the_line_to_the_last_bit(far):
     rng = np.random.default_rng(9)
     for _ in range(50):
         start, end = far * rng.normal(size=3), far * rng.normal(size=3)
-        # The middle third passes by the origin.
+        # The middle third passes near the origin.
         end = -start * rng.uniform(0.1, 3.0) + rng.normal(size=3)
         plan = plan_of(start, end)
         if far > 10.0:
@@ -240,7 +240,7 @@ def test_long_segment_is_cut_on_the_line_to_the_last_bit(far):
 
 @pytest.mark.internals
 def test_cut_never_takes_the_nearest_point():
-    """Corners of the local cube are the farthest that a surface can lie from where the cut aims."""
+    """Corners of the local cube are the surface points farthest from the centre of the cut."""
     rng = np.random.default_rng(10)
     for far in (3.0, 100.0, 1e7):
         for _ in range(100):
@@ -260,7 +260,7 @@ def test_segments_of_any_length(mesh, length):
 
 
 def test_segments_between_points_of_a_lattice(mesh):
-    """Nearly all of them touch, cross at corners, lie in planes and along edges."""
+    """Nearly all of them touch the mesh, cross at corners, or lie in planes and along edges."""
     rng = np.random.default_rng(12)
     step = np.abs(mesh[0]).max() / 4
     found = assert_right(mesh, step * rng.integers(-2, 5, (400, 3)), step * rng.integers(-2, 5, (400, 3)))
@@ -320,7 +320,7 @@ def test_segments_far_longer_than_the_part_and_far_away(mesh, far):
 
 
 def test_long_segment_through_a_part_is_as_right_as_a_short_one():
-    """Its ends are exact, so its rounding is the part's, not that of a million part sizes."""
+    """Its ends are exact, so that its rounding is the part's, not that of a million part sizes."""
     mesh, far = MESHES["torus"], 2.0**20
     place = np.round(np.random.default_rng(20).normal(size=(200, 3)) * 2**20) / 2**20
     way = np.round(np.random.default_rng(21).normal(size=(200, 3)) * 2**20) / 2**20
@@ -395,7 +395,7 @@ def test_order_may_name_some_rows_only():
 
 @pytest.mark.internals
 def test_lowest_slot_wins_among_equals():
-    """Ten copies of one face: whatever the tree looks like, the first in leaf order is told."""
+    """Copies of one face: in any tree, the first in leaf order is reported."""
     vertices, faces = TRIANGLE
     model = model_of((vertices, np.repeat(faces, 30, axis=0)))
     plan = np.zeros(1, PLAN)[0]
@@ -409,7 +409,7 @@ def test_lowest_slot_wins_among_equals():
     witness = np.zeros(1, WITNESS)[0]
     _, fraction, slot = segment_in_block(model.reals, 0, plan, np.inf, np.inf, NO_SLOT, witness)
     assert (fraction, slot) == (np.inf, 0)
-    # A known one that is as near and lower stays; a higher one goes.
+    # An equally near known slot is kept if lower, and replaced if higher.
     best_sq, _, _ = segment_in_block(model.reals, 1, plan, np.inf, np.inf, NO_SLOT, witness)
     assert segment_in_block(model.reals, 1, plan, best_sq, np.inf, 3, witness)[2] == 3
     assert segment_in_block(model.reals, 1, plan, best_sq, np.inf, 20, witness)[2] == 8

@@ -1,4 +1,4 @@
-"""Slivers that are folded onto their neighbours: found, no others, and no side is wrong because of them."""
+"""Slivers folded onto their neighbours: exactly these are found, and no sign near them is wrong."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def grid_cube():
 
 
 def flapped_cube():
-    """A cube, one corner on its top moved in the plane beyond its outline, so that a flap stands out."""
+    """A cube with a top vertex moved in its plane beyond the outline, which leaves a protruding flap."""
     vertices, faces = grid_cube()
     (row,) = np.flatnonzero((np.abs(vertices - (SPACING, SPACING, 0.5)) < 1e-9).all(axis=1))
     vertices = vertices.copy()
@@ -33,13 +33,13 @@ def flapped_cube():
 
 
 def beside(faces, face):
-    """A face, and those that share an edge with it."""
+    """A face and its edge neighbours."""
     shared = np.isin(faces, faces[face]).sum(axis=1)
     return sorted(np.flatnonzero(shared >= 2).tolist())
 
 
 def folded_cube():
-    """A cube, one corner on its top moved in the plane across an edge around it; and the face that flips."""
+    """A cube with a top vertex moved in its plane across an edge around it, and the face that flips."""
     vertices, faces = grid_cube()
     (row,) = np.flatnonzero((np.abs(vertices - (0.0, SPACING, 0.5)) < 1e-9).all(axis=1))
     around = faces[(faces == row).any(axis=1)]
@@ -53,7 +53,7 @@ def folded_cube():
 
 
 def points_over(vertices, face, rng, count):
-    """Over and under a face, from a hair to far off."""
+    """Points above and below a face, at 1e-9 to 0.1."""
     on = rng.dirichlet((1.0, 1.0, 1.0), count) @ vertices[face]
     return on + rng.choice([-1.0, 1.0], (count, 1)) * 10.0 ** rng.uniform(-9, -1, (count, 1)) * (0, 0, 1)
 
@@ -71,7 +71,7 @@ def test_the_face_that_is_folded_over_is_found_and_said():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_side_is_right_around_a_flap_whichever_of_its_layers_is_found(seed):
-    """Beyond the outline both layers have nothing inside, on either side."""
+    """Beyond the outline both sides of both layers are outside."""
     vertices, faces = flapped_cube()
     rng = np.random.default_rng(seed)
     solid = Solid(vertices[:, rng.permutation(3)] if seed else vertices, faces)

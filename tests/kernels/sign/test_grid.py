@@ -1,4 +1,4 @@
-"""The sign grid: what it calls inside or outside is so, and what a face touches is crossed."""
+"""The sign grid: its inside and outside cells are correct, and cells touched by a face are crossed."""
 
 import numba
 import numpy as np
@@ -64,7 +64,7 @@ class Grid:
 
 
 def fan(n=60, height=0.02):
-    """A disc whose two sides are fans of needles, as CAD programs make them."""
+    """A disc whose two sides are fans of needles, like those of CAD programs."""
     angle = 2 * np.pi * np.arange(n) / n
     rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], axis=1)
     k, here, there = np.arange(1, n - 1), np.arange(n), np.roll(np.arange(n), -1)
@@ -122,7 +122,7 @@ def test_cell_that_a_face_touches_is_crossed(name):
     corners = grid.corners[grid.faces[rng.integers(0, len(grid.faces), 1500)]]
     weights = rng.dirichlet((0.5, 0.5, 0.5), 1500)
     points = (corners * weights[:, :, None]).sum(axis=1)
-    # Rounding may put them beside their face, but not beside the grid.
+    # Rounding may move them off their face, but not out of the grid.
     points = np.clip(points, grid.corners.min(axis=0), grid.corners.max(axis=0))
 
     assert (grid.states(points) == CELL_CROSSED).all()
@@ -132,7 +132,7 @@ def test_cell_that_a_face_touches_is_crossed(name):
 @pytest.mark.parametrize("name", ["cube", "sphere", "torus", "cavity", "fan"])
 @pytest.mark.parametrize("rate", [1.0, 3.0, 8.0, 16.0])
 def test_cells_of_any_size_tell_no_lie(name, rate):
-    # Rates at which faces of the cube lie exactly on walls between cells.
+    # Rates at which faces of the cube lie exactly on cell boundaries.
     grid = Grid(*MESHES[name], rate=rate)
     points = grid.points_in_cells(np.random.default_rng(7), 800)
 
@@ -165,7 +165,7 @@ def test_faces_and_grid_differ_on_faces_inside_the_body():
 
     places, is_inside, is_clear = grid.uncertain_points()
 
-    # Only above the inner ball, whose faces all have clear cells on both sides; more than are returned.
+    # Only above the inner ball, whose faces all have clear cells on both sides; more than the limit exist.
     distances = np.linalg.norm(places - 0.5 * (grid.corners.max(axis=0) + grid.corners.min(axis=0)), axis=1)
     assert MOST_POINTS // 2 <= len(places) <= MOST_POINTS
     assert is_inside.all() and is_clear.all()

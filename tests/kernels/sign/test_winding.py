@@ -1,4 +1,4 @@
-"""The winding number by the tree: against exact solid angles, near enough for a sign wherever one asks."""
+"""The winding number by the tree, against exact solid angles: always accurate enough for a sign."""
 
 import numpy as np
 import pytest
@@ -11,11 +11,11 @@ from proximity.kernels.sign.winding_number import turned, winding_number
 pytestmark = pytest.mark.internals
 
 LARGEST_ERROR = 0.05
-"""The figure in accuracy.md: of a turn, over all shapes and points here. A sign needs less than 0.5."""
+"""Maximum error of accuracy.md, in turns, over all shapes and points here. A sign needs less than 0.5."""
 
 
 def turns(mesh, points):
-    """Winding numbers at points in the mesh's own frame."""
+    """Winding numbers at points in the mesh's frame."""
     model = welded_model_of(*mesh)
     scale, centre = model.frames["scale"][0], model.frames["centre"][0]
     places = (int(model.parts["root"][0]), int(model.parts["moments"][0]))
@@ -24,7 +24,7 @@ def turns(mesh, points):
 
 
 def points_about(rng, mesh, count=300):
-    """Half of them all around, half next to the surface; none on it."""
+    """Points half around the mesh, half next to its surface; none on it."""
     vertices, faces = mesh
     lower, upper = vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))
     size = (upper - lower).max()
@@ -46,7 +46,7 @@ def bumpy(subdivisions=3):
 
 
 def onion(*radii):
-    """Concentric spheres, every other one inside out: hollow balls in hollow balls."""
+    """Concentric spheres with alternating orientation: nested hollow balls."""
     spheres = [shapes.sphere(radius, 3) for radius in radii]
     return shapes.join(*(shapes.inside_out(s) if k % 2 else s for k, s in enumerate(spheres)))
 
@@ -101,7 +101,7 @@ def test_side_of_a_closed_surface_is_right_everywhere(name):
 
 
 def test_largest_error_is_the_one_that_is_told():
-    # The band of the figure in docs/science/accuracy.md: an error of half of it is met, too.
+    # The error stays within the bound of docs/science/accuracy.md, and reaches half of it.
     worst = max(
         abs(turns(mesh, points) - np.rint(oracle.winding_number(*mesh, points))).max()
         for mesh in (CLOSED["sphere"], CLOSED["bumpy sphere"], CLOSED["onion"])
@@ -112,7 +112,7 @@ def test_largest_error_is_the_one_that_is_told():
 
 
 def test_two_sides_of_a_thin_wall_do_not_cancel_wrongly():
-    # Was: clusters counted as dipoles alone; inside these hollow balls it was 0.52 off.
+    # Regression: clusters were treated as dipoles only, with an error of 0.52 inside these hollow balls.
     mesh = CLOSED["onion"]
     points = np.random.default_rng(7).normal(size=(200, 3))
     points *= 0.3 * np.random.default_rng(8).random((200, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
@@ -122,7 +122,7 @@ def test_two_sides_of_a_thin_wall_do_not_cancel_wrongly():
 
 @pytest.mark.parametrize("way", [1, -1])
 def test_copies_are_counted_however_many(way):
-    # Half turns add up in each lane: 50 copies are up to 50 of them.
+    # Half turns add up in each lane: up to 50 for 50 copies.
     corners, faces = shapes.tetrahedron()
     copies = np.tile(faces[:, ::way], (50, 1))
     points = points_about(np.random.default_rng(7), (corners, faces))
@@ -158,7 +158,7 @@ def test_angles_are_added_as_if_one_by_one(name, size):
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_exact_quarters_and_halves_are_added(way):
-    # Was: two quarters backwards came to half a turn forwards.
+    # Regression: two negative quarters gave a positive half turn.
     sum_so_far = (1.0, 0.0, 0.0)
     for count in range(1, 20):
         sum_so_far = turned(*sum_so_far, 0.0, way)
@@ -176,7 +176,7 @@ def test_the_least_numbers_do_not_count_a_turn(first, second):
 
 @pytest.mark.parametrize("way", [1, -1])
 def test_points_on_a_lattice_in_the_planes_of_a_symmetric_part(way):
-    # Solid angles there are whole quarters, to the bit.
+    # Solid angles there are exact quarters.
     vertices = np.concatenate([np.eye(3), -np.eye(3)])
     faces = np.array([[a, b, c] for a in (0, 3) for b in (1, 4) for c in (2, 5)])
     is_turned = np.linalg.det(vertices[faces]) * way < 0.0
@@ -191,7 +191,7 @@ def test_points_on_a_lattice_in_the_planes_of_a_symmetric_part(way):
 
 
 def test_nearest_to_the_middle_of_the_frame_is_a_number():
-    # Was nan from 1e-104 on: children that are not used were asked from where they are.
+    # Regression: nan from 1e-104 on, because unused children were evaluated.
     for mesh in (shapes.cube(2.0, (0, 0, 0)), shapes.sphere(1.0, 2)):
         for distance in (1e-110, 1e-160, 1e-200, 0.0):
             assert turns(mesh, [[distance, 0.0, 0.0]]) == pytest.approx(1.0, abs=LARGEST_ERROR)

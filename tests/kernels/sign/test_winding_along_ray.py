@@ -1,4 +1,4 @@
-"""The winding number along a ray: an integer, and the one that the expansion is near."""
+"""The winding number along a ray: an integer, equal to the rounded expansion."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ DIRECTIONS = [(axis, sign) for axis in range(3) for sign in (1.0, -1.0)]
 
 
 def asked(mesh, points):
-    """Winding numbers at points in the mesh's own frame: rounded, by the best ray, and by all six."""
+    """Winding numbers at points in the mesh's frame: rounded expansion, best ray, and all six rays."""
     model = welded_model_of(*mesh)
     scale, centre = model.frames["scale"][0], model.frames["centre"][0]
     root, moments = int(model.parts["root"][0]), int(model.parts["moments"][0])
@@ -74,7 +74,7 @@ def fans(count=256):
 
 
 def test_fans_of_thin_triangles_take_a_fraction_of_the_steps(rng):
-    """Where a budget ends, that is what an answer takes beyond it."""
+    """These are the steps that a query takes after its budget is spent."""
     mesh = fans()
     assert shapes.volume(*mesh) == pytest.approx(0.01 * (4.0 - 128 * 0.01 * np.sin(2.0 * np.pi / 256)))
     model = welded_model_of(*mesh)

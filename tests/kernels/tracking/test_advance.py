@@ -1,4 +1,4 @@
-"""Conservative advancement: what is certified is free, nothing is passed, and balls only save questions."""
+"""Conservative advancement: certified parameters are free, surfaces are not missed, balls save queries."""
 
 import numpy as np
 import pytest
@@ -39,12 +39,12 @@ def no_balls():
 
 
 def unsigned(scene, points):
-    """Distances to the nearest surface, inside overlapping parts too: of segments of length zero."""
+    """Distances to the nearest surface, also inside overlapping parts, by segments of zero length."""
     return scene.closest_to_segments(points, points).distance
 
 
 class Way:
-    """A sphere's way through a scene; stages are metres along it unless given."""
+    """The path of a sphere through a scene; the default parameter is arc length in metres."""
 
     def __init__(self, things, corners, parameters=None, *, radius=RADIUS):
         self.scene = things if isinstance(things, Scene) else Scene(things)
@@ -71,7 +71,7 @@ class Way:
         self, *, start=0.0, speed=1.0, drift=0.0, tolerance=0.0, budget=PLENTY, clearance=None,
         displacement_of_parts=0.0,
     ):  # fmt: skip
-        """Free until, expected at, part, slot, steps."""
+        """Return free parameter, expected contact, part, slot, steps."""
         clearance = self.clearance(start) if clearance is None else clearance
         sphere = Sphere(self.radius, float(speed), self.balls, displacement_of_parts)
         nothing_near = Drift(movers_workspace(0), 0, float(drift))
@@ -116,7 +116,7 @@ def test_outward_is_from_the_surface_to_the_point_and_nothing_on_it():
     way, out = down(), np.zeros(3)
     model, closest = way.model, way.scratch.closest
     for height, expected in ((0.05, (0, 0, 1)), (-0.001, (0, 0, -1)), (0.0, (0, 0, 0))):
-        # The slot of the top is found by a way that goes there.
+        # Find the slot of the top by a path that leads there.
         slot = way.go()[3]
         fill_closest(model, 0, slot, (0.0, 0.0, height), closest)
         outward_of(model, 0, closest, out)
@@ -145,7 +145,7 @@ def test_way_that_meets_nothing_is_free_to_its_end(end):
 
 
 def test_what_is_far_is_not_asked_twice():
-    """Nothing nearer than the end of the way: one question says so."""
+    """No surface is nearer than the end of the path, which one query shows."""
     way = Way([plate()], line((0, 0, 0.5), (0, 0, 0.3)))
     assert way.go(clearance=0.0)[STEPS] <= 2
 
@@ -170,7 +170,7 @@ def test_a_start_along_the_way_counts_from_there():
 
 
 def test_stages_may_be_seconds():
-    """0.2 m in 4 s, that is 0.05 m a second."""
+    """0.2 m in 4 s is 0.05 m/s."""
     free, expected, *_ = down(parameters=(0.0, 4.0)).go(speed=0.05)
     assert expected == pytest.approx(0.093 / 0.05, rel=1e-9)
     assert 0.0929 / 0.05 <= free <= 0.093 / 0.05
@@ -178,7 +178,7 @@ def test_stages_may_be_seconds():
 
 @pytest.mark.parametrize("drift", [0.1, 1.0, 5.0])
 def test_surfaces_that_may_come_nearer_leave_less(drift):
-    """As if all surfaces came head-on."""
+    """As if all surfaces approached head-on."""
     free, *_ = down().go(drift=drift)
     assert 0.6 * 0.093 / (1.0 + drift) <= free <= 0.093 / (1.0 + drift)
 
@@ -190,7 +190,7 @@ def test_balls_found_while_surfaces_stood_are_smaller_where_they_may_have_come_n
 
 
 def test_surface_that_may_come_from_beyond_the_end_of_the_way_is_looked_for():
-    """A sphere that hardly moves: at 0.1 m/s the plate, 0.093 m away, may be there after 0.93 s of 1."""
+    """The sphere hardly moves; at 0.1 m/s the plate, 0.093 m away, may arrive after 0.93 s of 1 s."""
     way = Way([plate(half=0.3)], line((0, 0, 0.1), (0.01, 0, 0.1)), parameters=(0.0, 1.0))
     free = way.go(speed=0.01, drift=0.1)[FREE]
     assert 0.8 <= free <= 0.9300001
@@ -224,11 +224,11 @@ def test_balls_are_free_of_surface_and_the_oldest_goes_first():
     x, y, z, radius, _ = way.balls[: 5 * BALL_COUNT].reshape(5, BALL_COUNT)
     assert (radius > 0.0).all()
     assert (radius <= unsigned(way.scene, np.stack([x, y, z], axis=1)) + 1e-15).all()
-    assert z.min() > 0.2  # those of the first ways are gone
+    assert z.min() > 0.2  # the balls of the first paths are gone
 
 
 def test_a_ball_tells_its_room_less_what_moved_and_nothing_when_it_gave_more():
-    """Free of surface for 0.1 m about (1, 0, 0), when parts had moved 2 m; the sphere has 0.02 m."""
+    """A ball of radius 0.1 m about (1, 0, 0), made after parts had moved 2 m; the sphere has 0.02 m."""
     balls = no_balls()
     balls[[3, 3 + BALL_COUNT, 3 + 2 * BALL_COUNT, 3 + 3 * BALL_COUNT, 3 + 4 * BALL_COUNT]] = (
         1.0, 0.0, 0.0, 0.1, 2.0,
@@ -240,12 +240,12 @@ def test_a_ball_tells_its_room_less_what_moved_and_nothing_when_it_gave_more():
     assert clearance(1.0) == 0.08
     assert clearance(1.03) == pytest.approx(0.05, rel=1e-9) and clearance(1.03) <= 0.05
     assert clearance(1.01, 2.02) == pytest.approx(0.05, rel=1e-9) and clearance(1.01, 2.02) <= 0.05
-    # Less than a quarter of what it gave is not worth taking.
+    # Balls with less than a quarter of their radius left are not used.
     assert clearance(1.07) < 0.0 and clearance(1.0, 2.07) < 0.0 and clearance(0.0) < 0.0
 
 
 def test_moved_parts_are_met_where_they_are_now():
-    """A ball from before, when the plate stood 0.08 m lower, would let the sphere through it."""
+    """An old ball, from when the plate was 0.08 m lower, would let the sphere pass through it."""
     way = down()
     way.go()
     way.scene.move("plate", np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.08], [0, 0, 0, 1.0]]))

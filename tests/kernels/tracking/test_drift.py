@@ -1,4 +1,4 @@
-"""How parts move at an instant, and how far any has moved since: by formula and by sampling."""
+"""Velocities of parts, and bounds of their displacement, compared with formulas and sampling."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ TIGHT = 1.0 + 1e-11
 
 
 def scene_of(motions, corner=0.0):
-    """Cubes from (corner, corner, corner) on, named by number, each turned and elsewhere, with velocities."""
+    """Cubes with lower corners at *corner*, named by number, each at its own pose with velocities."""
     return Scene(
         [
             part_of(
@@ -41,14 +41,14 @@ def scene_of(motions, corner=0.0):
 
 
 def movers_of(scene):
-    """The parts that move."""
+    """The moving parts."""
     model = scene.snapshot()
     movers = movers_workspace(len(model.parts) - 1)
     return Movers(movers, *gather_movers(model.frames, model.parts, movers))
 
 
 def near_of(scene, u=(0.0, 0.0, 0.0), x=(0.0, 0.0, 0.0), off=0.0, speed=0.0, unit=1.0, extent=1e9):
-    """The drift of what may come near."""
+    """The drift of parts that may come near."""
     movers = movers_of(scene)
     numbers = map(float, (off, speed, unit, extent))
     near, _ = gather_near(movers, tuple(map(float, u)), tuple(map(float, x)), *numbers)
@@ -56,16 +56,16 @@ def near_of(scene, u=(0.0, 0.0, 0.0), x=(0.0, 0.0, 0.0), off=0.0, speed=0.0, uni
 
 
 def drift(scene, u=(0.0, 0.0, 0.0)):
-    """What no part exceeds at any time."""
+    """Upper bound of the speed of all parts."""
     return part_travel(near_of(scene, u), 0.0, 1e9)[0]
 
 
 def fastest_corner(scene, u):
-    """Of all corners of all parts at many instants to come, the largest speed relative to *u*."""
+    """Largest sampled speed relative to *u* of all corners of all parts at many later times."""
     rng, fastest = np.random.default_rng(1), 0.0
     for part in scene.parts:
         arms = part.pose.matrix[:3, :3] @ part.solid.mesh.vertices.T
-        # As time goes on, an arm turns about the angular velocity; any such turn will do.
+        # Over time an arm rotates about the angular velocity; any such rotation is valid.
         axis = part.angular_velocity / max(np.linalg.norm(part.angular_velocity), 1e-300)
         for angle in rng.uniform(0, 2 * np.pi, 200):
             turned = (
@@ -137,7 +137,7 @@ def test_no_corner_is_ever_faster_than_the_drift(seed):
 
 
 def train(speeds, gap=1.0):
-    """Cubes in a row along y from y = 1 on, *gap* apart, that go down."""
+    """Cubes in a row along y from y = 1 on, *gap* apart, moving down."""
     return Scene(
         [
             part_of(shapes.cube(), f"{row}", Pose(np.eye(3), (0.0, 1.0 + gap * row, 0.0)),
@@ -148,7 +148,7 @@ def train(speeds, gap=1.0):
 
 
 def test_a_part_counts_from_when_it_can_have_come():
-    # 0.5 m and 1.5 m off a point at y = 0.5; both come at once with the point.
+    # 0.5 m and 1.5 m from a point at y = 0.5; the point moves toward both.
     scene = train([1.0, 4.0])
     near = near_of(scene, x=(0.5, 0.5, 0.5), speed=1.0)
 
@@ -175,7 +175,7 @@ def test_only_parts_that_may_come_in_time_are_gathered():
 
 @pytest.mark.parametrize("seed", range(20))
 def test_what_moves_is_never_nearer_than_gap_and_drift_allow(seed):
-    """The gap that is left at any instant, against the boxes themselves, moved."""
+    """The remaining gap at any time, compared with the moved boxes."""
     rng = np.random.default_rng(seed)
     scene = scene_of(rng.normal(size=(19, 2, 3)) * rng.choice([0.0, 0.1, 3.0], (19, 2, 1)))
     x, u = rng.normal(size=3) * 10.0, rng.normal(size=3)
@@ -188,7 +188,7 @@ def test_what_moves_is_never_nearer_than_gap_and_drift_allow(seed):
             middle, reach = part.pose.translation, np.linalg.norm(arms, axis=0).max()
             turn = reach * np.linalg.norm(part.angular_velocity)
             speed = np.linalg.norm(part.velocity - u) + turn
-            # Those that come within an instant's moves are counted; the others are still outside.
+            # Parts that can arrive by then are counted; the others are still outside.
             lower, upper = (arms.T + middle).min(axis=0), (arms.T + middle).max(axis=0)
             gap = np.linalg.norm(np.maximum(np.maximum(lower - x, x - upper), 0.0))
             assert speed <= drift * TIGHT or gap >= speed * gone * (1.0 - 1e-9)
@@ -214,9 +214,9 @@ def test_a_clearance_lasts_until_what_has_come_by_then_may_use_it_up():
 
     for clearance, expected in (
         (0.1, 0.1),  # used up by the point itself
-        (0.3, 0.25),  # the first part has come by then, and both may have used it up before
+        (0.3, 0.25),  # the first part has arrived by then, and both may have used it up before
         (0.55, 0.275),  # both have used it up
-        (0.7, 0.3),  # the second part comes
+        (0.7, 0.3),  # the second part arrives
         (2.0, 0.4),
     ):
         assert contact_free_time(near, 1.0, clearance) == pytest.approx(expected)

@@ -1,4 +1,4 @@
-"""The velocity of a finger and where it will be: exact where it can be, bounded elsewhere."""
+"""Velocity estimate and prediction of a finger: exact where possible, bounded elsewhere."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def steady(times_ns, velocity, start=(0.1, 0.2, 0.3)):
 
 
 def irregular_times(rng, count, start_ns=0):
-    """Instants 0.1 to 50 ms apart, all sizes equally likely."""
+    """Times 0.1 to 50 ms apart, log-uniformly distributed."""
     return start_ns + np.cumsum((1e5 * 500.0 ** rng.random(count)).astype(np.int64))
 
 
@@ -44,9 +44,9 @@ def test_steady_motion_has_its_velocity_at_any_times(seed, start_ns):
         assert status & TRACKED and not status & (JUMPED | REPEATED)
         assert bool(status & STARTED) == (count == 1)
         is_known = is_known or bool(status & PREDICTED)
-        assert bool(status & PREDICTED) == is_known  # once known, it stays so
+        assert bool(status & PREDICTED) == is_known  # once known, it remains known
         if is_known:
-            # places near one metre, rounded to 1e-16, at least 0.4 ms apart
+            # positions near one metre, rounded to 1e-16, at least 0.4 ms apart
             np.testing.assert_allclose(finger.velocity, velocity, rtol=0.0, atol=3e-12)
         else:
             assert not finger.velocity.any() and finger.velocity_error == MAX_SPEED
@@ -61,10 +61,10 @@ def test_second_pose_gives_a_velocity_and_the_third_its_error():
     assert finger.velocity_error == MAX_SPEED
     assert finger.see(times[1], (0, 0.008, 0)) == KNOWN
     np.testing.assert_allclose(finger.velocity, (0, 1, 0), atol=1e-12)
-    # at its greatest speed it may be going the other way
+    # at maximum speed its direction may be opposite
     assert finger.velocity_error == pytest.approx(MAX_SPEED + 1.0)
     assert finger.see(times[2], (0, 0.016, 0)) == KNOWN
-    # half an interval of acceleration, and the noise of two poses, in quadrature
+    # acceleration over half an interval, and the noise of two poses, in quadrature
     expected = MAX_ACCELERATION * 0.004 + np.sqrt(2.0) * motion.NOISE / 0.008
     assert finger.velocity_error == pytest.approx(expected, rel=0.05)
 
@@ -231,7 +231,7 @@ FAR, ELSEWHERE = np.array([(0.3, 0.4, 0.5), (-0.2, 0.1, 0.4)])
     "strays", [[FAR], [FAR, 0, FAR], [FAR, ELSEWHERE], [FAR, ELSEWHERE, FAR], [FAR, FAR]]
 )
 def test_poses_gone_astray_and_back_leave_the_velocity_as_it_was(start, strays):
-    """From the second pose on there is a velocity to go back to."""
+    """From the second pose on there is a velocity to return to."""
     finger = Finger()
     times = np.arange(12) * 8 * MS
     right = steady(times, (0.5, 0, 0))
@@ -265,7 +265,7 @@ ANEW = TRACKED | STARTED | JUMPED
     ids=["three poses elsewhere", "a jump after a return", "time runs backwards", "long ago"],
 )
 def test_way_back_is_closed(times, strays, expected):
-    """After a return four centimetres are too far from the last pose, though not from the one before."""
+    """After a return, four centimetres are too far from the last pose, though not from the one before."""
     positions = np.zeros((len(times), 3))
     for pose, stray in strays.items():
         positions[pose] = stray
@@ -274,7 +274,7 @@ def test_way_back_is_closed(times, strays, expected):
 
 
 def test_small_stray_widens_the_error_and_passes():
-    """Two centimetres in 8 ms: no jump, but far more than acceleration explains."""
+    """Two centimetres in 8 ms do not count as a jump, but far exceed the acceleration limit."""
     finger = Finger()
     times = np.arange(9) * 8 * MS
     positions = np.zeros((9, 3))
@@ -332,7 +332,7 @@ def test_bound_far_ahead_is_what_a_hand_can_move_or_a_finger_that_turns_at_full_
 @pytest.mark.parametrize("is_steady", [True, False])
 @pytest.mark.parametrize("seed", range(6))
 def test_no_motion_within_the_limits_leaves_the_bound(seed, is_steady):
-    """The finger accelerates fully all the time: in one direction, or in another each few milliseconds."""
+    """The finger accelerates at the limit all the time, in one direction or in random ones."""
     rng = np.random.default_rng(seed)
     acceleration, finger = 60.0, Finger()
     limits = (30.0, acceleration)  # a speed that is not reached
@@ -354,7 +354,7 @@ def test_no_motion_within_the_limits_leaves_the_bound(seed, is_steady):
             t_ns += step_ns
         status = finger.see(t_ns, position, limits=limits)
         assert not status & JUMPED
-        # it may go on in any direction: straight on, back, or aside
+        # it may continue straight on, backwards, or sideways
         for way in (direction, -direction, np.roll(direction, 1)):
             for h in (0.0005, 0.002, 0.009, 0.05, 0.15):
                 step, rho = finger.after(h, limits)

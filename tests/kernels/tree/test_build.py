@@ -1,4 +1,4 @@
-"""The three steps to a tree: runs halved, subtrees put elsewhere, and the best eight-wide tree of all."""
+"""The three steps of tree building: binary halving, subtree reinsertion, and the optimal 8-wide collapse."""
 
 import itertools
 
@@ -30,14 +30,14 @@ def half_areas(boxes):
 
 
 def halved(boxes, leaf_shift=FACES_SHIFT):
-    """Boxes and links of the binary tree, the moved boxes of faces, and their order."""
+    """Boxes and links of the binary tree, the sorted face boxes, and their order."""
     moved, order = boxes.reshape(-1).copy(), np.arange(len(boxes), dtype=np.int32)
     nodes, links = halve(moved, order, leaf_shift)
     return nodes, links, moved.reshape(-1, BOX_STRIDE), order
 
 
 def assert_binary_tree(nodes, links, faces):
-    """Every node is reached once, has the box of what is below it, and leaves share out the faces."""
+    """Check that nodes are reached once and enclose their children, and that leaves split the faces."""
     boxes = nodes.reshape(-1, BOX_STRIDE)
     seen, used, waiting = np.zeros(len(links), int), np.zeros(len(faces), int), [0]
     while waiting:
@@ -56,7 +56,7 @@ def assert_binary_tree(nodes, links, faces):
 
 
 def cost(nodes, links):
-    """The surface of all inner nodes."""
+    """Total surface of the inner nodes."""
     return half_areas(nodes.reshape(-1, BOX_STRIDE))[links[:, LINK_LEFT] != NO_CHILD].sum()
 
 
@@ -131,7 +131,7 @@ def test_improving_never_adds_surface(seed):
 
 @pytest.mark.internals
 def test_a_leaf_on_the_wrong_side_is_put_where_it_belongs():
-    """Two heaps of four; one box of each stands with the other's."""
+    """Two clusters of four boxes; one box of each is in the other's leaf."""
     lower = np.zeros((8, 3))
     lower[:, 0] = [0.0, 0.1, 0.2, 5.3, 5.0, 5.1, 5.2, 0.3]
     moved = records(lower, lower + 0.05)
@@ -153,7 +153,7 @@ def test_a_leaf_on_the_wrong_side_is_put_where_it_belongs():
 
 
 def wide_nodes(nodes):
-    """Per node the boxes (K, 2, 3) of its children and their references."""
+    """For each node the boxes (K, 2, 3) of its children and their references."""
     table = nodes.reshape(-1, NODE_STRIDE)
     references = table.view(np.int32)[:, NODE_CHILDREN : NODE_CHILDREN + LANES]
     for row, names in zip(table, references, strict=True):
@@ -163,7 +163,7 @@ def wide_nodes(nodes):
 
 
 def surface(nodes):
-    """The surface of all wide nodes: what `widen_tree` makes as small as it can be."""
+    """Total surface of the wide nodes, which `widen_tree` minimises."""
     total = 0.0
     for boxes, _ in wide_nodes(nodes):
         x, y, z = boxes[:, 1].max(axis=0).astype(np.float64) - boxes[:, 0].min(axis=0)
@@ -172,7 +172,7 @@ def surface(nodes):
 
 
 def least_surface(nodes, links):
-    """The same over all choices of nodes that stay, by trying each."""
+    """Minimum of that surface by trying all subsets of nodes to keep."""
     areas = half_areas(nodes.reshape(-1, BOX_STRIDE))
     inner = [node for node in range(1, len(links)) if links[node, LINK_LEFT] != NO_CHILD]
 
@@ -206,7 +206,7 @@ def test_no_other_wide_tree_has_less_surface(seed):
 
 
 def depth_of(nodes):
-    """Levels of a wide tree, in which every node and leaf must be met once."""
+    """Levels of a wide tree; checks that every node and leaf is reached once."""
     children = [names for _, names in wide_nodes(nodes)]
     levels, met, level = 0, [0], [0]
     while level:
@@ -223,7 +223,7 @@ def depth_of(nodes):
 @pytest.mark.parametrize("count", [9, 100, 3000])
 @pytest.mark.parametrize("side", [LINK_LEFT, LINK_RIGHT])
 def test_a_chain_of_any_length_is_not_deep(count, side):
-    """Every node of the binary tree has a leaf on one side: as long as there are leaves."""
+    """Every node of the binary tree has a leaf on one side: its depth is the number of leaves."""
     lower = np.zeros((count, 3))
     upper = 0.97 ** np.arange(count)[:, None] * np.ones(3) + 1e-3
     moved = records(lower, upper)
@@ -248,7 +248,7 @@ def test_a_chain_of_any_length_is_not_deep(count, side):
 
 @pytest.mark.internals
 def test_the_thinnest_of_a_nodes_boxes_has_its_first_lane():
-    """A walk goes there first where several are equally near."""
+    """A traversal visits it first if several are equally near."""
     nodes, links, _, order = halved(random_boxes(np.random.default_rng(8), 5000))
 
     wide, _, _ = widen_tree(nodes, links, order)
@@ -263,14 +263,14 @@ def test_the_thinnest_of_a_nodes_boxes_has_its_first_lane():
 
 @pytest.mark.internals
 def test_leaves_are_numbered_in_the_order_of_the_tree():
-    """What is below a node has leaves in a row: moments and slabs are made from that."""
+    """The leaves below a node are consecutive, as moments and slabs require."""
     nodes, links, _, order = halved(random_boxes(np.random.default_rng(7), 5000))
     improve(nodes, links)
 
     wide, new_order, leaf_first = widen_tree(nodes, links, order)
 
     children = [names for _, names in wide_nodes(wide)]
-    leaves = {}  # of a node: the first of its leaves, and behind the last
+    leaves = {}  # by node: first leaf, and one past the last
     for node in range(len(children) - 1, -1, -1):
         assert all(below > node for below in children[node] if below >= 0)
         ends = sorted(leaves[name] if name >= 0 else (~name, ~name + 1) for name in children[node])

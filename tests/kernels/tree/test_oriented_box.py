@@ -1,4 +1,4 @@
-"""Oriented boxes of blocks: never farther than what is in them, and tight where others are not."""
+"""Oriented boxes of blocks: lower bounds of distance, and tight where axis-aligned boxes are not."""
 
 import numba
 import numpy as np
@@ -42,7 +42,7 @@ def fill_box_distances(boxes, reals, points, found, reaches):
 
 @compiled
 def fill_leaf_bounds(words, points, bounds):
-    """Fill the bounds of boxes along the axes, of each point and block."""
+    """Fill the bounds by axis-aligned boxes, of each point and block."""
     children = words.view(np.int32)
     for i in range(len(points)):
         x, y, z = (
@@ -89,7 +89,7 @@ MESHES = {
 
 
 def points_around(corners):
-    """Local points: on corners, beside them, and anywhere as far as boxes are asked."""
+    """Local points on corners, near them, and up to the largest distance at which boxes are used."""
     rng = np.random.default_rng(11)
     on = corners[rng.integers(0, len(corners), 40)]
     beside = on + 10.0 ** rng.uniform(-9, 0, (40, 1)) * rng.normal(size=(40, 3))

@@ -1,4 +1,4 @@
-"""Slabs along mean normals: never above the distance of what is below, and tight where boxes are not."""
+"""Slabs along mean normals: lower bounds of distance, and tight where boxes are not."""
 
 from functools import cache
 
@@ -48,7 +48,7 @@ def bounds_at(moments, points, factor=1.0):
 
 
 def slots_below(bvh):
-    """Of each node and lane the slots of all faces below; empty where the lane is unused."""
+    """Slots of all faces below each node and lane; empty for unused lanes."""
     nodes = bvh.nodes.reshape(-1, NODE_STRIDE)
     children = nodes.view(np.int32)[:, NODE_CHILDREN : NODE_CHILDREN + LANES].tolist()
     below = {}
@@ -71,12 +71,12 @@ def random_faces(seed, count, size):
 
 
 def thin(mesh, widths):
-    """The same faces, squeezed."""
+    """Scale a mesh along its axes."""
     return mesh[0] * widths, mesh[1]
 
 
 def collapsed(mesh, corners):
-    """The same faces with some corners in the place of others: lines or points."""
+    """Replace some corners by others, so that faces become lines or points."""
     return mesh[0], mesh[1][:, corners]
 
 
@@ -147,7 +147,7 @@ def test_slab_is_never_above_the_distance_of_any_face_below(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_slab_is_as_wide_as_the_corners_reach(name):
-    """Along the very normal that is stored, which is that of all faces below together."""
+    """Along the stored normal, the sum over all faces below."""
     piece = piece_named(name)
     moments = piece.moments.reshape(-1, MOMENT_STRIDE).astype(np.longdouble)
     blocks = piece.bvh.blocks.reshape(-1, 3, 3, LANES)
@@ -190,7 +190,7 @@ def test_slabs_of_a_ball_seen_from_its_centre_miss_by_the_sagitta_only():
 
     assert len(misses) > 500
     assert max(misses) < 0.3
-    assert np.median(box_misses) > 0.15  # falls with the size only, not with its square
+    assert np.median(box_misses) > 0.15  # proportional to the size, not to its square
 
 
 @pytest.mark.internals
@@ -207,7 +207,7 @@ def test_factor_scales_the_bounds(factor):
 
 @pytest.mark.internals
 def test_bound_too_small_for_float32_is_none():
-    """Else it would be rounded to one of the few smallest numbers, half of them too large."""
+    """It would be rounded to a subnormal, half of which are too large."""
     piece = piece_named("one face")
     points = np.random.default_rng(7).uniform(-2, 2, (200, 3))
 
@@ -243,7 +243,7 @@ def test_bounds_beyond_float32_are_cut_off_below_infinity():
 
 
 def test_refilled_slabs_fit_faces_that_have_moved():
-    """Filling again gives what building gives: nothing is left of what was there."""
+    """Refilling gives the same values as building."""
     piece = piece_named("soup")
     again = piece.moments.copy()
     again.reshape(-1, MOMENT_STRIDE)[:, MOMENT_SLAB_LEAST:] = np.nan

@@ -1,4 +1,4 @@
-// Lets a test drive the client in C#: see client_programs.py.
+// Command-line driver of the client in C#, see client_programs.py.
 using System;
 using System.Globalization;
 using System.IO;
@@ -104,7 +104,7 @@ public static unsafe class Driver
         }
     }
 
-    /// <summary>Read many frames and send many poses; how often the collector ran.</summary>
+    /// <summary>Print the number of garbage collections while reading many frames and sending many poses.</summary>
     private static void CountGarbage(string[] words)
     {
         int port = int.Parse(words[1]);
@@ -124,7 +124,7 @@ public static unsafe class Driver
                     before = GC.CollectionCount(0);
                 }
                 publisher.Send(poses, 5);
-                subscriber.Read(); // poses are no frames: refused, counted
+                subscriber.Read(); // poses are not frames: rejected and counted
                 fixed (byte* bytes = frame)
                 {
                     ((ProximityPrefix*)bytes)->Sequence = (ulong)i;

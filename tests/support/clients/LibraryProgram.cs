@@ -1,4 +1,4 @@
-// Asks a scene through the binding for C#: rows of points come from a file, and the bytes of all answers go to one.
+// Queries a scene through the binding for C#: reads points from a file, and writes the bytes of all results to another.
 using System;
 using System.IO;
 using System.Runtime.InteropServices;
@@ -54,7 +54,7 @@ public static class LibraryProgram
             for (int k = 0; k < 6; k++)
             {
                 if (k == 3)
-                    scene.Post(0, pose, 0); // as it would be moved
+                    scene.Post(0, pose, 0); // like Move
                 if (k == 4)
                     scene.SetSurface(0, 700, 0.5);
                 var at = new ReadOnlySpan<ProximityVector>(points, k, 2);

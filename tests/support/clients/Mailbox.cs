@@ -1,4 +1,4 @@
-// Reads frames by shared memory and prints, of each new valid one, its sequence and the distance of its first finger.
+// Reads frames from shared memory and prints sequence and first finger's distance of each new valid one.
 using System;
 using System.Globalization;
 using Proximity;

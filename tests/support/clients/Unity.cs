@@ -1,5 +1,5 @@
-// Stand-ins for what components use of Unity, and a program that runs one: words are the scene's folder, the mirror, and
-// poses of the object that is asked about, of the scene's origin and of the part that is moved, 7 numbers each.
+// Stubs of the Unity types that components use, and a program that runs one. Arguments: the scene's folder, the mirror,
+// and the poses of the query object, of the scene's origin and of the moved part, 7 numbers each.
 using System;
 using System.Globalization;
 using System.Reflection;

@@ -1,5 +1,5 @@
-/* Starts controller_driver.c on a simulated Cortex-M7, and counts instructions of the calls: see
- * controller_in_c.py. The simulator's clock goes on by 1024 ns an instruction, SysTick by one in 40 ns. */
+/* Starts controller_driver.c on a simulated Cortex-M7 and counts the instructions of calls, see controller_in_c.py.
+ * The simulator's clock advances by 1024 ns per instruction, SysTick by one per 40 ns. */
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,7 +14,7 @@
 static void boot(void);
 __attribute__((section(".vectors"), used)) static void *const vectors[2] = {(void *)0x20300000, (void *)boot};
 
-/* Turn the unit for doubles on. */
+/* Enable the double-precision FPU. */
 __attribute__((naked)) static void boot(void)
 {
     __asm volatile("ldr r0, =0xE000ED88\n ldr r1, [r0]\n orr r1, r1, #(0xF << 20)\n str r1, [r0]\n"

@@ -1,4 +1,4 @@
-/* Lets a test drive decaff_controller.h: see controller_in_c.py. Events from a file, answers into another. */
+/* Driver of decaff_controller.h, see controller_in_c.py: reads events from a file, writes answers to another. */
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -66,7 +66,7 @@ static void take(decaff_subscriber *frames)
 
     GET(now_ns);
     GET(size);
-    get(bytes + 1, size); /* not aligned, as it may come */
+    get(bytes + 1, size); /* unaligned, as data may arrive */
     reason = (int32_t)decaff_subscriber_take(frames, bytes + 1, size, now_ns);
     PUT(reason);
 }

@@ -1,6 +1,6 @@
-/* Gives decaff_controller.h what nobody expects, and asks at each sample whether a finger is safe: see
- * test_decaff_fuzz.py. Words: seconds, and a seed. A frame is right at first, and then changed in a few places and
- * sealed anew, so that the checksum does not protect what reads it. */
+/* Feeds mutated frames to decaff_controller.h and checks at each sample that the finger is safe, see
+ * test_decaff_fuzz.py. Arguments: seconds, and a seed. A valid frame is changed in a few places and sealed again, so
+ * that its checksum does not reject the changes. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
@@ -84,7 +84,7 @@ static bool is_driven(enum decaff_drive_mode mode)
     return mode == DECAFF_DRIVE_MODE_POSITION || mode == DECAFF_DRIVE_MODE_FORCE;
 }
 
-/* How far the fingertip is at a bend, m: the rows of the table are as far apart. */
+/* Fingertip position at a bend, m; the rows of the table are evenly spaced. */
 static double position_of(double bend)
 {
     const decaff_path *path = &decaff_paths[0];
@@ -102,7 +102,7 @@ static double angle_of(double position)
     return path->angles[row];
 }
 
-/* A frame of fingers that come near a wall, which may move. */
+/* Write a frame of fingers approaching a wall, which may move. */
 static void write_frame(message *frame, int64_t now_ns, double bend, unsigned surface, unsigned source)
 {
     size_t i, axis;
@@ -176,7 +176,7 @@ static void disturb(message *frame, int64_t now_ns)
     }
 }
 
-/* Send a frame: each in memory of its own that is not aligned, so that a byte beyond it is noticed. */
+/* Send a frame in separate unaligned memory, so that sanitizers detect accesses beyond it. */
 static void send(decaff_subscriber *frames, message *frame, int64_t now_ns, uint64_t *session, uint64_t *sequence)
 {
     size_t size = sizeof *frame;
@@ -200,7 +200,7 @@ static void send(decaff_subscriber *frames, message *frame, int64_t now_ns, uint
     free(datagram);
 }
 
-/* What else a reader does with a message, at any instant. */
+/* Call the other functions for messages, at any time. */
 static void read_message(const message *frame, proximity_clock *clock, int64_t now_ns)
 {
     int64_t at_ns = below(2) ? now_ns : wild_instant(now_ns);
@@ -237,7 +237,7 @@ static unsigned long live(unsigned long *used)
     decaff_start_begin(&start, path, below(20) ? 1.9 : wild_real(), below(2) != 0);
     for (sample = 0; sample < SAMPLES_A_LIFE; sample++) {
         now_ns += below(5000) ? PERIOD_NS : (int64_t)below(30000000);
-        bend = sample % 3000 < 1000 ? 0.35 + 0.00016 * (double)(sample % 3000) : 0.51; /* closes, and presses */
+        bend = sample % 3000 < 1000 ? 0.35 + 0.00016 * (double)(sample % 3000) : 0.51; /* closes, then presses */
         if (below(3) == 0 && sample % 7000 < 6000) {
             write_frame(&frame, frames.receiver.shares_clock ? now_ns : now_ns + away_ns, bend, surface, source);
             disturb(&frame, now_ns);

@@ -1,4 +1,4 @@
-// Lets a test drive proximity_client.hpp: see client_programs.py.
+// Command-line driver of proximity_client.hpp, see client_programs.py.
 #include <cstdio>
 #include <iostream>
 #include <iterator>

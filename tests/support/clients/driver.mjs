@@ -1,4 +1,4 @@
-// Lets a test drive the client in JavaScript: see client_programs.py.
+// Command-line driver of the client in JavaScript, see client_programs.py.
 import fs from "node:fs";
 import { setTimeout as sleep } from "node:timers/promises";
 

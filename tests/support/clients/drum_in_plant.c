@@ -1,5 +1,6 @@
-/* The controller in C around a plant: see drum_in_plant.py. Motor and gear are macros of the compiler. The rotor and the
- * arm behind the gear's play are two masses, in radians of the drum; the finger with its link is a third, in metres. */
+/* The controller in C with a simulated plant, see drum_in_plant.py. Motor and gear are given by macros. The rotor and the
+ * arm, coupled through the gear's backlash, are two masses, in radians of the drum; finger and link are a third, in
+ * metres. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -7,7 +8,7 @@
 
 #include "decaff_controller.h"
 
-#ifdef BEFORE /* a controller that coasts without power, and compares nothing by hand */
+#ifdef BEFORE /* a controller that coasts without power, and has no comparison by hand */
 #define DECAFF_DRIVE_MODE_FREE DECAFF_DRIVE_MODE_OFF
 #define DECAFF_DRIVE_MODE_BRAKED DECAFF_DRIVE_MODE_OFF
 #define WATCHDOG_SAMPLES 30
@@ -23,13 +24,13 @@
 #define IS_BY_HAND(start) ((start).state == DECAFF_START_BY_HAND)
 #endif
 
-#define STEPS 30              /* of the plant, to a sample */
+#define STEPS 30              /* of the plant, per sample */
 #define ARM 1.6e-5            /* kg m2: a roller of 10 g */
-#define COMES 0.05            /* s, when frames of a press say first where the finger will touch */
+#define COMES 0.05            /* s, when frames of a press first predict the contact */
 #define ARM_FRICTION 0.002    /* N m; assumed */
-#define GEAR 300.0            /* N m/rad, of a gear whose play is used up; assumed */
+#define GEAR 300.0            /* N m/rad, of the gear beyond its backlash; assumed */
 #define GEAR_DAMPING 0.02     /* N m s/rad */
-#define STICTION 1.5          /* of the friction of a rotor that turns; assumed */
+#define STICTION 1.5          /* relative to the friction of a rotating rotor; assumed */
 #define STOP 1.9              /* rad */
 #define STOP_STIFFNESS 300.0  /* N m/rad, of rubber */
 #define STOP_DAMPING 1.4      /* N m s/rad */
@@ -39,9 +40,9 @@
 #define COUNT (6.283185307179586 / ENCODER_COUNTS / RATIO)
 #define POTENTIOMETER 9e-6 /* m */
 
-static double rotor, rotor_speed, arm, arm_speed, torque, asked; /* rad and N m, at the drum but for the torques */
+static double rotor, rotor_speed, arm, arm_speed, torque, asked; /* rad and N m, at the drum except the torques */
 static double finger, finger_speed, contact;                     /* m and N */
-static double hand, hand_speed, hand_stiffness, hand_damping;    /* of the intent behind the finger */
+static double hand, hand_speed, hand_stiffness, hand_damping;    /* of the hand's target */
 static double turns = 1.0, counts = 1.0;                         /* -1: the motor, or the encoder, is reversed */
 static enum decaff_drive_mode mode;
 static bool is_touching; /* link and drum */
@@ -63,7 +64,7 @@ static double between(double least, double most)
     return least + (most - least) * ((double)((seed * 0x2545f4914f6cdd1du) >> 11) / 9007199254740992.0);
 }
 
-/* The line through the rows of a table, which go on beyond its ends. */
+/* Interpolate a table linearly, extrapolating beyond its ends. */
 static double looked_up(double x, const double *xs, const double *ys)
 {
     size_t low = 0, high = path->count - 1;
@@ -83,7 +84,7 @@ static bool is_driven(void)
     return mode == DECAFF_DRIVE_MODE_POSITION || mode == DECAFF_DRIVE_MODE_FORCE;
 }
 
-/* The speed after a step under a torque and friction, which stops and holds, but never turns. */
+/* The speed after a step under torque and friction, which stops motion but never reverses it. */
 static double slid(double speed, double pull, double friction, double inertia, double step)
 {
     double free = speed + pull / inertia * step, held = (fabs(speed) < 1e-4 ? STICTION : 1.0) * friction / inertia * step;
@@ -91,7 +92,7 @@ static double slid(double speed, double pull, double friction, double inertia, d
     return free > held ? free - held : (free < -held ? free + held : 0.0);
 }
 
-/* The energy that rotor and arm bring to the finger, J: of their own speed or of that towards it, whichever is less. */
+/* Energy of rotor and arm in a hit, J, from their speed or their speed relative to the finger, whichever is less. */
 static double energy_of_hit(double lever)
 {
     double rotor_comes = fmax(0.0, fmin(-rotor_speed, finger_speed / lever - rotor_speed));
@@ -100,7 +101,7 @@ static double energy_of_hit(double lever)
     return 0.5 * (INERTIA * RATIO * RATIO * rotor_comes * rotor_comes + ARM * arm_comes * arm_comes);
 }
 
-/* A step of the plant while the arm is near an angle, where the finger meets it at a position. */
+/* Step the plant with the arm near an angle, at which the finger meets it at a position. */
 static void push(double lever, double angle, double position, double step)
 {
     double twist = rotor - arm, gear = 0.0, drum = position + lever * (arm - angle);
@@ -139,7 +140,7 @@ static void push(double lever, double angle, double position, double step)
     hand += hand_speed * step;
 }
 
-/* A sample: what lasts until the next one. */
+/* Run the plant for one sample. */
 static void run_plant(void)
 {
     double position = looked_up(arm, path->angles, path->positions), angle = arm, lever;
@@ -167,8 +168,8 @@ static void put_drum(double angle)
     mode = DECAFF_DRIVE_MODE_FREE;
 }
 
-/* The start of the guide's listing, with the link of an empty glove before the drum, or flat; how far the drum came
- * nearer by its motor, m. */
+/* Run the start of the guide's listing, with the link of an empty glove in front of the drum, or flat; return the
+ * drum's approach by its motor, m. */
 static double start_drum(decaff_start *start, double angle, double index, double link)
 {
     double nearest, before;
@@ -178,7 +179,7 @@ static double start_drum(decaff_start *start, double angle, double index, double
     hand_stiffness = hand_damping = hand_speed = finger_speed = 0.0;
     finger = looked_up(link, path->angles, path->positions);
     BEGIN_START(start, path, isnan(index) ? STOP : index, !isnan(index));
-    for (i = 0; i < 6000 && IS_BY_HAND(*start); i++) { /* a hand turns the drum to the link, and pushes both on */
+    for (i = 0; i < 6000 && IS_BY_HAND(*start); i++) { /* a hand rotates the drum to the link, and pushes both */
         put_drum(angle - 0.3 * i * set->period);
         finger = fmin(finger, looked_up(arm, path->angles, path->positions));
         STEP_START(start, encoder(), bend(), false);
@@ -198,14 +199,12 @@ static double start_drum(decaff_start *start, double angle, double index, double
     return looked_up(angle, path->angles, path->positions) - looked_up(nearest, path->angles, path->positions);
 }
 
-/* --- presses --- */
-
 enum fault { NONE, LATE, NO_ENCODER, NO_BEND, MOTOR, STOPPED, CUT, SILENT, FAULTS };
 
 typedef struct press {
-    double wall, speed, depth, stiffness, back; /* bend, m/s, m, N/m; s, when it goes back */
+    double wall, speed, depth, stiffness, back; /* bend, m/s, m, N/m; s, when it returns */
     double latency;                             /* s, of frames */
-    double surface, appears;                    /* N/m, 0: rigid; m beyond the wall, where it is reported first */
+    double surface, appears;                    /* N/m, 0: rigid; m beyond the wall, first reported position */
     bool has_sensor, is_slave;
     enum fault fault;
     double at, lasts; /* s */
@@ -243,7 +242,7 @@ static void write_frame(proximity_contact *c, const press *p, double at, double 
     c->mode = PROXIMITY_MODE_POSITION;
 }
 
-/* One sample of the guide's listing. */
+/* Run one sample of the guide's listing. */
 static void sample(decaff_observation *seen, double measured)
 {
     static double force;
@@ -258,7 +257,7 @@ static void sample(decaff_observation *seen, double measured)
     mode = action.mode;
 }
 
-/* A press from before the wall, to a depth behind it, and back; then the drum has time to retract. */
+/* Press from in front of the wall to a depth behind it and return; then the drum has time to retract. */
 static void run_press(const press *p)
 {
     static double poses[256], speeds[256];
@@ -301,7 +300,7 @@ static void run_press(const press *p)
         seen.has_fault = is_faulty && p->fault == MOTOR;
         if (is_faulty && p->fault == STOPPED)
             decaff_controller_stop(&controller);
-        if (is_faulty && p->fault == LATE) { /* the chip hangs, and its torque stays, until the watchdog */
+        if (is_faulty && p->fault == LATE) { /* the chip hangs and keeps its torque until the watchdog acts */
             hung++;
             if (hung > WATCHDOG_SAMPLES)
                 mode = DECAFF_DRIVE_MODE_BRAKED;
@@ -314,7 +313,7 @@ static void run_press(const press *p)
     }
 }
 
-/* Begin anew, homed. */
+/* Restart, homed. */
 static void home(void)
 {
     start_drum(&start, 1.0, NAN, 0.7);
@@ -324,7 +323,7 @@ static void home(void)
     decaff_servo_begin(&servo, path, decaff_drum_position(path, start.angle));
 }
 
-/* A drum that is on again after a fault is where a hand left it. */
+/* Re-enable the drum after a fault, where a hand left it. */
 static void go_on(void)
 {
     decaff_controller_reset(&controller);
@@ -347,7 +346,7 @@ static press any_press(void)
     p.is_slave = p.surface == 0.0 && between(0.0, 1.0) < 0.2;
     if (between(0.0, 1.0) < 0.6)
         p.fault = (enum fault)(1 + (int)between(0.0, FAULTS - 1));
-    p.at = between(0.0, 1.0) < 0.5 ? COMES + between(0.0, 0.04) : between(COMES, p.back + 0.2); /* often as it comes */
+    p.at = between(0.0, 1.0) < 0.5 ? COMES + between(0.0, 0.04) : between(COMES, p.back + 0.2); /* often during the approach */
     p.lasts = p.fault == LATE ? between(set->period, 0.015) : between(set->period, 0.2);
     return p;
 }
@@ -385,7 +384,7 @@ int main(int count, char **words)
         }
     } else if (count > 2 && strcmp(words[1], "hazards") == 0) {
         home();
-        run_press(&p); /* the drum retracts for the first time */
+        run_press(&p); /* the first retraction */
         go_on();
         printf("parked %.2f\n", 1e3 * (looked_up(rotor, path->angles, path->positions) - path->positions[path->count - 1]));
         for (i = 0, forget(); i < 12; i++) {
@@ -393,7 +392,7 @@ int main(int count, char **words)
             run_press(&p);
         }
         printf("approach %.3f\n", 1e3 * worst[0]);
-        for (i = 0, forget(), p.fault = LATE; i < 120; i++) { /* every other chip works again before that is a fault */
+        for (i = 0, forget(), p.fault = LATE; i < 120; i++) { /* every other chip recovers before the fault is detected */
             p.wall = 0.3 + 0.12 * (i % 6), p.at = COMES + 0.003 * (i / 6), p.lasts = i % 2 == 0 ? 0.012 : 0.0085;
             run_press(&p);
             go_on();

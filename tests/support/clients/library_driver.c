@@ -1,10 +1,10 @@
-/* Opens each file as it is, and with a byte changed here and there, from the path and as bytes. */
+/* Opens each file unchanged and with bytes changed, by path and from memory. */
 #include <math.h>
 #include <proximity_tracker.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-/* Asks a scene, and closes it before its tracker has ticked for the last time. */
+/* Query a scene, and close it before the last tick of its tracker. */
 static void use(proximity_scene *scene)
 {
     double points[150], distances[50], pose[16];
@@ -35,7 +35,7 @@ static void use(proximity_scene *scene)
         exit(3);
     proximity_destroy_tracker(tracker);
 }
-/* What may be NULL, and is told. */
+/* Pass NULL to every function that reports it. */
 static int all_nulls_are_told(void)
 {
     double numbers[16] = {0};

@@ -1,4 +1,4 @@
-// Asks a scene of one part through the header for C++.
+// Queries a scene of one part through the header for C++.
 #include <cmath>
 #include <cstdio>
 #include <proximity.hpp>

@@ -1,6 +1,5 @@
-/* Answers questions about a scene that come on its standard input, for processors that are emulated:
-   library_server SCENE.prox. A question is a number, how many rows, a limit, and the rows; see
-   bench/benchmarks/digest/library_program.py. */
+/* Answers queries of a scene from standard input, for emulated processors: library_server SCENE.prox. A query is a
+   number, the row count, a limit, and the rows; see bench/benchmarks/digest/library_program.py. */
 #include <proximity.h>
 #include <stdio.h>
 #include <stdlib.h>

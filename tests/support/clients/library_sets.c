@@ -1,4 +1,4 @@
-/* In place of the table of wrappers: that of the library as it is, which is not looked into. */
+/* Replaces the table of wrappers by the library's own, unwrapped. */
 #include <dlfcn.h>
 #include <stdlib.h>
 #include "core.h"

@@ -1,4 +1,4 @@
-/* Makes scenes of many meshes, sound and broken, adds them to one scene, and removes them while a tracker ticks. */
+/* Makes scenes of sound and broken meshes, adds them to one scene, and removes them while a tracker ticks. */
 #include <math.h>
 #include <proximity_tracker.h>
 #include <stdio.h>
@@ -6,7 +6,7 @@
 
 enum { RINGS = 14, SIDES = 9, MOST_VERTICES = 4 * RINGS * SIDES, MOST_FACES = 8 * RINGS * SIDES };
 
-/* A torus of vertices of its own for each face, of which some faces are missing, turned, doubled, or have bad numbers. */
+/* Write a torus without shared vertices, with some faces missing, reversed, duplicated, or with invalid numbers. */
 static void write_mesh(int seed, double *vertices, size_t *vertex_count, int32_t *faces, size_t *face_count)
 {
     size_t v = 0, f = 0;

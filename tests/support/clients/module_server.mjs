@@ -1,5 +1,5 @@
-// Answers questions about a scene that come on its standard input, with the module for browsers:
-// node module_server.mjs FOLDER SET SCENE.prox. A question is a number, how many rows, a limit, and the rows; see
+// Answers queries of a scene from standard input by the module for browsers:
+// node module_server.mjs FOLDER SET SCENE.prox. A query is a number, the row count, a limit, and the rows; see
 // bench/benchmarks/digest/library_program.py. Rows of eight bytes change the scene, and tick a tracker on it; see
 // bench/benchmarks/digest/module_tracker.py.
 import { readFileSync, readSync, writeSync } from "node:fs";
@@ -38,7 +38,7 @@ function told(bytes) {
   }
 }
 
-/** Columns as the records that C writes, row by row. */
+/** Pack columns into the row records that C writes. */
 function records(count, reals, words) {
   const size = 8 * reals.reduce((sum, [, width]) => sum + width, 0) + 4 * words.length;
   const bytes = new ArrayBuffer(size * count), view = new DataView(bytes);
@@ -83,18 +83,18 @@ function begin() {
   settings.radii.forEach((radius, finger) => tracker.setRadius(finger, radius));
 }
 const ACTIONS = {
-  20: (rows) => { // settings, then a radius a finger
+  20: (rows) => { // settings, then a radius per finger
     const known = SETTINGS.map((name, k) => [name, rows[k]]).filter(([, value]) => Number.isFinite(value));
     settings = { given: Object.fromEntries(known), radii: Array.from(rows.slice(SETTINGS.length)) };
     begin();
   },
-  21: (rows) => { // the scene has become another
+  21: (rows) => { // the scene was replaced
     tracker.close();
     scene.close();
     scene = engine.open(readFileSync(file));
     begin();
   },
-  22: (rows) => { // a row of 23 a part
+  22: (rows) => { // 23 numbers per part
     scene.move(Array.from({ length: rows.length / 23 }, (_, k) => {
       const row = rows.slice(23 * k, 23 * k + 23);
       return { part: row[0], matrix: row.slice(1, 17), velocity: row.slice(17, 20), angularVelocity: row.slice(20) };
@@ -102,7 +102,7 @@ const ACTIONS = {
   },
   23: ([part, isHidden]) => scene.hide(part, isHidden !== 0),
   24: () => tracker.reset(),
-  25: (rows, words) => { // instants, positions, then what else is known, as the first four words say
+  25: (rows, words) => { // times, positions, then optional columns given by the first four words
     const count = settings.radii.length, now = words[0], sizes = [count, 3 * count, ...[1, 2, 3, 4].map((k) => rows[k])];
     let at = 5;
     const [, positions, ...more] = sizes.map((size) => rows.slice(at, (at += size)));

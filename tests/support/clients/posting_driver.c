@@ -1,4 +1,4 @@
-/* One thread posts poses of two parts, and another ticks: no pose is torn, none is older than the one before. */
+/* One thread posts poses of two parts while another ticks: poses are never torn, and never go back in time. */
 #include <math.h>
 #include <proximity_tracker.h>
 #include <pthread.h>

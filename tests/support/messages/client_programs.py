@@ -1,7 +1,8 @@
-"""Programs made of the clients that ``proximity client`` writes, each with a driver of its own.
+"""Programs built from the clients of ``proximity client``, each with its own driver.
 
-A driver is asked in words: ``read EVENTS ANSWERS`` lets its reader take events from a file, ``tag KEY DATA
-SIZE…`` prints tags, ``listen`` and ``send HOST PORT FROM-or-BIND KEY`` open an end of UDP; ``-`` is none.
+A driver takes commands: ``read EVENTS ANSWERS`` makes its reader process events from a file, ``tag KEY DATA
+SIZE…`` prints tags, ``listen`` and ``send HOST PORT FROM-or-BIND KEY`` open an end of UDP; ``-`` omits a
+value.
 """
 
 import shutil
@@ -24,7 +25,7 @@ PATIENCE = 60.0
 
 
 def build(language, folder, source, target):
-    """The command that runs a program of a client in *folder*; skips the test where it cannot be built."""
+    """Build a client's program in *folder* and return its command; skip the test without a compiler."""
     write_client(language, folder)
     if folder not in source.parents:
         shutil.copy(source, folder)
@@ -56,7 +57,7 @@ def driver_source(language):
 
 
 def build_driver(language, folder):
-    """The command that runs the driver of a client; skips the test where clients are not built."""
+    """Return the command of a client's driver; skip the test where clients are not built."""
     if sys.platform == "win32":
         pytest.skip("clients are built and run on POSIX systems only")
     return build(language, folder, driver_source(language), "driver")
@@ -69,7 +70,7 @@ def example_source(language, folder):
 
 
 def ask(program, *words, code=0):
-    """What a program prints that ends at once."""
+    """Run a program to its end; return its output."""
     command = [str(word) for word in (*program, *words)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     assert (done.returncode, done.stderr) == (code, ""), done
@@ -77,7 +78,7 @@ def ask(program, *words, code=0):
 
 
 class Events:
-    """What a reader is to meet: frames that arrive, and looks at what is known."""
+    """Events for a reader: arriving frames, and requests for its state."""
 
     def __init__(self, shares_clock, is_keyed=False):
         self.data = bytearray([shares_clock, is_keyed])
@@ -92,7 +93,7 @@ class Events:
         self.kinds.append("look")
 
     def answers(self, program, folder):
-        """What a program answers to each, its counts of received, lost and sessions, and names of parts."""
+        """Return a program's answers, its counts of received, lost and sessions, and its part names."""
         (folder / "events").write_bytes(self.data)
         ask(program, "read", folder / "events", folder / "answers")
         data, at, answers = (folder / "answers").read_bytes(), 0, []

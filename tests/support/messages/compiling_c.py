@@ -1,4 +1,4 @@
-"""The C compiler, where there is one."""
+"""The C compiler, if installed."""
 
 import shutil
 import subprocess
@@ -9,7 +9,7 @@ WARNINGS = ["-Wall", "-Wextra", "-Werror", "-Wpedantic"]
 
 
 def compiler(*names):
-    """The first of these that is there; the test is skipped where none is."""
+    """The first of these compilers that is installed; skip the test without any."""
     for name in names:
         if found := shutil.which(name):
             return found
@@ -22,7 +22,7 @@ def c_compiler():
 
 
 def run(*command):
-    """Run a command that succeeds; what it printed."""
+    """Run a command that must succeed; return its output."""
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -1,7 +1,7 @@
-"""The other end of a transport, in a process of its own that a test can kill.
+"""The other end of a transport, in a separate process that a test can kill.
 
-Run as a script it is that process: ``far_end.py ROLE ADDRESS COUNT``. It prints a line when it is ready, and
-ends when its standard input does, so that nothing is left behind when a test fails.
+The process is this script: ``far_end.py ROLE ADDRESS COUNT``. It prints a line when ready and ends with its
+standard input, so that no process outlives a failed test.
 """
 
 import contextlib
@@ -18,24 +18,24 @@ from proximity.message import FRAME, Message, State
 from proximity.transport import open_inlet, open_publisher, open_subscriber
 
 PATIENCE = 30.0
-"""s until a test gives up: a loaded machine with two cores may take long."""
+"""s, time limit of a test, generous for a loaded machine with two cores."""
 _numbers = itertools.count()
 
 
 def new_name():
-    """A name that no other test has, nor a run of the tests beside this one."""
+    """A name unique among tests and concurrent test runs."""
     return f"test-{os.getpid()}-{time.time_ns()}/{next(_numbers)}"
 
 
 def frame(count=5):
-    """A frame that can be used: fingers that are not tracked, posed now, valid for 20 ms."""
+    """A valid frame: untracked fingers, posed now, valid for 20 ms."""
     message = Message(FRAME, count)
     message.header["state"] = State.OK
     return touch(message)
 
 
 def touch(message):
-    """Let a frame be of now."""
+    """Set a frame's times to now."""
     now = time.monotonic_ns()
     message.header["pose_ns"] = message.header["start_ns"] = message.header["publish_ns"] = now
     message.header["valid_until_ns"] = now + 20_000_000
@@ -43,7 +43,7 @@ def touch(message):
 
 
 def until(condition, patience=PATIENCE):
-    """Ask again and again until the answer is true, and return it; fail where it stays away."""
+    """Poll until the condition is true and return its value; fail after *patience*."""
     ends = time.monotonic() + patience
     while not (answer := condition()):
         assert time.monotonic() < ends, "it did not happen in time"
@@ -52,7 +52,7 @@ def until(condition, patience=PATIENCE):
 
 
 def until_valid(subscriber):
-    """Read until a frame may be used as it is; where none comes, tell what came."""
+    """Read until a frame is valid; report the received frames on failure."""
     ends, reading = time.monotonic() + PATIENCE, subscriber.read()
     while not reading.is_valid:
         assert time.monotonic() < ends, f"no frame that may be used, but {reading} after {subscriber.counts}"
@@ -60,7 +60,7 @@ def until_valid(subscriber):
 
 
 class FarEnd:
-    """A process at the other end; killed at the latest at the end of the ``with`` block."""
+    """A process at the other end; killed at the end of the ``with`` block at the latest."""
 
     def __init__(self, role, address, count=1):
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
@@ -80,7 +80,7 @@ class FarEnd:
             raise AssertionError(f"far end {role} {address} did not begin: {self._process.stderr.read()}")
 
     def _first_line(self):
-        in_time = threading.Timer(PATIENCE, self._process.kill)  # what hangs is killed, and said nothing
+        in_time = threading.Timer(PATIENCE, self._process.kill)  # kills a hung process, which prints no line
         in_time.start()
         try:
             return self._process.stdout.readline().strip()
@@ -88,18 +88,18 @@ class FarEnd:
             in_time.cancel()
 
     def kill(self):
-        """Kill it as nothing can be refused, and wait until it is gone."""
+        """Kill the process and wait until it has ended."""
         self._process.kill()
         self._process.wait(PATIENCE)
 
     def signal(self, number):
-        """Send it a signal."""
+        """Send a signal to the process."""
         self._process.send_signal(number)
 
     def ended(self, let_go=False):
-        """Wait until it has ended; exit status, and what else it said on both streams.
+        """Wait until it has ended; return the exit status and the rest of both streams.
 
-        *let_go*: end its standard input, which tells it to end.
+        *let_go*: close its standard input, which ends it.
         """
         if let_go:
             self._process.stdin.close()
@@ -119,12 +119,12 @@ class FarEnd:
 
 
 def ready():
-    """Tell the test, and from now on end when it does."""
+    """Report readiness to the test, and end with the standard input from now on."""
     print("ready", flush=True)
     over = threading.Event()
 
     def wait_for_the_end():
-        os.read(0, 1)  # sys.stdin has a lock that an ending interpreter would want
+        os.read(0, 1)  # sys.stdin has a lock that the interpreter needs at exit
         over.set()
 
     threading.Thread(target=wait_for_the_end, daemon=True).start()
@@ -151,14 +151,14 @@ def subscribe(address, count):
 
 
 def hold(address, count):
-    """Open *count* receiving ends, read nothing, and end without closing them."""
+    """Open *count* receiving ends, read no message, and end without closing them."""
     inlets = [open_inlet(address) for _ in range(count)]
     ready().wait()
     assert len(inlets) == count
 
 
 def refused(address, count):
-    """Try to open a publisher *count* times; the last refusal."""
+    """Try to open a publisher *count* times; print the last error."""
     text = ""
     for _ in range(count):
         try:
@@ -169,7 +169,7 @@ def refused(address, count):
 
 
 def interrupted(address, count):
-    """Wait with an open publisher and *count* inlets for Ctrl-C, as Python reports it."""
+    """Wait with an open publisher and *count* inlets for KeyboardInterrupt."""
     with open_publisher(address), contextlib.ExitStack() as stack:
         for _ in range(count):
             stack.callback(open_inlet(address).close)
@@ -180,7 +180,7 @@ def interrupted(address, count):
 
 
 def grow(address, _):
-    """Publish frames of one finger up to a whole skin, in turns."""
+    """Publish frames of 1 to 4096 fingers in turn."""
     frames = [frame(count) for count in (1, 30, 4096, 300)]
     with open_publisher(address) as publisher:
         over = ready()

@@ -1,10 +1,10 @@
-"""Ports for tests that send datagrams, or open connections."""
+"""Ports for tests of datagrams and connections."""
 
 import socket
 
 
 def free_port(host="127.0.0.1", kind=socket.SOCK_DGRAM):
-    """A port that nobody listens at."""
+    """Return an unused port."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family, kind) as probe:
         probe.bind((host, 0))

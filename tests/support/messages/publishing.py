@@ -1,4 +1,4 @@
-"""Frames from a thread of the test, until it has seen enough."""
+"""Frames published from a thread of the test."""
 
 import contextlib
 import threading
@@ -10,7 +10,7 @@ from proximity.transport import open_publisher
 
 @contextlib.contextmanager
 def publishing(address: str, make: Callable[[], Message], every_s: float = 0.005) -> Iterator[None]:
-    """Publish what *make* returns again and again until the block ends."""
+    """Publish the results of *make* repeatedly until the block ends."""
     over = threading.Event()
 
     def publish() -> None:

@@ -1,4 +1,4 @@
-"""A transport for tests that keeps every message until it is read: ``queue:NAME`` once it is registered."""
+"""A transport for tests that keeps every message until read: ``queue:NAME`` once registered."""
 
 from collections import defaultdict, deque
 from threading import Condition
@@ -12,13 +12,13 @@ _changed = Condition()
 
 
 def register(monkeypatch):
-    """Let addresses ``queue:NAME`` be opened for the time of a test."""
+    """Register ``queue:NAME`` for the duration of a test."""
     _queues.clear()
     monkeypatch.setitem(TRANSPORTS, "queue", Transport(__name__, ""))
 
 
 class QueueOutlet:
-    """Puts messages at the end of the queue."""
+    """Append messages to the queue."""
 
     def __init__(self, address):
         self._queue = _queues[address.location]
@@ -33,7 +33,7 @@ class QueueOutlet:
 
 
 class QueueInlet:
-    """Takes messages from the front of the queue."""
+    """Take messages from the front of the queue."""
 
     shares_clock = True
     refused = 0

@@ -1,4 +1,4 @@
-"""Frames as a service would seal them, for tests of what is done with them afterwards."""
+"""Sealed frames like a service's, for tests of their processing."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ GOOD = (
 
 
 def frame(count=1, now_ns=0):
-    """A message of *count* fingers, 10 mm, 20 mm, … away, that a subscriber believes; not sealed."""
+    """A valid unsealed message of *count* fingers at distances of 10 mm, 20 mm, …."""
     message = Message(FRAME, count)
     message.header["pose_ns"] = message.header["start_ns"] = message.header["publish_ns"] = now_ns
     message.header["valid_until_ns"] = now_ns + 20_000_000
@@ -35,7 +35,7 @@ def frame(count=1, now_ns=0):
 
 
 def sealed(sequences, count=1, session=SESSION):
-    """Bytes of frames with these numbers, one behind the other."""
+    """Bytes of consecutive frames with these numbers."""
     message = frame(count)
     pieces = []
     for sequence in sequences:

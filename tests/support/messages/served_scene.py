@@ -1,4 +1,4 @@
-"""A scene file that is served in a thread of the test."""
+"""A scene file served in a thread of the test."""
 
 import contextlib
 import threading
@@ -15,7 +15,7 @@ PATIENCE = 60.0  # s
 
 @contextlib.contextmanager
 def served_scene(path: Path, **options: Any) -> Iterator[SimpleNamespace]:
-    """Serve until the block ends; ``beginnings`` is what it began with, ``finish`` returns its report."""
+    """Serve until the block ends; ``beginnings`` lists the start reports, ``finish`` returns the report."""
     stop, begun, beginnings, reports = threading.Event(), threading.Event(), [], []
 
     def begin(beginning: Any) -> None:

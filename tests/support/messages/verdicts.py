@@ -1,7 +1,7 @@
-"""What every receiver makes of messages, in whatever language it is written: one table, run by a test each.
+"""Verdicts that receivers in every language must reach: one table, with a test for each receiver.
 
-A `Step` is a frame that arrives, and whether it is used, or why not. Sessions are relative to `SESSION`,
-instants of sending to the instant of arrival.
+A `Step` is an arriving frame, and whether it is accepted or why not. Sessions are relative to `SESSION`, send
+times to the arrival time.
 """
 
 from collections.abc import Mapping
@@ -21,23 +21,23 @@ FAR = 2**64 - 1
 
 
 class Step(NamedTuple):
-    """A frame of a session and number, and what becomes of it."""
+    """A frame with session and number, and its verdict."""
 
     session: int
     sequence: int
     verdict: Defect | None = None
-    later: int = MS  # ns, than the frame before
+    later: int = MS  # ns after the frame before
     sent: int = 0
     header: Mapping[str, int] = MappingProxyType(
         {}
-    )  # fields that are other than those of a frame that can be used
-    record: Mapping[str, object] = MappingProxyType({})  # of its second contact
-    cut: int = 0  # bytes that are missing; less than 0: that are too many
-    flip: int = -1  # a byte with a bit that is wrong
+    )  # fields that differ from those of a valid frame
+    record: Mapping[str, object] = MappingProxyType({})  # fields of its second contact
+    cut: int = 0  # missing bytes; negative: extra bytes
+    flip: int = -1  # a byte with a flipped bit
 
 
 class Row(NamedTuple):
-    """Steps, as one meets them whose publisher is on its machine or not, and has a key or not."""
+    """Steps for local or remote publishers, with or without a key."""
 
     shares_clock: tuple[bool, ...]
     is_keyed: tuple[bool, ...]
@@ -45,7 +45,7 @@ class Row(NamedTuple):
     lost: int = 0
 
     def counts(self) -> tuple[int, int, int]:
-        """Messages that are used, numbers that are lost, and runs that are followed."""
+        """Numbers of accepted messages, lost numbers and runs."""
         used = [step.session for step in self.steps if step.verdict is None]
         return len(used), self.lost, 1 + sum(one != other for one, other in pairwise(used))
 
@@ -63,12 +63,12 @@ def _record(verdict: Defect | None, **values: object) -> Step:
 
 
 def _instants(verdict: Defect, instant: int) -> tuple[Step, ...]:
-    """Of poses and of sending: an instant that no clock shows."""
+    """Steps with an impossible time of sending, or of the poses."""
     return _header(verdict, publish_ns=instant), _header(verdict, pose_ns=instant)
 
 
 def _two_publishers(other: int) -> Row:
-    """As of two services that send datagrams to one port: the distances would be of two scenes in turn."""
+    """Two services on one port: their distances would alternate between two scenes."""
     steps = (Step(other * (k % 2), k, None if k % 2 else OLD) for k in range(2, 100))
     return Row(BOTH, OPEN, (Step(0, 0), Step(other, 1, later=SILENCE + 1), *steps), lost=1 + 49)
 
@@ -94,7 +94,7 @@ ROWS = {
             Step(2, FAR),
             Step(3, 4),
         ),
-        lost=MOST_SKIPPED - 1 + 4,  # of a run that was joined late none is known to be missing
+        lost=MOST_SKIPPED - 1 + 4,  # a run that was joined late counts no loss before its first message
     ),
     "another run at once": Row(
         BOTH, BOTH, (Step(0, 1000), Step(0, 1002), Step(1, 3, later=1), Step(1, 4)), lost=1 + 3
@@ -119,7 +119,7 @@ ROWS = {
         (
             Step(0, 1000),
             Step(-9, 0, OLD, sent=-2 * MS),
-            Step(-9, 0, OLD, 10_000 * MS, -20_000 * MS),  # as of a run that was never seen
+            Step(-9, 0, OLD, 10_000 * MS, -20_000 * MS),  # a run not seen before
             Step(-9, 0),
             Step(-9, 1),
             Step(0, 1001, OLD),
@@ -230,11 +230,11 @@ ROWS = {
         ),
     ),
 }
-"""By what they are about."""
+"""Table of steps by subject."""
 
 
 def datagrams(row: Row) -> list[tuple[bytes, int, Defect | None]]:
-    """The bytes that arrive, when, and what becomes of them."""
+    """Bytes, arrival time and verdict of each step."""
     arrived, now = [], NOW
     for step in row.steps:
         now += step.later
@@ -256,4 +256,4 @@ CASES = [
     for shares_clock in row.shares_clock
     for is_keyed in row.is_keyed
 ]
-"""Names of rows, and how the publisher is reached."""
+"""Names of rows, with the kind of publisher."""

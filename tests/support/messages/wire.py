@@ -1,4 +1,4 @@
-"""Frames to send, a clock to turn by hand, and a wire on which anything may arrive."""
+"""Frames, a manual clock, and a wire for arbitrary bytes."""
 
 from collections import deque
 
@@ -10,13 +10,13 @@ from proximity.transport.link import NOTHING
 
 MS = 1_000_000
 NOW = 7_000_000_000_000
-"""ns: of clocks turned by hand, when they begin."""
+"""Start time of manual clocks, ns."""
 KNOWN = ContactFlag.TRACKED | ContactFlag.PREDICTED | ContactFlag.EXACT | ContactFlag.SIGNED
 SESSION = 1_700_000_000_000_000_000
 
 
 class Clock:
-    """Shows what it is told to."""
+    """A clock that shows the time set."""
 
     def __init__(self, now=NOW):
         self.now = now
@@ -26,7 +26,7 @@ class Clock:
 
 
 class Wire:
-    """An inlet: gives what was put in."""
+    """An inlet that returns the bytes put in."""
 
     refused = 0
     is_keyed, unverified = False, 0
@@ -38,7 +38,7 @@ class Wire:
         self.waits = []
 
     def put(self, data):
-        """Let bytes arrive."""
+        """Append received bytes."""
         self.waiting.append(bytes(data))
 
     def receive(self, room):
@@ -72,12 +72,12 @@ def frame(now=NOW, count=5, *, age=MS, distance=0.05, state=State.OK, valid_for=
 
 
 def sealed(message, sequence=0, session=SESSION):
-    """The bytes of a message, numbered."""
+    """Bytes of a message with a sequence number."""
     return message.seal(session, sequence).tobytes()
 
 
 class Reader:
-    """A subscriber at a wire, with a clock to turn."""
+    """A subscriber with a wire and a manual clock."""
 
     def __init__(self, shares_clock=True, **settings):
         self.clock, self.wire = Clock(), Wire(shares_clock)
@@ -85,12 +85,12 @@ class Reader:
         self.sequence = 0
 
     def send(self, message, session=SESSION):
-        """Let a frame arrive."""
+        """Deliver a frame."""
         self.wire.put(sealed(message, self.sequence, session))
         self.sequence += 1
 
     def read(self, after=0):
-        """Read, so many ns later."""
+        """Read *after* ns later."""
         self.clock.now += after
         return self.subscriber.read()
 
@@ -100,14 +100,14 @@ class Reader:
 
 
 def with_frame(**settings):
-    """A reader for whom a frame has arrived."""
+    """A reader that has received a frame."""
     reader = Reader()
     reader.send(frame(**settings))
     return reader
 
 
 def is_silent(contacts):
-    """Whether nothing is told of any finger."""
+    """Test whether no finger has a distance."""
     return bool(
         (contacts["lower"] == -np.inf).all()
         and (contacts["upper"] == np.inf).all()

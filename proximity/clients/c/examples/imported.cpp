@@ -51,7 +51,7 @@ try {
     auto next = Clock::now();
     for (int ticks_left = 1000; ticks_left > 0; std::this_thread::sleep_until(next += std::chrono::milliseconds(1))) {
         if (part == PROXIMITY_NO_PART && import.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
-            part = scene.add(import.get()); // between two ticks; the tracker goes on
+            part = scene.add(import.get()); // between two ticks; the tracker keeps its state
             mover = std::jthread([&](std::stop_token stop) {
                 for (int k = 0; !stop.stop_requested(); k++, std::this_thread::sleep_for(std::chrono::microseconds(11111))) {
                     const double angle = 0.05 * k;

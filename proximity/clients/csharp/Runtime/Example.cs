@@ -4,7 +4,7 @@
 //   (or: dotnet run, with <AllowUnsafeBlocks>true</AllowUnsafeBlocks>)
 //
 // The scene file has `publish = ["udp://127.0.0.1:9100"]` in [service] and `poses = "udp://127.0.0.1:9101"` in
-// [input], both with `?key=KEY` where there is one. In Unity use ProximityHand.cs instead.
+// [input], both with `?key=KEY` if there is one. In Unity use ProximityHand.cs instead.
 #if !UNITY_5_3_OR_NEWER
 using System;
 using System.Globalization;

@@ -1,10 +1,10 @@
 // Proximity.cs: the engine in the user's process, through the library in C. Functions are described in proximity.h.
 //
-// Made by `proximity library csharp`; what is changed here is lost. Needs ProximityMessages.cs, "Allow unsafe code", spans
+// Made by `proximity library csharp`; edits are lost. Needs ProximityMessages.cs, "Allow unsafe code", spans
 // (.NET Standard 2.1: Unity 2021.2 or newer), and the library for your system: libproximity.so, proximity.dll.
-// Lengths are metres, in the scene's right-handed frame; matrices are 16 numbers row by row, "scene from part".
-// Questions fill the caller's arrays and make no garbage. Any number of threads may ask one scene at the same time;
-// Move, Hide and Dispose must not run while another thread uses it. What goes wrong is a ProximityError.
+// Lengths are in metres, in the scene's right-handed frame; matrices are 16 numbers, row-major, "scene from part".
+// Queries fill the caller's arrays and make no garbage. Any number of threads may query one scene at the same time;
+// Move, Hide and Dispose must not run while another thread uses it. Errors are thrown as ProximityError.
 using System;
 using System.Runtime.InteropServices;
 using System.Text;
@@ -47,9 +47,9 @@ namespace Proximity
     [StructLayout(LayoutKind.Sequential)]
     public struct ProximitySegmentHit
     {
-        public double Distance; // m; 0 where they meet
+        public double Distance; // m; 0 if they meet
         public ProximityVector PointOnSegment, PointOnSolid;
-        public double Fraction; // where on the segment: 0 at its start, 1 at its end
+        public double Fraction; // position on the segment: 0 at its start, 1 at its end
         public ProximityVector Barycentric;
         public int Part, Face;
     }
@@ -81,7 +81,7 @@ namespace Proximity
         public const double Unlimited = double.PositiveInfinity;
         internal readonly NativeHandle Handle = new NativeHandle();
 
-        /// <summary>A scene without parts: add some before it is asked.</summary>
+        /// <summary>A scene without parts: add some before the first query.</summary>
         public ProximityScene()
         {
             IntPtr made;
@@ -91,7 +91,7 @@ namespace Proximity
         }
 
         /// <summary>The bodies of a mesh: vertices in m, three numbers of vertices a face, counter-clockwise seen from
-        /// outside. It uses no other scene: a thread of its own may do it, and Add takes the parts over.</summary>
+        /// outside. It uses no other scene: a separate thread may make it, and Add takes the parts over.</summary>
         public ProximityScene(string name, ReadOnlySpan<ProximityVector> vertices, ReadOnlySpan<int> faces)
         {
             IntPtr made;
@@ -131,7 +131,7 @@ namespace Proximity
 
         public int PartCount => Native.proximity_part_count(Handle);
 
-        /// <summary>The name of a part; empty where there is no such part.</summary>
+        /// <summary>The name of a part; empty if the part does not exist.</summary>
         public string NameOf(int part) => Native.Text(Native.proximity_part_name(Handle, part));
 
         /// <summary>The part of a name; -1 if there is none.</summary>
@@ -173,15 +173,15 @@ namespace Proximity
                 return Add(added, matrix);
         }
 
-        /// <summary>Why the distances of a part from a mesh have a sign, or have none; empty for parts of a compiled
+        /// <summary>The reason for the sign method of a part from a mesh; empty for parts of a compiled
         /// scene.</summary>
         public string SignReason(int part) => Native.Text(Native.proximity_sign_reason(Handle, part));
 
-        /// <summary>Remove a part; those behind it move up by one number.</summary>
+        /// <summary>Remove a part; the numbers of later parts decrease by one.</summary>
         public void Remove(int part) =>
             Native.Check(Native.proximity_remove(Handle, part, out NativeError error), ref error);
 
-        /// <summary>Put parts elsewhere, with velocities in m/s and rad/s; without them they are at rest.</summary>
+        /// <summary>Move parts, with velocities in m/s and rad/s; without them they are at rest.</summary>
         public void Move(ReadOnlySpan<int> parts, ReadOnlySpan<double> matrices,
             ReadOnlySpan<ProximityVector> velocities = default, ReadOnlySpan<ProximityVector> angularVelocities = default)
         {
@@ -197,7 +197,7 @@ namespace Proximity
         public void Move(int part, ReadOnlySpan<double> matrix) => Move(new ReadOnlySpan<int>(&part, 1), matrix);
 
         /// <summary>Post the pose of a part from another thread than the one that ticks. The next tick applies the newest
-        /// pose, moved on by its velocities (m/s and rad/s) to the instant of the fingers.</summary>
+        /// pose, extrapolated by its velocities (m/s and rad/s) to the instant of the fingers.</summary>
         public void Post(int part, ReadOnlySpan<double> matrix, long poseNs, ProximityVector velocity = default,
             ProximityVector angularVelocity = default)
         {
@@ -254,7 +254,7 @@ namespace Proximity
             Span<ProximitySegmentHit> answers, double limit = Unlimited) =>
             Ask(Question.Segments, starts, ends, answers, limit);
 
-        /// <summary>The shortest connection of two parts; it may be longer than the distance by the tolerance.</summary>
+        /// <summary>The shortest connection of two parts, within the tolerance.</summary>
         public ProximityClearance Clearance(int first, int second, double limit = Unlimited, double tolerance = 0,
             ulong budget = 0)
         {
@@ -283,7 +283,7 @@ namespace Proximity
         }
     }
 
-    /// <summary>Answers for every fingertip at every tick. One thread at a time uses it.</summary>
+    /// <summary>Contacts of every fingertip at every tick. One thread at a time uses it.</summary>
     public sealed unsafe class ProximityTracker : IDisposable
     {
         public readonly ProximityContact[] Contacts; // of all fingers; overwritten by each tick
@@ -309,8 +309,9 @@ namespace Proximity
         public void SetRadius(int finger, double radius) =>
             Native.Check(Native.proximity_set_radius(handle, (UIntPtr)(uint)finger, radius, out NativeError e), ref e);
 
-        /// <summary>Answer for all fingers, a row each; one whose position is not finite is not tracked. Instants are ns
-        /// of one clock, velocities m/s; paths have equal numbers of corners, one finger after the other.</summary>
+        /// <summary>Compute the contacts of all fingers, a row each; a finger whose position is not finite is not
+        /// tracked. Instants are ns of one clock, velocities m/s; paths have equal numbers of corners, stored by
+        /// finger.</summary>
         public ProximityContact[] Tick(ReadOnlySpan<ProximityVector> positions, ReadOnlySpan<long> poseNs, long nowNs,
             ReadOnlySpan<ProximityVector> velocities = default, ReadOnlySpan<ProximityVector> corners = default,
             ReadOnlySpan<double> bends = default, ReadOnlySpan<double> pathBends = default)

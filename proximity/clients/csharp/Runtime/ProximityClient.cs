@@ -272,7 +272,7 @@ namespace Proximity
     public static class ProximityAgeing
     {
         /// <summary>
-        /// Widen a contact's bounds by as much as finger and parts may have moved until then; its distance stays that
+        /// Widen a contact's bounds by the possible motion of finger and parts until then; its distance stays that
         /// of the pose.
         /// </summary>
         public static void Widen(ref ProximityContact c, long nowNs, double maxSpeed, double maxAcceleration)
@@ -290,7 +290,7 @@ namespace Proximity
             spread *= 0.5 / lead;
             bool isFinite = lead > 0 && spread < double.PositiveInfinity;
             spread = isFinite ? spread : 0;
-            if (!(spread < maxSpeed)) // it may be that of a finger that could turn round
+            if (!(spread < maxSpeed)) // that of a finger that could reverse
                 going = Larger(going, partSpeed);
             bool isKnown = (c.Flags & ProximityContactFlag.Predicted) != 0 && isFinite;
             double atFirst = isKnown ? going + spread : double.NaN;
@@ -347,7 +347,7 @@ namespace Proximity
         public long NowNs { get; private set; } // on the publisher's clock
         public long AgeNs { get; private set; } // since the oldest pose; -1: no frame yet
         public ProximityFrameHeader Header; // as it was published; zeros: no frame yet
-        public ProximityContact[] Contacts = new ProximityContact[0]; // aged: LATE has widening bounds, STALE nothing
+        public ProximityContact[] Contacts = new ProximityContact[0]; // aged: LATE has widening bounds, STALE no values
         /// <summary>Changes, additions, deformations and moves that the service has refused.</summary>
         public ulong Refused { get; private set; }
         /// <summary>The last of them: its kind and the reason.</summary>
@@ -367,7 +367,7 @@ namespace Proximity
         private ulong lastSession, lastSequence, newestSession;
         private long lastSent, lastNow;
         private readonly Dictionary<long, string> labels = new Dictionary<long, string>(); // not all have come
-        private ProximityDescriptionHeader labelsOf, namesOf; // namesOf: zeros where no description has come
+        private ProximityDescriptionHeader labelsOf, namesOf; // namesOf: zeros before the first description
         private string[] partNames = new string[0];
 
         public ProximityFrameReader(bool sharesClock, bool isKeyed, double staleAfter = 0.08, double maxSpeed = 3,
@@ -423,8 +423,8 @@ namespace Proximity
         }
 
         /// <summary>
-        /// Whether there is a valid contact of a finger whose pose is no older than that, in seconds, at the last reading;
-        /// the newest, as it was published. For a display, while frames are late.
+        /// Find the newest valid contact of a finger, as published, whose pose is at most that old, in seconds, at the
+        /// last reading; return whether there is one. For a display, while frames are late.
         /// </summary>
         public bool LastValid(int finger, out ProximityContact contact, double atMost = 0.1)
         {
@@ -449,8 +449,8 @@ namespace Proximity
         }
 
         /// <summary>
-        /// Take one message of a description, whose names count when all of them have come. Names that are known
-        /// already make no garbage.
+        /// Read one message of a description, whose names are used once it is complete. Known names make no
+        /// garbage.
         /// </summary>
         private ProximityFlaw Describe(byte[] message, int size)
         {
@@ -518,7 +518,7 @@ namespace Proximity
         private static readonly int RefusalBytes = sizeof(ProximityDescriptionHeader) - RefusalAt;
         private static readonly int DescriptionCountAt = (int)Marshal.OffsetOf(typeof(ProximityDescriptionHeader), "Count");
 
-        /// <summary>What is wrong with bytes but for what they say; the number of records is at *countAt*.</summary>
+        /// <summary>The defect of a message, except of its values; the number of records is at *countAt*.</summary>
         private static ProximityFlaw Check(byte[] message, int size, uint magic, int countAt, int headerSize, int recordSize)
         {
             int count = (size - headerSize) / recordSize;
@@ -613,7 +613,7 @@ namespace Proximity
 
         private void Accept(long now)
         {
-            ulong expected = arrived.Sequence; // of the very first none is missing
+            ulong expected = arrived.Sequence; // no message is missing before the first
             if (hasFrame && lastSession == arrived.Session)
             {
                 expected = lastSequence + 1;
@@ -804,7 +804,7 @@ namespace Proximity
             return pose;
         }
 
-        /// <summary>A move of now: the part stands, not turned, with its origin there. Makes garbage: keep it.</summary>
+        /// <summary>A move of now: the part is at rest, not turned, with its origin there. Makes garbage: keep it.</summary>
         public static ProximityMove MoveOf(string name, double x, double y, double z)
         {
             ProximityMove move = ProximityMove.Begin();

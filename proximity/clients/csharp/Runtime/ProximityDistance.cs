@@ -11,8 +11,8 @@ using UnityEngine;
 public sealed class ProximityDistance : MonoBehaviour
 {
     public string sceneFile = "bracket.prox";
-    public Transform origin; // where the scene's origin is; without scale
-    public Transform[] movers = new Transform[0]; // each moves the part that has its name; others are named and skipped
+    public Transform origin; // the pose of the scene's origin; without scale
+    public Transform[] movers = new Transform[0]; // each moves the part of the same name; others are reported and skipped
     public ProximityMirror mirror = ProximityMirror.YAndZ;
 
     public float metres; // negative inside
@@ -20,7 +20,7 @@ public sealed class ProximityDistance : MonoBehaviour
     public string part = "";
 
     private ProximityScene scene;
-    private Transform[] moving; // movers of which there is a part
+    private Transform[] moving; // movers that have a part
     private string[] names;
     private int[] moved;
     private double[] matrices;

@@ -1,5 +1,5 @@
 // ProximityHand.cs: five fingertips of a Unity hand, measured by a proximity service. Put it on any object, give it the
-// transforms of the tips, thumb first, and an object that is where the scene's origin is.
+// transforms of the tips, thumb first, and an object at the scene's origin.
 //
 // The scene file has `publish = ["udp://127.0.0.1:9100"]` in [service], `poses = "udp://127.0.0.1:9101"` in [input]
 // and five fingers. Mirror: see ProximityAxes.cs.

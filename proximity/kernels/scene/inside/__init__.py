@@ -1,1 +1,1 @@
-"""Which parts contain a point, and how deep it is in them."""
+"""Parts that contain a point, and its depth in them."""

@@ -1,6 +1,6 @@
-"""Tables for points that take each step of a query together, a chunk at a time.
+"""Tables for queries that process points in chunks, each step for all points of a chunk.
 
-Row *k* of a table is of the *k*-th point of the chunk.
+Row *k* of a table belongs to the *k*-th point of the chunk.
 """
 
 from typing import NamedTuple
@@ -14,13 +14,13 @@ from proximity.kernels.stack_arrays import stack_bundle
 from proximity.native import inlined
 
 POINT_CHUNK = 64
-"""Points that go through each step together."""
+"""Points of a chunk."""
 RECENT_PARTS = 16
-"""Parts of which it is remembered what was found in them last."""
+"""Parts whose last result is stored, as a start for the next search."""
 
 
 class Chunk(NamedTuple):
-    """The points that are asked together."""
+    """The points of a chunk."""
 
     points: np.ndarray  # (N, 3) float64, m, scene's frame: all points of the query
     rows: np.ndarray  # (POINT_CHUNK,) int64, of *points*
@@ -28,25 +28,25 @@ class Chunk(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """Which parts may contain each point."""
+    """The parts that may contain each point."""
 
-    certain: np.ndarray  # (POINT_CHUNK,) int64, 1 where a part contains the point for certain
-    lists: np.ndarray  # (POINT_CHUNK, 2) int64, where parts are listed, see `part_grid.list_of`
+    certain: np.ndarray  # (POINT_CHUNK,) int64, 1 if a part certainly contains the point
+    lists: np.ndarray  # (POINT_CHUNK, 2) int64, ends of the list of parts, see `part_grid.list_of`
     pairs: np.ndarray  # (POINT_CHUNK * LANES, 3) int64: row of the chunk, part, state of its sign grid
     positions: np.ndarray  # (POINT_CHUNK, 3) float32, in the scene's scaled frame
 
 
 class Found(NamedTuple):
-    """Results so far, for each point."""
+    """Intermediate results of each point."""
 
-    nearest: np.ndarray  # (POINT_CHUNK + 1, 2) int64, part or NO_PART, slot; last: the chunk's last answer
+    nearest: np.ndarray  # (POINT_CHUNK + 1, 2) int64, part or NO_PART, slot; last row: of the previous chunk
     depths: np.ndarray  # (POINT_CHUNK,) float64, squared depth, scene's scaled frame; -1: not inside
-    deeper: np.ndarray  # (POINT_CHUNK, 2) int64, part that contains it deepest, or NO_PART, and slot
-    distances: np.ndarray  # (POINT_CHUNK,) float64, signed, m; inf or nan where there is no answer
+    deeper: np.ndarray  # (POINT_CHUNK, 2) int64, part with the largest depth, or NO_PART, and slot
+    distances: np.ndarray  # (POINT_CHUNK,) float64, signed, m; inf or nan if not found
 
 
 class Features(NamedTuple):
-    """What is closest to each point, of the triangle that is nearest to it."""
+    """The closest feature of each point, on its nearest triangle."""
 
     offsets: np.ndarray  # (POINT_CHUNK,) int64, see `offset_of`
     local_points: np.ndarray  # (3 * POINT_CHUNK,) float64, local frame, coordinate by coordinate
@@ -58,7 +58,7 @@ class Workspace(NamedTuple):
 
     stacks: np.ndarray  # (STACKS_SIZE,) float32, see `traversal`
     closest: np.ndarray  # (1,) CLOSEST, see `closest_feature`
-    recent: np.ndarray  # (RECENT_PARTS, 2) int64, parts asked last and slots found there, where walks start
+    recent: np.ndarray  # (RECENT_PARTS, 2) int64, parts searched last and slots found there, to start from
 
 
 new_candidates = stack_bundle(
@@ -83,13 +83,13 @@ new_workspace = stack_bundle(Workspace, ("float32", STACKS_SIZE), (CLOSEST, 1), 
 
 @inlined
 def reset_recent(workspace):
-    """Mark the parts asked last as unknown."""
+    """Clear the parts searched last."""
     for k in range(RECENT_PARTS):
         workspace.recent[k, 0] = NO_PART
 
 
 @inlined
 def reset_found(found, workspace):
-    """Mark what has been found, and the parts asked last, as unknown."""
+    """Clear the previous result, and the parts searched last."""
     found.nearest[POINT_CHUNK, 0], found.nearest[POINT_CHUNK, 1] = NO_PART, NO_SLOT
     reset_recent(workspace)

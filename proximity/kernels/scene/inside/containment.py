@@ -1,12 +1,12 @@
 """The parts of a scene that contain a point, and the depth in them.
 
-The signed distance of a scene is the smallest over its parts: exact outside; inside, of several parts that
-contain the point, the deepest counts.
+The signed distance of a scene is the smallest over its parts: exact outside; inside, the part with the
+largest depth counts.
 
-A point in a cell that a part's sign grid tells to be inside is inside for *certain*. Then only parts that may
-contain it are asked, each for its own nearest surface, and not which surface of all is the nearest: of two
-walks that spares the longer one. Others are given the nearest surface first, and then asked of the other
-parts whose surface passes through their cell.
+A point in an inside cell of a part's sign grid is inside for *certain*. Only parts that may contain it are
+then searched, each for its own nearest surface, which saves the longer traversal for the nearest surface of
+all parts. For other points the nearest surface is found first, and then the depth in the other parts whose
+surface passes through their cell.
 """
 
 import numpy as np
@@ -44,12 +44,12 @@ from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int, splat32, trailing_zeros
 
 CLEAR = 2.0**-41
-"""A point farther from a surface is clear of it; in sizes of coordinates."""
+"""Distance, relative to the coordinates, beyond which a point is clear of a surface."""
 
 
 @inlined
 def _state_in_grid(model, part, p):
-    """State of the cell of a part's sign grid that contains *p*, local."""
+    """Return the state of the cell of a part's sign grid that contains *p*, local."""
     frame, row = model.frames[part], model.parts[part]
     counts = row.grid_x, row.grid_y, row.grid_z
     return cell_state(model.words, row.grid, frame.grid_lower, frame.grid_rate, counts, p)
@@ -57,7 +57,7 @@ def _state_in_grid(model, part, p):
 
 @inlined
 def state_in_part(model, part, p):
-    """`CELL_INSIDE`, `CELL_OUTSIDE` or `CELL_CROSSED` (ask the surface) for *p* in the part's local frame."""
+    """Return `CELL_INSIDE`, `CELL_OUTSIDE` or `CELL_CROSSED` (undecided) for *p*, local."""
     if model.parts[part].sign == SIGN_NONE:
         return CELL_OUTSIDE
     if model.parts[part].grid != NO_GRID:
@@ -68,13 +68,14 @@ def state_in_part(model, part, p):
 
 @inlined
 def depth_in_part(model, part, p, state, workspace):
-    """Squared local depth and slot where *p*, local, is inside *part*; `NO_SLOT` where it is not.
+    """Return the squared local depth and the slot if *p*, local, is inside *part*; otherwise `NO_SLOT`.
 
-    *state*: `CELL_INSIDE` or `CELL_CROSSED`, as `state_in_part` tells.
+    *state*: `CELL_INSIDE` or `CELL_CROSSED`, from `state_in_part`.
     """
     reals, _, frames, parts = model
     px, py, pz = p
-    # Faces that pass by a cell may have marked it: mostly, not always, the surface is within its diagonal.
+    # A crossed cell usually has the surface within its diagonal, but faces passing next to it may have marked
+    # it.
     rate = frames[part].grid_rate
     reach_sq = np.inf if state == CELL_INSIDE else 3.001 / (rate * rate)
     slot, seen = np.int64(NO_SLOT), np.int64(NOTHING_SEEN)
@@ -98,7 +99,7 @@ def depth_in_part(model, part, p, state, workspace):
 
 @kernel
 def is_contained(model, point, workspace):
-    """Whether some part contains a point of the scene's frame, (x, y, z)."""
+    """Test whether some part contains a point of the scene's frame, (x, y, z)."""
     _, _, frames, parts = model
     x, y, z = point
     search = sought(model, point)
@@ -119,7 +120,7 @@ def is_contained(model, point, workspace):
 
 @inlined
 def note_candidates(model, chunk, candidates):
-    """Note which parts may contain points, of the first that are listed for each; how many pairs that are.
+    """Collect the pairs of a point and a part that may contain it, of the first turn; return their number.
 
     No pair has the state `CELL_OUTSIDE`.
     """
@@ -142,7 +143,7 @@ def note_candidates(model, chunk, candidates):
                 p = to_local(frames, parts, part, x, y, z)
                 state = np.int64(_state_in_grid(model, part, p))
             pairs[pair_count, 0], pairs[pair_count, 1], pairs[pair_count, 2] = k, part, state
-            # Neither branch could be foreseen.
+            # Branchless: the state is unpredictable.
             pair_count += state != CELL_OUTSIDE
             certain[k] |= state == CELL_INSIDE
     return pair_count
@@ -150,11 +151,11 @@ def note_candidates(model, chunk, candidates):
 
 @inlined
 def deepest_of_certain(model, chunk, candidates, pair_count, found, workspace):
-    """Find the part that contains each point deepest, of points that are inside for certain.
+    """Find the part with the largest depth for points that are certainly inside.
 
-    The first *pair_count* pairs are as `note_candidates` noted them. Those of the other points are moved to
-    the beginning; returns how many they are. Of the certain points nearest, depths and deeper are filled; of
-    the others deeper gets `NO_PART`.
+    The first *pair_count* pairs are those of `note_candidates`. Pairs of other points are moved to the
+    beginning, and their number is returned. Fills nearest, depths and deeper of the certain points, and
+    `NO_PART` in deeper of the others.
     """
     certain, pairs = candidates.certain, candidates.pairs
     nearest, depths, deeper, _ = found
@@ -176,13 +177,13 @@ def deepest_of_certain(model, chunk, candidates, pair_count, found, workspace):
 
 @kernel
 def deepest_of_chunk(model, chunk, candidates, pair_count, found, workspace):
-    """Find, for points of which the nearest surface is known, the part that contains each of them deepest.
+    """Find the part with the largest depth for points whose nearest surface is known.
 
-    Depths are at least 0 where the nearest part contains the point, or another does for certain; they are
-    made larger where another goes deeper, and then deeper gets that part and slot. The first *pair_count*
-    pairs are what `deepest_of_certain` left.
+    Depths are at least 0 if the nearest part contains the point, or another certainly does. A part with a
+    larger depth replaces depth, part and slot. The first *pair_count* pairs are those that
+    `deepest_of_certain` has moved to the beginning.
 
-    The points are asked together, turn by turn: so few steps wait for another.
+    All points of the chunk take each turn together, which leaves few dependent steps.
     """
     _, words, frames, parts = model
     points, rows, count = chunk
@@ -221,19 +222,19 @@ def deepest_of_chunk(model, chunk, candidates, pair_count, found, workspace):
 
 @inlined
 def _add_pairs(words, at, containing, k, nearest, pairs, pair_count):
-    """Note which parts point *k* is to be asked of, but for the *nearest*, which has been; how many pairs."""
+    """Add the pairs of point *k* with parts other than the *nearest*; return the number of pairs."""
     while containing:
         part = np.int64(load_int(words, at + trailing_zeros(containing)))
         containing &= containing - 1
         pairs[pair_count, 0], pairs[pair_count, 1] = k, part
-        # Neither branch could be foreseen.
+        # Branchless: the comparison is unpredictable.
         pair_count += part != nearest
     return pair_count
 
 
 @kernel
 def _deepest_of_pairs(model, chunk, pairs, pair_count, found, workspace):
-    """Ask parts that may contain points; see `deepest_of_chunk`. Of *pairs* the states are not known yet."""
+    """Update depths from pairs whose cell states are not known; see `deepest_of_chunk`."""
     _, _, frames, parts = model
     points, rows, _ = chunk
     left = 0
@@ -250,7 +251,7 @@ def _deepest_of_pairs(model, chunk, pairs, pair_count, found, workspace):
 
 @inlined
 def _ask_for_depth(model, chunk, k, part, state, found, workspace):
-    """Ask a part how deep it contains point *k*, if it does, and keep that where it is the deepest so far."""
+    """Update the depth of point *k* if a part contains it more deeply than the present one."""
     _, _, frames, parts = model
     points, rows, _ = chunk
     _, depths, deeper, _ = found
@@ -269,14 +270,14 @@ def _ask_for_depth(model, chunk, k, part, state, found, workspace):
             depths[k], deeper[k, 0], deeper[k, 1] = depth_sq, part, slot
 
 
-# --- parts inside other parts, and surfaces of them ---
+# --- parts inside other parts, and their connected surfaces ---
 
 
 @entry(ModelArrays, "int, int32[:], int32[:] -> int")
 def surface_faces(model, part, waiting, faces):
-    """Fill the first face of each surface that is connected across edges; how many they are.
+    """Fill the first face of each surface that is connected across edges; return the number of surfaces.
 
-    *waiting*, *faces*: (F,), as many as the part has faces; the latter also keeps which were seen.
+    *waiting*, *faces*: (F,), F faces of the part; *faces* is also the mark of visited faces.
     """
     row = model.parts[part]
     for face in range(row.face_count):
@@ -294,7 +295,7 @@ def surface_faces(model, part, waiting, faces):
                 if face >= 0 and not faces[face]:
                     faces[face], waiting[left] = 1, face
                     left += 1
-        # All faces up to here were seen, and their places stay marks.
+        # All faces up to *first* are marked, and no longer read.
         faces[count] = first + 1
         count += 1
     for k in range(count):
@@ -304,7 +305,7 @@ def surface_faces(model, part, waiting, faces):
 
 @inlined
 def _is_in_box(frame, point):
-    """Whether a point of the scene's frame is in the box around a part."""
+    """Test whether a point of the scene's frame is in the box of a part."""
     return (
         frame.box_lower[0] <= point[0] <= frame.box_upper[0]
         and frame.box_lower[1] <= point[1] <= frame.box_upper[1]
@@ -314,7 +315,7 @@ def _is_in_box(frame, point):
 
 @kernel
 def is_deep(model, part, p, margin, workspace):
-    """Whether *p*, in a part's local frame, is inside the part, by more than *margin*."""
+    """Test whether *p*, in a part's local frame, is inside the part by more than *margin*."""
     state = state_in_part(model, part, p)
     if state == CELL_OUTSIDE or (state == CELL_INSIDE and model.parts[part].grid != NO_GRID):
         return state == CELL_INSIDE
@@ -324,9 +325,9 @@ def is_deep(model, part, p, margin, workspace):
 
 @kernel
 def contained_corner(model, part, inner, faces, shift, point, workspace):
-    """Whether a part contains another's surfaces, displaced by *shift*, if nothing of them crosses.
+    """Test whether a part contains another's surfaces, displaced by *shift*, given that none cross.
 
-    *faces*: one of each surface of the other. One of its corners, or its middle, has to be clear of the
+    *faces*: one per surface of the other part; one of its corners, or its centroid, must be clear of this
     part's surface. *point*: filled with the one that is inside, (3,) m, scene's frame.
     """
     reals, words, frames, parts = model
@@ -354,9 +355,9 @@ def contained_corner(model, part, inner, faces, shift, point, workspace):
 
 @entry(ModelArrays, "int, int, int32[:], float64[:] -> bool")
 def contains_corner(model, part, inner, faces, point):
-    """Whether a part contains a surface of another part; fills a point of it, (3,) m, scene's frame.
+    """Test whether a part contains a surface of another part; fill a point of it, (3,) m, scene's frame.
 
-    Nothing of both may cross. *faces*: one of each surface of the other part.
+    The surfaces of the two parts must not cross. *faces*: one per surface of the other part.
     """
     workspace = new_workspace()
     reset_recent(workspace)

@@ -1,11 +1,11 @@
-"""The grid over a scene that lists, for each cell, the parts that may contain a point.
+"""The grid over a scene whose cells list the parts that may contain a point.
 
-Parts that stand where they stood when the model was made are listed in the cells of a coarse grid over the
-scene: of a cell, those that are neither wholly outside in it nor without an inside. So a look or two tell
-what else would take a look at the boxes of all parts. The lists are made once and never change: a part that
-has moved since, or is hidden, is passed over, and one that has moved is found by its box in the dynamic tree.
+The cells of a coarse grid list the parts that are at their initial pose: those that have an inside and are
+not entirely outside the cell. One or two lookups replace a test of all boxes. The lists never change: a
+part that has moved since, or is hidden, is skipped, and moved parts are found by their boxes in the dynamic
+tree.
 
-Callers take a point's parts in *turns*, up to `LANES` at a time: first the lists, then the dynamic tree.
+The parts of a point are processed in *turns* of up to `LANES`: first the lists, then the dynamic tree.
 """
 
 import numpy as np
@@ -20,9 +20,9 @@ from proximity.native.simd import bits, load_int, splat32, trailing_zeros
 
 @inlined
 def list_of(words, frames, parts, x, y, z):
-    """The words from which, and up to which, parts are listed that may contain a point of the scene's frame.
+    """Return the first and the end word of the list of parts that may contain a point of the scene's frame.
 
-    The only part of a scene is listed nowhere: its row, and so the scene's, tell of its sign grid.
+    A single part has no list: its own row gives its sign grid.
     """
     scene = len(parts) - 1
     if scene == 1:
@@ -32,7 +32,7 @@ def list_of(words, frames, parts, x, y, z):
     fx = (x - frames[scene].grid_lower[0]) * rate
     fy = (y - frames[scene].grid_lower[1]) * rate
     fz = (z - frames[scene].grid_lower[2]) * rate
-    # A scene of which no part is listed has no cells.
+    # A scene without listed parts has no cells.
     if not (fx >= 0.0 and fy >= 0.0 and fz >= 0.0 and fx < nx and fy < ny and fz < nz):
         return np.int64(0), np.int64(0)
     base = parts[scene].grid
@@ -42,19 +42,19 @@ def list_of(words, frames, parts, x, y, z):
 
 @inlined
 def turns_of_list(first, last):
-    """Turns that a list takes."""
+    """Return the number of turns of a list."""
     return (last - first + LANES - 1) // LANES
 
 
 @inlined
 def dynamic_turn_count(parts):
-    """Turns that the dynamic parts take."""
+    """Return the number of turns of the dynamic parts."""
     return (parts[len(parts) - 1].dynamic_count + LANES - 1) // LANES
 
 
 @inlined
 def listed_bits(words, frames, parts, at, last, x, y, z):
-    """Which of the up to eight parts listed from word *at* on may contain a point: bits."""
+    """Return as bits which of up to eight parts, listed from word *at*, may contain a point."""
     containing = np.int64(0)
     for lane in range(min(LANES, last - at)):
         part = load_int(words, at + lane)
@@ -76,14 +76,14 @@ def _is_in_box(frames, part, x, y, z):
 
 @inlined
 def dynamic_bits(words, parts, turn, sx, sy, sz):
-    """Which of up to eight dynamic parts have a point in their boxes: bits, and where the first's number is.
+    """Return as bits which of up to eight dynamic parts have a point in their boxes, and the first's word.
 
     *sx sy sz*: float32x8 splats, scene's scaled frame.
     """
     scene = len(parts) - 1
     node, mask = parts[scene].super_node, np.int64(-1)
     if parts[scene].dynamic_count < LANES:
-        mask ^= 1  # all are in the super node, beside the static tree
+        mask ^= 1  # all are in the super node, next to the static tree
     else:
         node += 1 + turn
     base = NODE_STRIDE * node
@@ -93,13 +93,13 @@ def dynamic_bits(words, parts, turn, sx, sy, sz):
 
 @inlined
 def turns_of(parts, search):
-    """Turns that all parts take which may contain a point; *search*: as `sought` gives it."""
+    """Return the number of turns of all parts that may contain a point; *search*: from `sought`."""
     return np.int64(1) if len(parts) == 2 else turns_of_list(search[0], search[1]) + dynamic_turn_count(parts)
 
 
 @inlined
 def sought(model, point):
-    """What `containing_bits` needs of a point: the ends of its list, see `list_of`, and its splats."""
+    """Return the arguments of `containing_bits` for a point: the ends of its list, and its splats."""
     _, words, frames, parts = model
     x, y, z = point
     first, last = list_of(words, frames, parts, x, y, z)
@@ -109,9 +109,9 @@ def sought(model, point):
 
 @inlined
 def containing_bits(model, search, turn, point):
-    """Which of up to eight parts may contain a point: bits, and where their numbers are; see `lowest_part`.
+    """Return as bits which of up to eight parts may contain a point, and the first's word.
 
-    *point*: of the scene's frame; *search*: as `sought` gives it.
+    *point*: of the scene's frame; *search*: from `sought`. `lowest_part` reads the part of the lowest bit.
     """
     _, words, frames, parts = model
     first, last, sx, sy, sz = search
@@ -127,7 +127,7 @@ def containing_bits(model, search, turn, point):
 
 @inlined
 def lowest_part(model, at, containing):
-    """The part of the lowest of the bits *containing*; *at* as `containing_bits` tells."""
+    """Return the part of the lowest bit of *containing*; *at*: from `containing_bits`."""
     if len(model.parts) == 2:
         return np.int64(0)
     return np.int64(load_int(model.words, at + trailing_zeros(containing)))
@@ -135,10 +135,10 @@ def lowest_part(model, at, containing):
 
 @entry("Frame[:], Part[:], int, uint32[:], float64[:], float, int, int, int -> int32[:]", makes_arrays=True)
 def cells_of_part(frames, parts, part, grid, lower, rate, nx, ny, nz):
-    """Return the cells (int32, rising) of a grid over the scene in which a part may contain a point.
+    """Return the cells (int32, ascending) of a grid over the scene in which a part may contain a point.
 
-    *lower* (3,), m, *rate*, cells a metre: of that grid. *grid* (uint32): the part's own, or empty: then the
-    cells that its box meets.
+    *lower* (3,), m, *rate*, cells per metre: of that grid. *grid* (uint32): the part's sign grid; without
+    one, the cells that intersect its box.
     """
     size = np.array([nx, ny, nz])
     first, count = np.empty(3, np.int64), np.empty(3, np.int64)
@@ -169,7 +169,7 @@ def cells_of_part(frames, parts, part, grid, lower, rate, nx, ny, nz):
 
 @kernel
 def _is_occupied(frames, parts, part, grid, x, y, z, half):
-    """Whether a part's own grid has a cell that is not outside within *half* (3,), m, along its axes."""
+    """Test whether a part's sign grid has a cell that is not outside within *half* (3,), m, of a point."""
     px, py, pz = to_local(frames, parts, part, x, y, z)
     scale = frames[part].scale
     reach = abs(x) + abs(y) + abs(z)
@@ -196,7 +196,7 @@ def _is_occupied(frames, parts, part, grid, x, y, z, half):
 
 @inlined
 def _range(coordinate, half, rate, count):
-    """The cells from which, and up to which, an interval along an axis reaches."""
+    """Return the range of cells that an interval along an axis covers."""
     low = np.floor((coordinate - half) * rate - CELL_SLACK)
     high = np.floor((coordinate + half) * rate + CELL_SLACK) + 1.0
     return np.int64(min(max(low, 0.0), np.float64(count))), np.int64(min(max(high, 0.0), np.float64(count)))
@@ -204,7 +204,7 @@ def _range(coordinate, half, rate, count):
 
 @inlined
 def _any_in_row(grid, first, last):
-    """Whether of the cells from *first* up to *last* one is not outside, the state that is zero."""
+    """Test whether a cell from *first* up to *last* is not outside, the state that is zero."""
     for word in range(first // CELLS_PER_WORD, (last + CELLS_PER_WORD - 1) // CELLS_PER_WORD):
         low = max(first - word * CELLS_PER_WORD, 0)
         high = min(last - word * CELLS_PER_WORD, CELLS_PER_WORD)

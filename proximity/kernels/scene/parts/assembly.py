@@ -1,8 +1,8 @@
-"""Parts, each with its arrays somewhere else, put together as the model of one scene.
+"""Assembly of separate parts into the model of one scene.
 
-Five steps, between which the caller allocates memory: `write_part_row` writes the rows of each part,
-`copy_nodes` collects their nodes, `plan_scene` builds the tree over the parts and decides where everything
-lies, `copy_part` copies the arrays of each part there, and `finish_scene` writes the rest.
+There are five steps, between which the caller allocates memory: `write_part_row` writes the rows of each
+part, `copy_nodes` collects their nodes, `plan_scene` builds the tree over the parts and plans the layout,
+`copy_part` copies the arrays of each part, and `finish_scene` writes the remaining arrays.
 """
 
 import numpy as np
@@ -35,27 +35,27 @@ from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import allocating_kernel, entry, inlined, kernel
 
 SPARE = 1.25
-"""Space for the static tree, as a multiple of its first size: opening other parts may need more."""
+"""Capacity of the static tree, as a multiple of its first size: opening other parts may need more."""
 LINE_REALS, LINE_WORDS = 8, 16
-"""Numbers in a cache line, on which each array begins."""
+"""Numbers in a cache line, to which each array is aligned."""
 CELLS_PER_PART = 64
-"""Of the grid over a scene. On 118 touching parts sixteen times as many are no faster."""
+"""Cells per part in the grid over a scene. On 118 touching parts sixteen times this number brings no gain."""
 MAX_CELLS = 2**18
 LONGEST = 4
-"""Parts listed per cell, on average, at most; a scene with more gets fewer and larger cells."""
+"""Maximum average of parts listed per cell; a scene with more gets fewer and larger cells."""
 CELLS_OF_ONE = 64
-"""More cells than a grid has of which one cell was wanted."""
+"""Upper bound of the cells of a grid that was requested with one cell."""
 
 
 @inlined
 def _on_line(count, line):
-    """*count* rounded up to whole cache lines."""
+    """Round *count* up to whole cache lines."""
     return (count + line - 1) // line * line
 
 
 @entry(ModelArrays, "int, Frame[:], Part[:], int, float64[:, 4], float")
 def write_part_row(source, row, frames, parts, to, matrix, rounding):
-    """Copy a row of *source* to row *to* of a new model, at the pose *matrix* (4, 4). Call it row by row.
+    """Copy a row of *source* to row *to* of a new model, at the pose *matrix* (4, 4). Call it in row order.
 
     *rounding*: error up to which a rotation is used as given.
     """
@@ -68,7 +68,7 @@ def write_part_row(source, row, frames, parts, to, matrix, rounding):
 
 @entry(ModelArrays, "int, float32[:], Part[:], int")
 def copy_nodes(source, row, nodes, parts, to):
-    """Copy the nodes of a row of *source* to their place among the *nodes* of all parts, renumbered."""
+    """Copy the nodes of a row of *source*, renumbered, into the *nodes* of all parts."""
     first, target, words = NODE_STRIDE * source.parts[row].root, NODE_STRIDE * parts[to].root, source.words
     numbers, copies = words.view(np.int32), nodes.view(np.int32)
     node_shift = parts[to].root - source.parts[row].root
@@ -88,7 +88,8 @@ def copy_nodes(source, row, nodes, parts, to):
 def plan_scene(nodes, frames, parts):
     """Return the tree over the parts (nodes, entries), and the numbers of reals and words of the model.
 
-    No reals where the parts are too far apart for one frame. Writes the scene's row, and where arrays lie.
+    The number of reals is 0 if the parts are too far apart for one frame. Writes the scene's row and the
+    layout.
     """
     scene, largest, widest, oblique = len(parts) - 1, 0, -1.0, np.int64(0)
     node_count, block_count, face_count = np.int64(0), np.int64(0), np.int64(0)
@@ -106,7 +107,7 @@ def plan_scene(nodes, frames, parts):
     for axis in range(3):
         centre[axis] = frames[largest].centre[axis]
     parts[scene].is_oblique, parts[scene].face_count = 2 * oblique >= block_count, face_count
-    # The frame of the largest part: parts that share it can be walked as one tree.
+    # The frame of the largest part: parts in one frame can be traversed as one tree.
     if not choose_frame(frames, parts, centre, frames[largest].scale):
         return np.zeros(0, np.float32), np.zeros((0, 2), np.int32), np.int64(0), np.int64(0)
     static, entries = static_tree(nodes, frames, parts, node_count + 1)
@@ -121,7 +122,7 @@ def plan_scene(nodes, frames, parts):
 
 @allocating_kernel
 def _tree_over_all(nodes, frames, parts):
-    """Numbers of the tree's nodes with the dynamic and hidden parts in it as well; 0 if there are none."""
+    """Return the length of the nodes of a static tree over all parts; 0 if none is dynamic or hidden."""
     scene, count = len(parts) - 1, 0
     flags = np.empty((scene, 2), np.int64)
     for part in range(scene):
@@ -136,9 +137,9 @@ def _tree_over_all(nodes, frames, parts):
 
 @kernel
 def lay_out(parts, node_end, list_space):
-    """Write where the arrays of all parts lie, behind node *node_end*; the numbers of reals and words.
+    """Write the offsets of all arrays, after node *node_end*; return the numbers of reals and words.
 
-    In their order, each on a cache line: see `clear_gaps`.
+    The arrays are in the order of `clear_gaps`, each aligned to a cache line.
     """
     scene = len(parts) - 1
     blocks = parts[scene - 1].first_block + parts[scene - 1].block_count
@@ -166,7 +167,7 @@ def lay_out(parts, node_end, list_space):
 
 @kernel
 def clear_gaps(model):
-    """Write zeros between the arrays that `lay_out` has placed, so that equal models are equal in memory."""
+    """Write zeros between the arrays placed by `lay_out`, so that equal models are equal in memory."""
     reals, words, _, parts = model
     scene = len(parts) - 1
     blocks = parts[scene - 1].first_block + parts[scene - 1].block_count
@@ -198,7 +199,7 @@ def _clear(numbers, first, end):
 
 @inlined
 def grid_at(row):
-    """Where the grid of a part lies, if it has one."""
+    """Return the offset of a part's sign grid."""
     return row.neighbors + _on_line(3 * row.face_count, LINE_WORDS)
 
 
@@ -220,13 +221,13 @@ def _listed_count(parts):
 
 @inlined
 def _list_space(cells, count):
-    """Entries of the lists of *count* parts, at most."""
+    """Return the maximum number of entries in the lists of *count* parts."""
     return max(LONGEST * cells, CELLS_OF_ONE * count)
 
 
 @kernel
 def _plan_lists(frames, parts):
-    """Choose the grid over the parts that may hold a point; the words that its lists take at most."""
+    """Choose the grid over the parts that have an inside; return the maximum number of words of its lists."""
     count = _listed_count(parts)
     cells = _choose_cells(frames, parts, min(CELLS_PER_PART * count, MAX_CELLS))
     return cells + 1 + _list_space(cells, count) if cells else cells
@@ -234,7 +235,7 @@ def _plan_lists(frames, parts):
 
 @kernel
 def _choose_cells(frames, parts, wanted):
-    """Write a grid of about *wanted* cells to the scene's row; its cells, 0 for a scene that needs none."""
+    """Write a grid of about *wanted* cells to the scene's row; return its cells, 0 if not needed."""
     scene = len(parts) - 1
     lower, extent, row = frames[scene].grid_lower, stack_f64(3), parts[scene]
     if scene == 1 or wanted == 0:
@@ -254,7 +255,7 @@ def _choose_cells(frames, parts, wanted):
 
 @allocating_kernel
 def _write_lists(words, frames, parts):
-    """Write the lists of the grid over the parts; where they end."""
+    """Write the lists of the grid over the parts; return their end."""
     scene, count = len(parts) - 1, _listed_count(parts)
     wanted = min(CELLS_PER_PART * count, MAX_CELLS)
     cell_count = _choose_cells(frames, parts, wanted)
@@ -288,7 +289,7 @@ def _write_lists(words, frames, parts):
 
 @allocating_kernel
 def _collect_cells(words, frames, parts, limit, listed, ends):
-    """Write the cells of each part in a row, and where they end; whether they are within *limit*."""
+    """Write the cells of each part in a row, and their ends; return whether they are within *limit*."""
     scene, total = len(parts) - 1, np.int64(0)
     lower = np.empty(3)
     for axis in range(3):
@@ -315,7 +316,7 @@ def _collect_cells(words, frames, parts, limit, listed, ends):
 
 @entry(ModelArrays, "int", ModelArrays, "int")
 def copy_part(source, row, target, to):
-    """Copy the arrays of a row of *source*, but for its nodes, to where they lie in a planned model."""
+    """Copy the arrays of a row of *source*, except its nodes, to their offsets in a planned model."""
     old, new = source.parts[row], target.parts[to]
     blocks, slots = new.block_count, LANES * new.block_count
     copy_numbers(

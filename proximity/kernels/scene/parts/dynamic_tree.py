@@ -1,9 +1,9 @@
-"""The tree over dynamic parts, those that move by themselves; rewritten at every move.
+"""The tree over dynamic parts, those that move separately; rewritten at every move.
 
-The scene's root, once a part is dynamic, is a *super node*: its first lane is the static tree over all other
-parts, which stays as it is; the other lanes are the dynamic tree. Its leaves are entries, one a part, behind
-those of the static tree. Dynamic parts are kept in the order of a space-filling curve, which is mended a
-little at every move: so nodes stay small wherever the parts go, and a move costs O(parts that are dynamic).
+If a part is dynamic, the scene's root is a *super node*: its first lane is the static tree over all other
+parts, which does not change; the other lanes are the dynamic tree. Its leaves are entries, one per part,
+stored after those of the static tree. Dynamic parts are in Morton order, which is updated a little at every
+move: nodes stay small wherever the parts move, and a move costs O(number of dynamic parts).
 """
 
 import numpy as np
@@ -15,12 +15,12 @@ from proximity.kernels.tree.collapse import clear_node, node_box, write_lane
 from proximity.native import entry, inlined, kernel
 
 CURVE_CELLS = 2**20
-"""Cells along each axis of the local cube, for the order along the curve."""
+"""Cells along each axis of the local cube, for the Morton order."""
 
 
 @inlined
 def _spread(cell):
-    """Put two zeros between any two of 21 bits."""
+    """Insert two zeros between adjacent bits of a 21-bit number."""
     cell = (cell | (cell << 32)) & 0x1F00000000FFFF
     cell = (cell | (cell << 16)) & 0x1F0000FF0000FF
     cell = (cell | (cell << 8)) & 0x100F00F00F00F00F
@@ -30,7 +30,7 @@ def _spread(cell):
 
 @kernel
 def _curve_key(box):
-    """Position of a box's middle along the curve; empty boxes come last."""
+    """Return the Morton code of a box's centre; empty boxes come last."""
     key = np.int64(0)
     if not box[0] <= box[3]:
         return np.int64(2**62)
@@ -43,7 +43,7 @@ def _curve_key(box):
 
 @kernel
 def _mend_order(boxes, dynamic, order, keys, steps):
-    """Sort *order*, positions in *dynamic*, along the curve: by insertion, and by so many steps at most."""
+    """Sort *order*, positions in *dynamic*, by Morton code: insertion sort with at most *steps* swaps."""
     for i in range(len(dynamic)):
         keys[i] = _curve_key(boxes[dynamic[i]])
     for i in range(1, len(order)):
@@ -58,7 +58,7 @@ def _mend_order(boxes, dynamic, order, keys, steps):
 
 @kernel
 def _write_child(words, node, lane, i, below, boxes, dynamic, order, first_entry, box):
-    """Write child *i* of a level: a node from *below* on or, where that is negative, a dynamic part."""
+    """Write child *i* of a level: a node from *below*, or a dynamic part if *below* is negative."""
     if below >= 0:
         node_box(words, below + i, box)
         write_lane(words, NODE_STRIDE * node, lane, box, below + i)
@@ -70,9 +70,9 @@ def _write_child(words, node, lane, i, below, boxes, dynamic, order, first_entry
 
 @kernel
 def write_dynamic(words, region, static_root, boxes, dynamic, order, first_entry):
-    """Write the super node at node *region* and the dynamic tree behind it.
+    """Write the super node at node *region* and the dynamic tree after it.
 
-    *static_root*: a node, or -1. *dynamic* (L,): parts. *order* (L,): their positions along the curve.
+    *static_root*: a node, or -1. *dynamic* (L,): parts. *order* (L,): their positions in Morton order.
     """
     box = stack_f32(6)
     used, below, count = region + 1, -1, len(dynamic)
@@ -102,12 +102,12 @@ def write_dynamic(words, region, static_root, boxes, dynamic, order, first_entry
 def bring_up_to_date(
     words, frames, parts, versions, published, boxes, dynamic, steps, region, since, to_frames, to_parts
 ):
-    """Make a copy of what moves, where *frames* and *parts* say it is now; return how far parts reach.
+    """Write a copy of the state that follows from the present poses; return the parts' reach.
 
-    With more than 1 they do not fit the scene's frame: then nothing has been written to the copy. *versions*
-    (P + 1,) int64 says of each row when it changed. *boxes* (P, 6) float32 has what was right at version
-    *published*; the copy, *to_frames*, *to_parts* and node *region* of *words*, what was right at *since*.
-    *dynamic*: see `DynamicParts`; its order is mended by so many *steps* at most.
+    With a reach above 1 they do not fit the scene's frame, and the copy is unchanged. *versions* (P + 1,)
+    int64: when each row changed. *boxes* (P, 6) float32 are valid at version *published*; the copy,
+    *to_frames*, *to_parts* and node *region* of *words*, at *since*. *dynamic*: see `DynamicParts`; its order
+    is updated by up to *steps* swaps.
     """
     rows, order, keys = dynamic
     scene = len(parts) - 1
@@ -120,7 +120,7 @@ def bring_up_to_date(
                 box_in_scene(frames, parts, part, boxes[part])
         _mend_order(boxes, rows, order, keys, steps)
         write_dynamic(words, region, parts[scene].static_root, boxes, rows, order, parts[scene].entry_count)
-    # Nothing stands between a question and a static tree that is alone.
+    # A scene without dynamic parts starts at the static tree directly.
     is_static = scene > 1 and len(rows) == 0 and parts[scene].static_root >= 0
     parts[scene].root = parts[scene].static_root if is_static else region
     parts[scene].super_node, parts[scene].dynamic_count = region, len(rows)

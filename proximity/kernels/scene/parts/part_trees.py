@@ -1,9 +1,9 @@
-"""The trees over the parts of a scene: where they lie in the words, and how they are made and mended.
+"""The trees over the parts of a scene: their layout in the words, and their construction and update.
 
-Behind the nodes of the parts a scene has one empty node, `STATIC_COPIES` copies of a tree over the parts
-that stand still, and `REGION_COPIES` copies of what changes when parts move: super node and dynamic tree.
-What a query may still be reading is never written to: the next copy is. A scene of one part has the empty
-node only.
+After the nodes of the parts a scene has one empty node, `STATIC_COPIES` copies of a tree over the parts that
+are not dynamic, and `REGION_COPIES` copies of the *region* that changes when parts move: super node and
+dynamic tree. Updates write to the next copy, so that running queries read unchanged memory. A scene of one
+part has the empty node only.
 """
 
 import numpy as np
@@ -30,21 +30,21 @@ from proximity.native.simd import load_int
 
 ENTRIES_PER_PART = 32
 FEWEST_ENTRIES = 256
-"""Entries to which large parts are opened in a scene's tree. On 118 touching parts of 43 k faces rays and
-points take 0.97 of the time that they take with 16. With 64 they take as long, and a tree over 120 parts
-takes 12 ms to make instead of 9."""
+"""Entries into which large parts are opened in a scene's tree. On 118 touching parts of 43 k faces rays and
+points take 0.97 of the time that they take with 16. 64 brings no gain, and building a tree over 120
+parts takes 12 ms instead of 9."""
 NO_NODE = -1
-"""Root of a static tree over nothing."""
+"""Root of an empty static tree."""
 
 
-# --- where they lie --------------------------------------------------------------------------------------
+# --- layout ----------------------------------------------------------------------------------------------
 
 
 @entry("Part[:], int -> int, int, int")
 def copy_offsets(parts, copy):
-    """Root of a copy of the static tree, first word of its entries, and super node of a copy of what moves.
+    """Return the root of a copy of the static tree, the first word of its entries, and a copy's super node.
 
-    Of a scene of one part only the last is there: the empty node.
+    A scene of one part has only the last: the empty node.
     """
     scene = len(parts) - 1
     first, capacity = parts[scene].first_node, parts[scene].static_capacity
@@ -52,7 +52,7 @@ def copy_offsets(parts, copy):
         return first, NODE_STRIDE * first, first
     entry_words = 2 * (LANES * capacity + scene)
     static_nodes = capacity + (entry_words + NODE_STRIDE - 1) // NODE_STRIDE
-    # A super node, and the levels below it if all parts are dynamic.
+    # A super node, and the levels below it for the case that all parts are dynamic.
     region_nodes, count = np.int64(1), np.int64(scene)
     while count >= LANES:
         count = (count + LANES - 1) // LANES
@@ -64,7 +64,7 @@ def copy_offsets(parts, copy):
 
 @entry("Part[:] -> int, int")
 def copies_in_use(parts):
-    """Which copy of what moves a model uses, and which of the static tree; -1 where it is none of them."""
+    """Return the copies of region and static tree that a model uses; -1 if it is none of them."""
     row = parts[len(parts) - 1]
     moving, static = np.int64(-1), np.int64(-1 if row.static_capacity else 0)
     for copy in range(REGION_COPIES):
@@ -81,10 +81,11 @@ def copies_in_use(parts):
 
 @entry("Frame[:], Part[:], float64[:], float -> bool")
 def choose_frame(frames, parts, centre, scale):
-    """Give the scene's row a frame that all parts fit, and say which parts are in that frame themselves.
+    """Write a scene frame that contains all parts, and mark the parts that are in the same frame.
 
-    *centre*, *scale*: taken if it fits: parts that share it can be walked as one tree. Otherwise one with
-    space to move. False, and nothing is written, where parts are too far apart for any.
+    *centre*, *scale*: used if all parts are within reach, since parts in one frame can be traversed as one
+    tree; otherwise a frame with a margin for motion is chosen. Return False, without changes, if the parts
+    are too far apart for any frame.
     """
     scene = len(parts) - 1
     own, lower, upper = stack_f64(3), stack_f64(3), stack_f64(3)
@@ -112,7 +113,7 @@ def choose_frame(frames, parts, centre, scale):
 
 @entry("Frame[:], Part[:]")
 def note_fused(frames, parts):
-    """Say which parts are in the scene's frame themselves, and whether all are."""
+    """Mark the parts that are in the scene's frame, and whether all are."""
     scene = len(parts) - 1
     all_fused = True
     for part in range(scene):
@@ -131,7 +132,7 @@ def note_fused(frames, parts):
 def static_tree(words, frames, parts, first_node):
     """Return nodes and entries of the tree over parts that are neither dynamic nor hidden.
 
-    Its nodes are numbered from *first_node* on.
+    Its nodes are numbered from *first_node*.
     """
     scene, still_count = len(parts) - 1, 0
     for part in range(scene):
@@ -151,9 +152,9 @@ def static_tree(words, frames, parts, first_node):
 
 @entry("float32[:], Part[:], int, float32[:], int32[:, :] -> bool")
 def write_static(words, parts, copy, nodes, entries):
-    """Write a copy of a static tree, and what the scene's row says of it; whether it fits.
+    """Write a copy of a static tree and its fields in the scene's row; return whether it fits.
 
-    The only part of a scene needs none.
+    A scene of one part has none.
     """
     scene, node_count = len(parts) - 1, len(nodes) // NODE_STRIDE
     capacity = parts[scene].static_capacity
@@ -175,7 +176,7 @@ def write_static(words, parts, copy, nodes, entries):
 
 @entry("float32[:], Frame[:], Part[:], int -> bool", makes_arrays=True)
 def make_static(words, frames, parts, copy):
-    """Make the static tree anew, and the scene's frame if parts have left it; whether there is space."""
+    """Rebuild the static tree, and the scene's frame if parts have left it; return whether it fits."""
     scene, centre = len(parts) - 1, np.empty(3)
     for axis in range(3):
         centre[axis] = frames[scene].centre[axis]
@@ -188,7 +189,7 @@ def make_static(words, frames, parts, copy):
 
 @entry("float32[:], Part[:], int", makes_arrays=True)
 def thin_static(words, parts, copy):
-    """Write another copy of the static tree, without the parts that have become dynamic or hidden."""
+    """Write another copy of the static tree without the parts that have become dynamic or hidden."""
     scene = len(parts) - 1
     from_entries, root = parts[scene].entries, parts[scene].static_root
     target, at, _ = copy_offsets(parts, copy)
@@ -207,7 +208,7 @@ def thin_static(words, parts, copy):
 
 @kernel
 def write_dynamic_entries(words, parts, at):
-    """Write the entries of dynamic parts, which stand whole, behind those of the static tree at word *at*."""
+    """Write the entries of dynamic parts, one per part, after those of the static tree at word *at*."""
     scene, numbers = len(parts) - 1, words.view(np.int32)
     to = at + 2 * parts[scene].entry_count
     for part in range(scene):
@@ -222,18 +223,18 @@ def write_dynamic_entries(words, parts, at):
 
 @inlined
 def _listed_dynamic(words, parts, count, k):
-    """The part that the dynamic tree of *count* parts has in place *k* along its curve."""
+    """Return the part at position *k* in Morton order of the dynamic tree of *count* parts."""
     region = parts[len(parts) - 1].super_node
-    # Fewer than eight are in the super node, beside the static tree.
+    # Fewer than eight are in the super node, next to the static tree.
     node, lane = (region, k + 1) if count < LANES else (region + 1 + k // LANES, k % LANES)
     return np.int64(load_int(words, NODE_STRIDE * node + NODE_PARTS + lane))
 
 
 @allocating_kernel
 def dynamic_parts(words, parts):
-    """The rows of the dynamic parts, and their positions in these along the curve of the tree that there is.
+    """Return the rows of the dynamic parts, and the permutation to the Morton order of the present tree.
 
-    The positions are none where the tree does not have each of the parts once.
+    The permutation is empty if the tree does not have each of the parts once.
     """
     scene = len(parts) - 1
     rows, position_of = np.empty(scene, np.int64), np.full(scene, -1, np.int64)
@@ -253,9 +254,9 @@ def dynamic_parts(words, parts):
 
 @allocating_kernel
 def write_moving(words, frames, parts, region, rows, order, steps):
-    """Write what follows from where parts are: boxes, the scene's row, the dynamic tree; how far they reach.
+    """Write boxes, the scene's row and the dynamic tree from the poses; return the parts' reach.
 
-    *rows*: the dynamic parts; *order*: their positions in these along the curve, mended by so many *steps*.
+    *rows*: the dynamic parts; *order*: their permutation to Morton order, updated by up to *steps* swaps.
     """
     versions, boxes = np.zeros(len(parts), np.int64), np.zeros((len(parts) - 1, 6), np.float32)
     dynamic = DynamicParts(rows, order, np.empty(len(rows), np.int64))
@@ -266,7 +267,7 @@ def write_moving(words, frames, parts, region, rows, order, steps):
 
 @entry("float32[:], Frame[:], Part[:]", makes_arrays=True)
 def begin_moving(words, frames, parts):
-    """Clear the empty node, and write the first copy of what moves of a model that is being made."""
+    """Clear the empty node, and write the first copy of a new model's region."""
     scene, count = len(parts) - 1, 0
     rows = np.empty(scene, np.int64)
     for part in range(scene):

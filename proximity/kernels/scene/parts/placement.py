@@ -1,4 +1,4 @@
-"""Poses of parts: checked and written, with the boxes that follow from them."""
+"""Poses of parts: validation, and the boxes that follow from them."""
 
 from math import isfinite
 
@@ -13,12 +13,12 @@ from proximity.native.simd import lane, load, maximum, minimum
 
 BOX_AT = field_at(FRAME, "box_lower")
 MOST_ROTATION_STEPS = 4
-"""Towards the nearest rotation; each squares what is left."""
+"""Newton steps towards the nearest rotation; each squares the error."""
 
 
 @inlined
 def _off_exact(matrix):
-    """Distance of the rotation in a (4, 4) matrix, times its transpose, from the identity; nan is far."""
+    """Return the deviation of a (4, 4) matrix's rotation from orthonormal rows; inf for nan."""
     off = 0.0
     for i in range(3):
         for j in range(i + 1):
@@ -31,11 +31,11 @@ def _off_exact(matrix):
 
 @inlined
 def is_rigid(matrix, tolerance, farthest):
-    """Whether a (4, 4) matrix turns and shifts, and does nothing else."""
+    """Test whether a (4, 4) matrix is a rigid transform."""
     is_affine = matrix[3, 0] == 0.0 and matrix[3, 1] == 0.0 and matrix[3, 2] == 0.0 and matrix[3, 3] == 1.0
     for axis in range(3):
         is_affine = is_affine and abs(matrix[axis, 3]) <= farthest
-    # Rows that are orthonormal: the third is the cross product of the others, or its opposite.
+    # `_off_exact` tests that the rows are orthonormal; the triple product excludes reflections.
     x = matrix[0, 1] * matrix[1, 2] - matrix[0, 2] * matrix[1, 1]
     y = matrix[0, 2] * matrix[1, 0] - matrix[0, 0] * matrix[1, 2]
     z = matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0]
@@ -45,10 +45,10 @@ def is_rigid(matrix, tolerance, farthest):
 
 @entry("float64[:, 4, 4], float64[:, 3], float64[:, 3], float, float, float -> int")
 def first_unfit(matrices, velocities, angular_velocities, tolerance, farthest, fastest):
-    """The first row that cannot be used, or -1.
+    """Return the first row that cannot be used, or -1.
 
-    *matrices* (K, 4, 4) must be rigid within *tolerance* and shift by no more than *farthest*; velocities
-    (K, 3), or none (0, 3), must be no more than *fastest* along each axis.
+    *matrices* (K, 4, 4) must be rigid within *tolerance* and translate by at most *farthest*; velocities (K,
+    3), or none (0, 3), must be at most *fastest* along each axis.
     """
     for k in range(len(matrices)):
         is_fit = is_rigid(matrices[k], tolerance, farthest)
@@ -64,10 +64,10 @@ def first_unfit(matrices, velocities, angular_velocities, tolerance, farthest, f
 
 @kernel
 def write_pose(frames, row, matrix, rounding):
-    """Write a pose into a row, unless it is there already; whether it was not.
+    """Write a pose into a row; return whether it differs from the previous one.
 
-    A rotation that is off by more than *rounding* is replaced by the nearest exact one, by Newton's
-    iteration: one step leaves nothing but rounding of an error of 1e-9, two of one in single precision.
+    A rotation with an error above *rounding* is replaced by the nearest exact one, by Newton's iteration: one
+    step reduces an error of 1e-9 to rounding, two do so for single precision.
     """
     is_other = False
     for i in range(3):
@@ -92,7 +92,7 @@ def write_pose(frames, row, matrix, rounding):
 
 @kernel
 def _step_to_rotation(turn):
-    """Take a step of Newton's iteration towards the rotation that is nearest to a (4, 4) matrix."""
+    """Apply one step of Newton's iteration towards the rotation nearest to a (4, 4) matrix."""
     before = stack_f64_rows(4, 4)
     for i in range(3):
         for j in range(3):
@@ -110,7 +110,7 @@ def _step_to_rotation(turn):
 
 @entry("Frame[:], Part[:], int")
 def update_box(frames, parts, row):
-    """Fill a row's box in the scene's frame, and whether it is turned, from its pose and its own box."""
+    """Fill a row's box in the scene's frame, and its rotation flag, from its pose and its own box."""
     is_turned, is_shifted = False, False
     for i in range(3):
         is_shifted = is_shifted or frames[row].translation[i] != 0.0
@@ -122,7 +122,7 @@ def update_box(frames, parts, row):
             frames[row].box_lower[axis] = frames[row].own_lower[axis]
             frames[row].box_upper[axis] = frames[row].own_upper[axis]
             continue
-        # Around the middle, so that a part far from its own origin keeps a tight box.
+        # Relative to the centre, so that a part far from its origin has a tight box.
         middle, half = frames[row].translation[axis], 0.0
         for other in range(3):
             turn = frames[row].rotation[3 * axis + other]
@@ -137,9 +137,9 @@ def update_box(frames, parts, row):
     "Frame[:], Part[:], int64[:], int, int64[:], float64[:, 4, 4], float64[:, 3], float64[:, 3], float -> int"
 )
 def move_parts(frames, parts, versions, version, rows, matrices, velocities, angular_velocities, rounding):
-    """Write poses and velocities of *rows* and mark them with *version*; how many have become dynamic.
+    """Write poses and velocities of *rows*, with *version*; return the number of parts that became dynamic.
 
-    Velocities (0, 3) are zero for all. A part whose pose stays as it is does not become dynamic.
+    Velocities (0, 3) are zero for all. A part whose pose does not change does not become dynamic.
     """
     freed = 0
     for k in range(len(rows)):
@@ -159,7 +159,7 @@ def move_parts(frames, parts, versions, version, rows, matrices, velocities, ang
 
 @kernel
 def box_in_scene(frames, parts, part, box):
-    """The box of a part in the scene's scaled frame, (6,) float32, widened; of a hidden part: empty."""
+    """Fill the box of a part in the scene's scaled frame, (6,) float32, widened; empty for a hidden part."""
     scene = len(parts) - 1
     scale = frames[scene].scale
     for axis in range(3):
@@ -172,13 +172,13 @@ def box_in_scene(frames, parts, part, box):
 
 @kernel
 def update_scene_box(frames, parts):
-    """Fill the box of the scene's row from those of all parts; how far it reaches in the scene's local frame.
+    """Fill the box of the scene's row from those of all parts; return its reach in the scene's local frame.
 
-    A reach above 1 does not fit that frame. The only part of a scene takes the scene's frame along: 0.
+    A reach above 1 does not fit that frame. A single part moves the scene's frame with it: 0.
     """
     scene = len(parts) - 1
     reach = 0.0
-    # The upper corner follows the lower one.
+    # The upper corner is stored after the lower one.
     rows = reals_of(frames)
     least = most = load(rows[0], BOX_AT)
     for part in range(1, scene):

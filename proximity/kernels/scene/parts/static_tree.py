@@ -1,8 +1,8 @@
-"""The static tree over the parts of a scene that stand still, as opened subtrees.
+"""The static tree over the parts of a scene that are not dynamic, as opened subtrees.
 
-Parts of an assembly overlap: a tree of whole parts would send a query into many of them. So large parts are
-opened until every *entry*, a subtree of a part, is small compared with the scene, and the tree is built
-over entries.
+Parts of an assembly overlap, and a query in a tree of whole parts would traverse many of them. Large parts
+are therefore opened until every *entry*, a subtree of a part, is small compared with the scene, and the tree
+is built over entries.
 
 Source: Benthin, Woop, Wald, Áfra 2017, "Improved two-level BVHs using partial re-braiding".
 """
@@ -22,7 +22,7 @@ from proximity.native.simd import load_int
 
 @kernel
 def scene_box(frames, part, scene, lower, upper, box):
-    """Box in the scene's scaled frame, widened and rounded outward, of a box in a part's local frame.
+    """Transform a box from a part's local frame to the scene's scaled frame, widened and rounded outward.
 
     *lower*, *upper*: (3,) float64. *box*: (6,) float32.
     """
@@ -42,7 +42,7 @@ def scene_box(frames, part, scene, lower, upper, box):
 
 @kernel
 def _add_children(words, frames, part, node, boxes, references, count):
-    """Write boxes and references of the children of a part's node from row *count* on; return their end."""
+    """Write boxes and references of the children of a part's node from row *count*; return their end."""
     lower, upper, base = stack_f64(3), stack_f64(3), NODE_STRIDE * node
     for k in range(LANES):
         if is_used(words, base + k):
@@ -59,10 +59,10 @@ def _add_children(words, frames, part, node, boxes, references, count):
 def gather_entries(words, frames, parts, target):
     """Return boxes (E * `BOX_STRIDE`,) float32 and references (E, 2) int32 of about *target* entries.
 
-    They are subtrees: a part and a reference. Parts that are dynamic or hidden have none.
+    Each entry is a subtree: a part and a reference. Dynamic and hidden parts have none.
     """
     scene = len(parts) - 1
-    # Children of all roots first: their surfaces set the size from which on an entry is small.
+    # Start with the children of all roots: their surface area sets the size below which an entry is small.
     capacity = LANES * scene + 2 * target
     waiting_boxes = np.empty((capacity, 6), np.float32)
     waiting = np.empty((capacity, 2), np.int32)
@@ -95,8 +95,8 @@ def gather_entries(words, frames, parts, target):
 
 @inlined
 def part_of_node(parts, node):
-    """The part that a node is of: the last whose root is not behind it."""
-    # Halving without a branch, which nobody could predict.
+    """Return the part of a node: the last whose root is not after it."""
+    # Branchless binary search: the comparisons are unpredictable.
     low, count = np.int64(0), np.int64(len(parts) - 1)
     while count > 1:
         half = count // 2
@@ -107,7 +107,7 @@ def part_of_node(parts, node):
 
 @inlined
 def _part_of_child(words, parts, reference, entries_at):
-    """The part that a leaf of the static tree is of: an entry, or a part's own node or block."""
+    """Return the part of a leaf of the static tree: an entry, or a part's own node or block."""
     if reference >= 0:
         return part_of_node(parts, reference)
     if ~reference < ENTRY:
@@ -117,9 +117,9 @@ def _part_of_child(words, parts, reference, entries_at):
 
 @entry("float32[:], Part[:], int, int, int, int -> bool", makes_arrays=True)
 def thin_out(words, parts, first, count, target, entries_at):
-    """Copy a static tree of *count* nodes from node *first* to node *target*, without parts that have left.
+    """Copy *count* nodes of a static tree from *first* to *target*, without dynamic and hidden parts.
 
-    Those are dynamic or hidden now. Boxes become tight again. Returns whether anything is left.
+    The boxes are refitted. Return whether any part remains.
     """
     numbers = words.view(np.int32)
     box = np.empty(6, np.float32)
@@ -152,9 +152,9 @@ def _half_area(box):
 
 @entry("float32[:], int32[:, :], Part[:], int")
 def name_leaves(nodes, entries, parts, first_node):
-    """Have a tree over entries refer to what its leaves are, and number its nodes from *first_node* on.
+    """Replace the leaves of a tree over entries by references, and number its nodes from *first_node*.
 
-    An entry of a part in the scene's own frame is its subtree itself; another is ``~(ENTRY + its position)``.
+    An entry of a part in the scene's frame becomes its subtree; any other becomes ``~(ENTRY + position)``.
     """
     for node in range(len(nodes) // NODE_STRIDE):
         for k in range(LANES):

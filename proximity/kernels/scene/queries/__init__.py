@@ -1,1 +1,1 @@
-"""Queries of a scene: points, rays, segments, and a point between bounds within a budget."""
+"""Queries of a scene: points, rays, segments, and budgeted distance bounds of a point."""

@@ -1,9 +1,9 @@
-"""The signed distance of one point of a scene between bounds, within a budget of steps.
+"""Bounds of the signed distance of one point of a scene, within a budget of steps.
 
-With budget enough both bounds are the signed distance that `point_queries` answers: the smallest over all
-parts; inside, of several parts that contain the point, the deepest. With less the nearest surface found so
-far is one bound, and the smallest bound of what was not looked at the other. The side does not need the
-nearest face: the sign grid and the winding number tell it as well.
+With a sufficient budget both bounds are the signed distance of `point_queries`: the smallest over all parts;
+inside, the part with the largest depth counts. Otherwise one bound is the nearest surface found, and
+the other the smallest bound of the nodes not visited. The sign does not need the nearest face: it follows
+from sign grid and winding number.
 """
 
 from math import sqrt
@@ -34,17 +34,18 @@ from proximity.kernels.sign.side import closest_of_slot, is_inside_by_winding, s
 from proximity.native import inlined, kernel
 
 FEWEST_DEPTH_STEPS = 8
-"""For each further part that may contain the point, when the budget is spent already."""
+"""Minimum for each further part that may contain the point, once the budget is used up."""
 SPARE_DEPTH_STEPS = 64
-"""For all of them together. Of further parts that contain the point for certain the boxes tell how deep."""
+"""Limit for all of them together. Beyond it, the depth in parts that certainly contain the point is bounded
+by their boxes."""
 
 
 @inlined
 def nearest_from_face(model, point, part, slot, limit_sq, tolerance, budget, workspace):
-    """`nearest_with_budget` for the whole scene, starting from a face known, if any; with its part.
+    """Apply `nearest_with_budget` to the whole scene, from a known face, if any; return also the part.
 
-    *model*: its four arrays; *point*: (x, y, z). *limit_sq*, and the length in *tolerance*: in the
-    scene's scaled frame; nothing farther than the limit is looked at.
+    *model*: its four arrays; *point*: (x, y, z). *limit_sq*, and the length in *tolerance*: in the scene's
+    scaled frame; surfaces beyond the limit are not visited.
     """
     _, words, _, parts = model
     best_sq = limit_sq
@@ -65,7 +66,7 @@ def nearest_from_face(model, point, part, slot, limit_sq, tolerance, budget, wor
 
 @inlined
 def beyond_all(frames, x, y, z):
-    """A distance, m, within which some face lies: that of the scene's farthest corner."""
+    """Return a distance, m, within which there is a face: that of the scene box's farthest corner."""
     scene = len(frames) - 1
     total = 0.0
     for axis in range(3):
@@ -77,9 +78,9 @@ def beyond_all(frames, x, y, z):
 
 @inlined
 def fill_closest(model, part, slot, point, closest):
-    """Fill *closest* (local frame of *part*) with the closest point of a triangle found; its distance, m.
+    """Fill *closest* (local frame of *part*) with the closest point of a triangle; return its distance, m.
 
-    What `closest_on_triangle` fills, but for the weights; the point is only as exact as the position of *p*.
+    Fills the same as `closest_on_triangle` except the weights; the point is as exact as the query position.
     """
     px, py, pz = to_local(model.frames, model.parts, part, point[0], point[1], point[2])
     read_corners(model.reals, slot, closest)
@@ -97,9 +98,9 @@ def fill_closest(model, part, slot, point, closest):
 
 @inlined
 def _depth_in_box(frames, part, x, y, z, is_open):
-    """Largest depth, m, of a point in a part that contains it: the distance to the nearest side of its box.
+    """Return the largest depth, m, of a contained point: the distance to the nearest side of the part's box.
 
-    Where the part is open, as far as to the farthest corner: through a hole one leaves the box past no face.
+    For an open part it is that to the farthest corner: a path through a hole leaves the box without a face.
     """
     nearest, total = np.inf, 0.0
     for axis in range(3):
@@ -114,9 +115,9 @@ def _depth_in_box(frames, part, x, y, z, is_open):
 
 @kernel
 def _depth_in(model, other, point, budget, workspace, closest):
-    """Whether *other* contains a point; if so how deep at least and at most, m, the face found, and steps.
+    """Test whether *other* contains a point; return also bounds of its depth, m, slot and steps.
 
-    *budget*: 0 to look at no face unless it takes one to tell whether it does.
+    *budget*: 0 to visit faces only if containment needs them.
     """
     _, _, frames, parts = model
     x, y, z = point
@@ -151,7 +152,7 @@ def _depth_in(model, other, point, budget, workspace, closest):
 
 @kernel
 def is_in_box_with_holes(model, point):
-    """Whether a point is in the box of a part with holes: there it may get inside through no surface."""
+    """Test whether a point is in the box of a part with holes, where the sign may change without a face."""
     search = sought(model, point)
     for turn in range(turns_of(model.parts, search)):
         containing, at = containing_bits(model, search, turn, point)
@@ -165,7 +166,7 @@ def is_in_box_with_holes(model, point):
 
 @kernel
 def may_pass_hole(frames, parts, x, y, z, reach):
-    """Whether within *reach* of a point there may be a hole by which one gets in or out of a part."""
+    """Test whether the box of a part with holes is within *reach* of a point."""
     for part in range(len(parts) - 1):
         if parts[part].sign != SIGN_WINDING or parts[part].grid != NO_GRID or parts[part].is_hidden:
             continue
@@ -181,11 +182,11 @@ def may_pass_hole(frames, parts, x, y, z, reach):
 
 @kernel
 def _deepest_containing(model, point, part, slot, nearest, work, budget, workspace, closest):
-    """Depth of a point in the parts that contain it, m: least; most, by faces; and most. -1: not inside.
+    """Return bounds of a point's depth, m: lower, upper by faces, and upper; -1 if not inside.
 
-    *part*, *slot*, *nearest*: what `bounds_of_nearest` knows of the nearest face: whether it is that for
-    certain, lower and upper bound of its distance, and `clear`. Returns besides the part that the point is
-    deepest in, the slot of the face there, and the steps taken so far.
+    *part*, *slot*, *nearest*: of the nearest face, as in `bounds_of_nearest`: whether it is
+    exact, lower and upper bound of its distance, and `clear`. Returns also the part with the largest depth,
+    the slot of its face, and the total steps.
     """
     _, _, frames, parts = model
     x, y, z = point
@@ -211,8 +212,8 @@ def _deepest_containing(model, point, part, slot, nearest, work, budget, workspa
                     model, other, point, left, workspace, closest
                 )
                 work += steps
-                # What holds for all surfaces holds for this part's, and so does a face of it that is
-                # known; but for rounding, since it was walked in another frame.
+                # The bounds over all surfaces also hold for this part, as does its known face; they may
+                # differ by rounding, since the traversal used another frame.
                 if other == part and slot >= 0 and upper < most:
                     most, found = upper, slot
                 least = min(max(least, clear), most)
@@ -228,12 +229,12 @@ def _deepest_containing(model, point, part, slot, nearest, work, budget, workspa
 
 @inlined
 def bounds_at(model, point, part, slot, is_outside, tolerance, exact_within, budget, workspace, closest):
-    """Signed distance of a point of the scene's frame, m, between bounds.
+    """Return bounds of the signed distance of a point of the scene's frame, m.
 
     *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face to start from, or `NO_SLOT`.
-    *is_outside*: True where it is known that no part contains the point. *tolerance*, *exact_within* (m), of
-    a point that is outside: see `budgeted_walk`; others are asked exactly, as far as the budget goes.
-    Returns what `bounds_of_nearest` does.
+    *is_outside*: True if it is known that no part contains the point. *tolerance*, *exact_within* (m): see
+    `budgeted_walk`; only used if *is_outside*, other points are searched exactly within the budget. Returns
+    the same as `bounds_of_nearest`.
     """
     _, _, frames, parts = model
     accuracy = tolerance if is_outside else 0.0, exact_within * frames[len(parts) - 1].scale
@@ -243,10 +244,10 @@ def bounds_at(model, point, part, slot, is_outside, tolerance, exact_within, bud
 
 @inlined
 def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, closest):
-    """The same, where the nearest has been searched for: *nearest* is what `nearest_from_face` returned.
+    """Return bounds of the signed distance, m, given the result *nearest* of `nearest_from_face`.
 
-    Returns distance, lower and upper bound, a distance within which there is no surface, part and slot of the
-    face that is meant, bits (EXACT or BOUNDED, SIGNED, INSIDE), and the steps taken.
+    Returns distance, lower and upper bound, a radius without any surface, part and slot of the
+    reported face, bits (EXACT or BOUNDED, SIGNED, INSIDE), and the steps taken.
     """
     _, _, frames, parts = model
     x, y, z = point
@@ -269,7 +270,7 @@ def bounds_of_nearest(model, point, nearest, is_outside, budget, workspace, clos
         depth_lower, depth_upper, depth_most, deep_part, deep_slot, work = _deepest_containing(
             model, point, part, slot, (is_exact, lower, upper, clear), work, budget, workspace, closest
         )
-        # What other parts were asked has overwritten *closest*.
+        # The search in other parts has overwritten *closest*.
         if slot >= 0 and depth_lower < 0.0:
             fill_closest(model, part, slot, point, closest)
     bits = 0

@@ -1,11 +1,11 @@
-"""Point queries as Python calls them: distance, signed distance, closest point, inside or not.
+"""Point queries called from Python: distance, signed distance, closest point, containment.
 
-Many points are taken in the order of a curve (*order*: row numbers), so that each can start from what the
-one before has found; few as they come (*order* empty), each from nothing: five points that lie apart are
-answered sooner so.
+Large batches are processed along a space-filling curve (*order*: row numbers), so that each search starts
+from the previous result. Small batches (*order* empty) are processed as given, each search without a start,
+which is faster for five scattered points.
 
-Tried and dropped (2026-11): a list of the leaves within reach of sixteen neighbours, along which each of them
-runs instead of descending (0.94 of the time on a part of 3 k faces, 1.4 on one of 43 k).
+Tried and dropped (2026-11): a list of the leaves within reach of sixteen neighbours, which each of them scans
+instead of traversing the tree (0.94 of the time on a part of 3 k faces, 1.4 on one of 43 k).
 """
 
 from math import sqrt
@@ -77,18 +77,18 @@ from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel
 from proximity.native.simd import prefetch
 
 SHORTEST_ARM = 1e-150
-"""Local units; the square of less would vanish."""
+"""Local units; the square of a shorter arm underflows."""
 
 NO_INSIDE = 0
-"""Returned by `contains_batch` where no part has an inside."""
+"""Returned by `contains_batch` if no part has an inside."""
 
 FEWEST_IN_LANES = 3
-"""Points from which on it is sooner to work out eight at a time what is closest."""
+"""Number of points from which closest features are computed faster in eight lanes."""
 
 
 @entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", rows_with_gil=ROWS_WITH_GIL)
 def distance_batch(model, points, order, limits, distances):
-    """Fill unsigned distances (N, 1), m. *limits* are not looked at."""
+    """Fill unsigned distances (N, 1), m. *limits* are ignored."""
     stacks = stack_f32(STACKS_SIZE)
     _, _, frames, parts = model
     scale = frames[len(parts) - 1].scale
@@ -110,7 +110,7 @@ def distance_batch(model, points, order, limits, distances):
 
 @inlined
 def _units_code(frames, order, answers):
-    """`IN_MILLIMETRES` where few rows are answered whose points all look like such; else `NO_ROW`."""
+    """Return `IN_MILLIMETRES` if all rows of a small batch suggest points in millimetres; else `NO_ROW`."""
     if len(order) or not len(answers):
         return NO_ROW
     for row in range(len(answers)):
@@ -121,7 +121,7 @@ def _units_code(frames, order, answers):
 
 @kernel
 def signed_alone(model, points, distances):
-    """Fill signed distances (N, 1), m, to one part, of points as they come: without tables that many need."""
+    """Fill signed distances (N, 1), m, to a single part, without the tables of large batches."""
     _, _, frames, parts = model
     stacks, closest = stack_f32(STACKS_SIZE), stack_closest(1)[0]
     for row in range(len(points)):
@@ -138,7 +138,7 @@ def signed_alone(model, points, distances):
 
 @entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", rows_with_gil=ROWS_WITH_GIL)
 def signed_batch(model, points, order, limits, distances):
-    """Fill signed distances (N, 1), m. *limits* are not looked at."""
+    """Fill signed distances (N, 1), m. *limits* are ignored."""
     _, _, frames, parts = model
     if is_alone(parts) and not len(order):
         signed_alone(model, points, distances)
@@ -170,7 +170,7 @@ def signed_batch(model, points, order, limits, distances):
 
 @entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 12] -> int", rows_with_gil=ROWS_WITH_GIL)
 def closest_batch(model, points, order, limits, answers):
-    """Fill answers (N, `POINT_ANSWER_WIDTH`); see the columns above. *limits*, m: (1,) or (N,)."""
+    """Fill answers (N, `POINT_ANSWER_WIDTH`), columns as in `answers`. *limits*, m: (1,) or (N,)."""
     _, _, frames, parts = model
     choices = answers.view(np.int32)
     rows, reaches = stack_i64(POINT_CHUNK), stack_f64(POINT_CHUNK)
@@ -215,7 +215,7 @@ def _write_nothing(answers, choices, row, distance):
 
 @kernel
 def _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row):
-    """Write the answer of a closest feature, in the scene's frame."""
+    """Write the result for a closest feature, in the scene's frame."""
     length = closest.length
     distance = length / frames[part].scale
     if not distance <= limit:
@@ -227,7 +227,7 @@ def _write_answer(frames, parts, part, face, feature, inside, closest, limit, an
     to_scene(frames, parts, part, closest.point, 0, closest.point, 0)
     for axis in range(3):
         answers[row, POINT_ANSWER_POINT + axis] = closest.point[axis]
-    # Nearer than this the connection has no direction, as on the surface itself.
+    # A shorter connection has no usable direction; the pseudo-normal stays, as on the surface.
     if length > SHORTEST_ARM:
         factor = -1.0 / length if inside else 1.0 / length
         for axis in range(3):
@@ -243,9 +243,9 @@ def _write_answer(frames, parts, part, face, feature, inside, closest, limit, an
 
 @entry(ModelArrays, "float64[:, 3], int64[:], float64[:], bool[:, 1] -> int", rows_with_gil=ROWS_WITH_GIL)
 def contains_batch(model, points, order, limits, inside):
-    """Fill whether each point is inside some part (N, 1). Points that are not finite are not.
+    """Test whether each point is inside some part, into *inside*; points that are not finite are outside.
 
-    *limits* are not looked at. Returns `NO_INSIDE`, and fills nothing, where no part has an inside.
+    *limits* are ignored. Returns `NO_INSIDE`, without a result, if no part has an inside.
     """
     part, count = 0, len(model.parts) - 1
     while part < count and model.parts[part].sign == SIGN_NONE:
@@ -266,25 +266,25 @@ def contains_batch(model, points, order, limits, inside):
 
 @inlined
 def reach_sq(limit):
-    """Squared search radius, local, for what is within *limit*: a little more, since distances round."""
+    """Return the squared local search radius for *limit*, enlarged for the rounding of distances."""
     return (limit + LENGTH_ROUNDING) * (limit + LENGTH_ROUNDING) * (1.0 + LENGTH_ROUNDING)
 
 
 @inlined
 def row_of(order, i):
-    """The row that is *i*-th in order."""
+    """Return the *i*-th row in order."""
     return order[i] if len(order) else i
 
 
 @inlined
 def limit_of(limits, row):
-    """The limit of a row: its own of (N,), or that of all, (1,)."""
+    """Return the limit of a row: (N,) has one per row, (1,) one for all."""
     return limits[row] if len(limits) > 1 else limits[0]
 
 
 @inlined
 def fetch_row(rows, order, i):
-    """Have the row that is *i*-th in order, which may lie anywhere, brought from memory; if there is one."""
+    """Prefetch the *i*-th row in order, if there is one."""
     if i < len(order):
         prefetch(rows, 3 * order[i])
         prefetch(rows, 3 * order[i] + 2)
@@ -292,10 +292,10 @@ def fetch_row(rows, order, i):
 
 @inlined
 def begin_chunk(model, chunk, order, first, limits, reaches, candidates, found, workspace):
-    """Fill rows that are next, how far to look for each, and ask parts that contain some of them for certain.
+    """Fill rows and search radii of the next chunk, and find the depth of points that are certainly inside.
 
-    See `deepest_of_certain`. Of one part there is nothing to be asked. With a limit, most walks end sooner
-    than depths are found. No *limits*: *reaches* are filled already.
+    See `deepest_of_certain`; skipped for a single part. With a limit, most searches end sooner than depths
+    are found. Empty *limits*: *reaches* are filled already.
     """
     _, _, frames, parts = model
     points, rows, count = chunk
@@ -321,8 +321,8 @@ def begin_chunk(model, chunk, order, first, limits, reaches, candidates, found, 
 def nearest_of_chunk(model, chunk, order, reaches, candidates, found, workspace):
     """Find the nearest face of each point; skip points already known to be inside.
 
-    See `deepest_of_chunk`. Where there is no answer the nearest part is `NO_PART`, and the distance nan or
-    inf. What the last chunk ended with, behind the nearest, is where the first walk may start from.
+    See `deepest_of_chunk`. Points without a result get `NO_PART`, and the distance nan or inf. The last row
+    of nearest, written by the previous chunk, is the start of the first search.
     """
     _, _, frames, parts = model
     points, rows, count = chunk
@@ -345,9 +345,9 @@ def nearest_of_chunk(model, chunk, order, reaches, candidates, found, workspace)
 
 @inlined
 def signs_of_chunk(model, chunk, candidates, found, features, workspace):
-    """Fill the signed distances of a chunk, m, and turn depths into -1 where nothing contains the point.
+    """Fill the signed distances of a chunk, m, and set the depth to -1 of points outside their nearest part.
 
-    What is closest is worked out for eight points at a time.
+    Closest features are computed for eight points at a time.
     """
     reals, words, frames, parts = model
     nearest, depths, _, distances = found
@@ -374,9 +374,9 @@ def signs_of_chunk(model, chunk, candidates, found, features, workspace):
 
 @inlined
 def closest_of_chunk(model, chunk, found, features, workspace):
-    """Fill what is closest to each point of a chunk, see `closest_of_lanes`.
+    """Fill the closest feature of each point of a chunk, see `closest_of_lanes`.
 
-    That is in the part which contains it deepest, if any does, or else in the nearest one.
+    It belongs to the part with the largest depth, if any contains the point, otherwise to the nearest part.
     """
     offsets, local_points, table = features
     _gather(model, chunk, found, features, len(model.parts) > 2)
@@ -390,7 +390,7 @@ def closest_of_chunk(model, chunk, found, features, workspace):
 
 @inlined
 def _gather(model, chunk, found, features, are_deeper):
-    """Fill where the nearest triangles are, or those of deeper parts, and the points in their frames."""
+    """Fill the offsets of the nearest triangles, or those of deeper parts, and the points in their frames."""
     _, _, frames, parts = model
     points, rows, count = chunk
     offsets, local_points, _ = features

@@ -1,8 +1,8 @@
-"""Rays against a whole scene: the first hit of each, in the scene's frame.
+"""Ray queries of a whole scene: the first hit of each ray, in the scene's frame.
 
-A direction is scaled by a power of two until its largest component is near 1, and is not normalised: nothing
-is rounded before a ray is tested. Parameters of all parts are then comparable; the direction's length turns
-the least of them into metres.
+A direction is scaled by a power of two until its largest component is near 1, and not normalised, so that it
+is not rounded before the test. Parameters of all parts are then comparable; the direction's length converts
+the smallest to metres.
 """
 
 import numpy as np
@@ -36,20 +36,20 @@ from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel
 from proximity.native.simd import load, splat, square_root, store
 
 FAR_MARGIN = 2.0**-46
-"""Further margin of the boxes of parts, times the origin's distance from the scene: a ray from afar
-is rounded for each part on its own."""
+"""Additional margin of the boxes of parts, relative to the origin's distance from the scene: a distant ray is
+rounded separately for each part."""
 
 
 @inlined
 def _before_walk(aims, views, k, scale):
-    """What is known of ray *k* before its walk, see `first_hit`."""
+    """Return the initial state of ray *k*, see `first_hit`."""
     parameter = views[RAY_CHUNK * VIEW_REACH + k] * scale
     return aims[RAY_CHUNK * AIM_BOUND + k], parameter, np.int64(NO_SLOT), (0.0, 0.0, 0.0)
 
 
 @inlined
 def _keep_hit(views, slots, k, best):
-    """Keep slot and parameter of a hit, and its weights in place of the view."""
+    """Store slot and parameter of a hit, and its weights over the view."""
     _, views[RAY_CHUNK * VIEW_REACH + k], slots[k], weights = best
     for corner in range(3):
         views[RAY_CHUNK * (VIEW_WEIGHTS + corner) + k] = weights[corner]
@@ -57,10 +57,10 @@ def _keep_hit(views, slots, k, best):
 
 @kernel
 def _hits_of_tree(reals, words, root, scale, count, aims, views, slots, stacks):
-    """Fill the first hits of the rays in the tables, where all leaves are blocks in the frame of the rays.
+    """Fill the first hits of the rays in the tables; all leaves are blocks in the frame of the rays.
 
-    *root*: the reference to walk from; *scale*: of the frame. Slots, or `NO_SLOT`; the parameters, in that
-    frame, replace the longest ones.
+    *root*: the reference to start from; *scale*: of the frame. Fills slots, or `NO_SLOT`; the parameters, in
+    that frame, replace the longest ones.
     """
     for k in range(count):
         query = aim_of(aims, k), view_of(views, k), views[RAY_CHUNK * VIEW_START + k], 0
@@ -70,7 +70,7 @@ def _hits_of_tree(reals, words, root, scale, count, aims, views, slots, stacks):
 
 @kernel
 def _hits_of_parts(model, count, origins, rows, aims, views, slots, stacks):
-    """The same, where parts may have frames of their own.
+    """Fill the first hits of the rays in a scene whose parts may have separate frames.
 
     *rows*: of *origins*. Ties go to the lower part, then to the lower slot.
     """
@@ -88,7 +88,7 @@ def _hits_of_parts(model, count, origins, rows, aims, views, slots, stacks):
 
 @inlined
 def _is_still(directions, row):
-    """Whether a direction is zero."""
+    """Test whether a direction is zero."""
     return directions[row, 0] == 0.0 and directions[row, 1] == 0.0 and directions[row, 2] == 0.0
 
 
@@ -98,12 +98,12 @@ def _is_still(directions, row):
     rows_with_gil=ROWS_WITH_GIL,
 )
 def cast_batch(model, origins, directions, order, limits, answers):
-    """Fill answers (N, `ANSWER_WIDTH`) for rays (N, 3) each; see the columns above.
+    """Fill answers (N, `ANSWER_WIDTH`) for rays (N, 3) each, columns as in `answers`.
 
-    Of answers (N, `DISTANCE_WIDTH`) distances are filled and nothing else is worked out.
-    *order*: the rows in the order to take them in, or empty. *limits*, m, (1,) or (N,): how far to look. A
-    direction that is zero, or a row that is not finite, answers nan and `NO_FACE`. Returns the lowest row
-    whose direction is zero, or `NO_ROW`: looking for it here spares a call of five rays two microseconds.
+    Answers (N, `DISTANCE_WIDTH`) get distances only. *order*: the processing order of the rows, or empty.
+    *limits*, m, (1,) or (N,): maximum distance. A direction that is zero, or a row that is not finite, gives
+    nan and `NO_FACE`. Returns the lowest row whose direction is zero, or `NO_ROW`: the test here saves two
+    microseconds in a call with five rays.
     """
     reals, words, frames, parts = model
     choices = answers.view(np.int32)
@@ -127,7 +127,7 @@ def cast_batch(model, origins, directions, order, limits, answers):
             fetch_row(origins, order, begin + k + RAY_CHUNK)
             fetch_row(directions, order, begin + k + RAY_CHUNK)
         for k in range(count, -(-count // LANES) * LANES):
-            # Whoever stands in for a ray is not asked: he has hit nothing.
+            # Padding lanes have no hit.
             offsets[k], slots[k], views[RAY_CHUNK * VIEW_REACH + k] = offsets[0], NO_SLOT, np.inf
         for at in range(0, count, LANES):
             drift = 0.0 if is_single else FAR_MARGIN

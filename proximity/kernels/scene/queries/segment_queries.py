@@ -1,6 +1,6 @@
-"""Segment queries against a whole scene: the shortest connection between a segment and the surfaces.
+"""Segment queries of a whole scene: the shortest connection between a segment and the surfaces.
 
-A segment without length is a point, and is answered as a point.
+A segment without length is processed as a point.
 """
 
 import numpy as np
@@ -45,18 +45,18 @@ def _write_nothing(answer, choice, distance):
 
 @kernel
 def _fill_witness(reals, frames, parts, part, slot, found_sq, segment, plan, probe, witness):
-    """The careful answer for the triangle found, in the columns of a segment's witness."""
+    """Fill a segment's witness for the triangle found, with the accurate formulas."""
     read_corners(reals, slot, witness)
     plan_in_part(frames, parts, part, segment, plan, probe)
     segment_on_triangle(plan, witness)
-    # A touch is a touch: where both formulas round differently, the walk's word counts.
+    # Both formulas round differently: a contact found by the traversal stays a contact.
     if found_sq == 0.0:
         witness.gap = 0.0
 
 
 @kernel
 def _fill_point_witness(reals, frames, parts, part, slot, segment, plan, witness):
-    """The same for a segment without length: to the bit what the point query answers."""
+    """Fill the witness of a segment without length, bit-identical to the point query."""
     read_corners(reals, slot, witness)
     px, py, pz = to_local(frames, parts, part, segment[0], segment[1], segment[2])
     closest_on_triangle(px, py, pz, witness)
@@ -67,7 +67,7 @@ def _fill_point_witness(reals, frames, parts, part, slot, segment, plan, witness
 
 @kernel
 def _write_answer(reals, words, frames, parts, part, slot, segment, plan, witness, limit, answer, choice):
-    """Take a witness from the part's local frame to the scene's."""
+    """Write a witness, transformed from the part's local frame to the scene's."""
     distance = witness.gap / frames[part].scale
     if not distance <= limit:
         _write_nothing(answer, choice, np.inf)
@@ -93,11 +93,10 @@ def _write_answer(reals, words, frames, parts, part, slot, segment, plan, witnes
     rows_with_gil=ROWS_WITH_GIL,
 )
 def segment_batch(model, starts, ends, order, limits, answers):
-    """Fill answers (N, `SEGMENT_ANSWER_WIDTH`) for segments (N, 3) to (N, 3); see the columns above.
+    """Fill answers (N, `SEGMENT_ANSWER_WIDTH`) for segments (N, 3) to (N, 3), columns as in `answers`.
 
-    *order*: the rows in the order to take them in, or empty. *limits*, m, (1,) or (N,): nothing farther is
-    looked for. A row that is not finite, or with an end too far off to be computed with, answers nan.
-    Returns `NO_ROW`.
+    *order*: the processing order of the rows, or empty. *limits*, m, (1,) or (N,): maximum distance. A row
+    that is not finite, or with an end beyond the range of coordinates, gives nan. Returns `NO_ROW`.
     """
     reals, words, frames, parts = model
     choices = answers.view(np.int32)

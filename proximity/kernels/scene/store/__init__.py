@@ -1,1 +1,1 @@
-"""A scene in a file: checksums, validation, completion."""
+"""Scenes stored in files: checksums, validation, completion."""

@@ -1,12 +1,12 @@
-"""Validation of a model read from a file: every index is checked before a walk follows it.
+"""Validation of a model read from a file: every index is checked before a traversal follows it.
 
-Walks check no bounds, and their stacks are large enough for trees of limited depth only. So here, once, every
-reference is compared with what it refers to. A child's number is above its parent's, every node and every
-leaf is reached once, and no tree is deeper than `DEEPEST`: then every walk ends. Where the arrays of a part
-begin and end has been checked before, and that these runs lie in the arrays and do not overlap.
+A traversal checks no bounds, and its stack is large enough for trees of limited depth only. Every reference
+is therefore validated once, here. A child's number is above its parent's, every node and every leaf is
+reached once, and no tree is deeper than `DEEPEST`, so that every traversal ends. The ends of the arrays of
+each part have been validated before: they are within the arrays and do not overlap.
 
-Each function returns the kind of the first fault that it finds, or `SOUND`, and then fills *fault* (int64,
-`FAULT_SIZE`): the part, and up to three numbers that the sentence about it names.
+Each function returns the kind of the first defect, or `SOUND`, and fills *fault* (int64, `FAULT_SIZE`): the
+part, and up to three numbers of its message.
 """
 
 import numpy as np
@@ -33,11 +33,11 @@ from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, bits, load, load_int, splat, splat32
 
 DEEPEST = MAX_DEPTH // 2
-"""Levels of a part's tree, and of the static tree above it: one below the other they are within a stack."""
+"""Levels of a part's tree, and of the static tree above it: both together fit a stack."""
 LARGEST_LOCAL = 1.0 + 2.0**-40
-"""Local coordinates, and components of unit normals, reach to 1, give or take rounding."""
+"""Bound of local coordinates and of components of unit normals: 1 and rounding."""
 FEWEST_NEIGHBOR = -2
-"""Least number that stands for no neighbour."""
+"""Smallest number that marks a missing neighbour."""
 FAULT_SIZE = 4
 
 (
@@ -56,7 +56,7 @@ def note_fault(fault, kind, part, first, second, third):
 
 @inlined
 def _lanes(words, base):
-    """Which lanes of the node at word *base* have children, and which have not: bits. Others have no box."""
+    """Return as bits the lanes of the node at word *base* that have a valid box, and the empty ones."""
     used, unused = np.int64(ALL_LANES), np.int64(ALL_LANES)
     for axis in range(3):
         lower, upper = lower_along(words, base, axis), upper_along(words, base, axis)
@@ -68,10 +68,10 @@ def _lanes(words, base):
 
 @entry("float32[:], Part[:], int32[:], int32[:], int32[:], uint8[:], int64[:] -> int")
 def fault_in_trees(words, parts, firsts, counts, levels, reached, fault):
-    """Look through the trees of all parts.
+    """Validate the trees of all parts.
 
-    Filled: of each node the *firsts* and *counts* of the blocks below it, and scratch: *levels* (N,) int32.
-    *reached* (B,) uint8: zeros.
+    Fills *firsts* and *counts*, the blocks below each node, and scratch *levels* (N,) int32. *reached* (B,)
+    uint8: zeros.
     """
     for part in range(len(parts) - 1):
         kind = _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault)
@@ -85,7 +85,7 @@ def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
     root, end = parts[part].root, parts[part].root + parts[part].node_count
     first_block = parts[part].first_block
     last_block = first_block + parts[part].block_count - 1
-    # What is below a node has been seen when its turn comes.
+    # Reverse order: children are visited before their parent.
     inner = np.int64(0)
     for node in range(end - 1, root - 1, -1):
         base = NODE_STRIDE * node
@@ -98,7 +98,7 @@ def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
                 continue
             child = child_at(words, base + lane)
             if child >= 0:
-                # Negative: it has a parent.
+                # Negative: the child already has a parent.
                 if not node < child < end or levels[child] < 0:
                     return note_fault(fault, BAD_CHILD_NODE, part, lane, node - root, child - root)
                 first = min(first, np.int64(firsts[child]))
@@ -125,7 +125,7 @@ def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
 
 @entry("float64[:], float32[:], Part[:], uint8[:], int64[:] -> int")
 def fault_in_parts(reals, words, parts, seen, fault):
-    """Look through slots, faces, corners, moments and sign grids. *seen* (F,) uint8: F of the largest."""
+    """Validate slots, faces, corners, moments and sign grids. *seen* (F,) uint8: F of the largest part."""
     for part in range(len(parts) - 1):
         for face in range(parts[part].face_count):
             seen[face] = 0
@@ -145,14 +145,14 @@ def fault_in_parts(reals, words, parts, seen, fault):
 
 @inlined
 def _is_box_near(words, at):
-    """Whether all numbers of an oriented box are finite, and such as they are in a local frame."""
+    """Test whether all numbers of an oriented box are finite and within the range of a local frame."""
     far = splat32(np.float32(FAR))
     return bits((absolute(load(words, at)) <= far) & (absolute(load(words, at + LANES)) <= far)) == ALL_LANES
 
 
 @kernel
 def _fault_in_slots(reals, words, parts, part, seen, fault):
-    """Every face is in one slot; where a slot has a face, its lane has a triangle, and else it is NaN."""
+    """Check that every face is in one slot, and that lanes have triangles for their faces, else NaN."""
     first, face_count = parts[part].first_block, parts[part].face_count
     found = np.int64(0)
     for block in range(first, first + parts[part].block_count):
@@ -226,7 +226,7 @@ def _fault_in_moments(words, parts, part, fault):
 
 @kernel
 def _fault_in_grid(words, parts, part, fault):
-    """No cell is of an unknown state, which has both of its bits set."""
+    """Check that no cell has the unknown state, which has both bits set."""
     at = parts[part].grid
     if at == NO_GRID:
         return SOUND
@@ -240,7 +240,7 @@ def _fault_in_grid(words, parts, part, fault):
 
 @entry("float32[:], Part[:], int64[:] -> int")
 def fault_in_lists(words, parts, fault):
-    """Look through the lists of the grid over the scene, which is the last thing in *words*."""
+    """Validate the lists of the grid over the scene, which is the last array in *words*."""
     scene = len(parts) - 1
     base = parts[scene].grid
     cells = parts[scene].grid_x * parts[scene].grid_y * parts[scene].grid_z
@@ -262,7 +262,7 @@ def fault_in_lists(words, parts, fault):
 
 @inlined
 def _root_of_child(words, parts, reference):
-    """The part and the reference that a leaf of the static tree leads to; part -1 where there is none."""
+    """Return part and reference of a leaf of the static tree; part -1 if the reference is invalid."""
     scene = len(parts) - 1
     if reference >= 0:
         is_node = reference < parts[scene].first_node
@@ -284,9 +284,9 @@ def _root_of_child(words, parts, reference):
 
 @entry("float32[:], Part[:], int32[:], int32[:], int32[:], uint8[:], int64[:] -> int")
 def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
-    """Look through the tree over parts that stand still: each block of them is below it, and once.
+    """Validate the tree over static parts: each of their blocks is below it exactly once.
 
-    *firsts*, *counts*: as `fault_in_trees` fills them. *levels* (N,), *covered* (B,): zeros; N nodes.
+    *firsts*, *counts*: from `fault_in_trees`. *levels* (N,), *covered* (B,): zeros; N nodes.
     """
     scene = len(parts) - 1
     root = parts[scene].static_root
@@ -337,10 +337,10 @@ def _fault_in_cover(parts, covered, fault):
 
 @entry("float32[:], Part[:], int, float64[:, 3], int32[:, 3], float, int32[:], int64[:] -> int")
 def fault_in_mesh(words, parts, part, vertices, faces, largest, corners, fault):
-    """Compare a part's faces with the mesh that they were made of: (V, 3) float64 and (F, 3) int32.
+    """Compare a part's faces with their source mesh: (V, 3) float64 and (F, 3) int32.
 
     Vertices at one position are one corner, and corners are numbered in the order of their first vertices:
-    whoever deforms the part counts on it. *corners* (V,) int32: scratch.
+    deformation depends on it. *corners* (V,) int32: scratch.
     """
     vertex_count, faces_at = len(vertices), parts[part].faces
     for vertex in range(vertex_count):

@@ -1,11 +1,11 @@
-"""A model out of a file: validated, and completed with what follows from its other numbers.
+"""A model read from a file: validated, and completed with derived values.
 
-What follows is not believed but written again, which is less work than to compare it and leaves the same
-bits: boxes of parts, the scene's row, and the tree over dynamic parts.
+Derived values are computed again, which costs less than a comparison and gives the same bits: boxes of parts,
+the scene's row, and the tree over dynamic parts.
 
-The tables are looked at first: trees and meshes (`model_validation`) are read where these rows say that they
-are. Each function returns the kind of the first fault that it finds, or `SOUND`, and fills *fault* as there;
-the part is `NO_PART` if the fault belongs to no single part.
+The tables are validated first, since they locate trees and meshes (`model_validation`). Each function returns
+the kind of the first defect, or `SOUND`, and fills *fault* as there; the part is `NO_PART` if the defect
+belongs to no single part.
 """
 
 from math import frexp
@@ -75,10 +75,10 @@ BAD_ORDER, BEYOND_FRAME = 140, 141
     makes_arrays=True,
 )
 def complete_model(reals, words, frames, parts, columns, count, tolerance, farthest, fastest, fault):
-    """Validate a model of *count* parts and complete it; the kind of its first fault, or `SOUND`.
+    """Validate a model of *count* parts and complete it; return the kind of its first defect, or `SOUND`.
 
-    *columns*: *parts*, as numbers. Poses, velocities and which parts are hidden are as the rows say, if a
-    move (`placement.first_unfit`) within *tolerance*, *farthest* and *fastest* could have put them there.
+    *columns*: *parts*, as numbers. Poses, velocities and hidden parts are taken from the rows if a move
+    within *tolerance*, *farthest* and *fastest* (see `placement.first_unfit`) could have written them.
     *fault*: see `model_validation`.
     """
     kind = fault_in_rows(reals, words, frames, parts, columns, count, fault)
@@ -107,7 +107,7 @@ def complete_model(reals, words, frames, parts, columns, count, tolerance, farth
 
 @allocating_kernel
 def _complete_trees(words, frames, parts, firsts, counts, fault):
-    """The same for the trees over parts. *firsts*, *counts*: as `fault_in_trees` fills them."""
+    """Validate and complete the trees over parts. *firsts*, *counts*: from `fault_in_trees`."""
     scene = len(parts) - 1
     for part in range(scene):
         update_box(frames, parts, part)
@@ -137,7 +137,7 @@ def _complete_trees(words, frames, parts, firsts, counts, fault):
     return SOUND if reach <= 1.0 else note_fault(fault, BEYOND_FRAME, NO_PART, 0, 0, 0)
 
 
-# --- the tables: where arrays begin and end, and frames ---
+# --- the tables: ends of arrays, and frames ---
 
 
 @inlined
@@ -147,13 +147,13 @@ def _of_all(fault, kind, first, second):
 
 @entry("float64[:], float32[:], Frame[:], Part[:], int64[:, :], int, int64[:] -> int")
 def fault_in_rows(reals, words, frames, parts, columns, count, fault):
-    """Look through the tables of a model of *count* parts. *columns*: *parts*, as numbers."""
+    """Validate the tables of a model of *count* parts. *columns*: *parts*, as numbers."""
     scene, largest = len(parts) - 1, max(len(reals), len(words))
     if not 0 < count < MOST_PARTS:
         return _of_all(fault, BAD_PART_COUNT, count, MOST_PARTS - 1)
     if scene != count:
         return _of_all(fault, BAD_TREE_COUNT, count, scene)
-    # So sums and products below do not overflow; columns that may be -1 are looked at by themselves.
+    # Excludes overflow in the sums and products below; columns that may be -1 have a separate minimum.
     for row in range(len(parts)):
         for k in range(columns.shape[1]):
             least = NO_GRID if k == GRID_AT else NO_NODE if k == STATIC_ROOT_AT and row == scene else 0
@@ -173,7 +173,7 @@ def fault_in_rows(reals, words, frames, parts, columns, count, fault):
 
 @kernel
 def _fault_in_parts_rows(parts, fault):
-    """Numbers that each part has by itself, and that nodes and blocks of the parts follow each other."""
+    """Validate the numbers of each part, and that nodes and blocks of successive parts are adjacent."""
     scene, nodes, blocks = len(parts) - 1, np.int64(0), np.int64(0)
     for row in range(scene):
         part = parts[row]
@@ -199,7 +199,7 @@ def _fault_in_parts_rows(parts, fault):
 
 @kernel
 def _fault_in_scene_row(parts, fault):
-    """What the last row says of the trees over parts."""
+    """Validate the fields of the last row, for the trees over parts."""
     scene, faces = len(parts) - 1, np.int64(0)
     row = parts[scene]
     for part in range(scene):
@@ -230,7 +230,7 @@ def _fault_in_scene_row(parts, fault):
 
 @inlined
 def _follow(ends, which, start, size):
-    """Whether a run begins behind the last one of its array; then it is the last."""
+    """Test whether a run begins after the previous one of its array; make it the last one."""
     is_behind = start >= ends[which]
     ends[which] = start + size
     return is_behind
@@ -238,7 +238,7 @@ def _follow(ends, which, start, size):
 
 @kernel
 def _fault_in_runs(real_count, word_count, parts, fault):
-    """What the parts are made of lies one behind the other, as it is written, and within its array."""
+    """Check that the runs of all parts are in layout order, without overlap, and within their arrays."""
     scene, ends = len(parts) - 1, stack_i64(2)
     last = parts[scene - 1]
     nodes, blocks = last.root + last.node_count, last.first_block + last.block_count
@@ -277,7 +277,7 @@ def _fault_in_runs(real_count, word_count, parts, fault):
 
 @kernel
 def fault_in_frames(frames, parts, fault):
-    """Look at local frames, the boxes in them, and where grids lie."""
+    """Validate local frames, the boxes in them, and the cell sizes of grids."""
     scene, numbers = len(parts) - 1, reals_of(frames)
     if len(frames) != len(parts):
         return _of_all(fault, BAD_FRAME_COUNT, len(frames), scene)
@@ -305,7 +305,7 @@ def fault_in_frames(frames, parts, fault):
 
 @kernel
 def fault_in_motions(frames, tolerance, farthest, fastest, fault):
-    """Look at what a move could have written: poses, velocities, and how parts answer a touch."""
+    """Validate poses, velocities, and stiffness and damping, as a move could have written them."""
     matrix = stack_f64_rows(4, 4)
     matrix[:] = 0.0
     matrix[3, 3] = 1.0

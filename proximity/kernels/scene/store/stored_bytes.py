@@ -1,7 +1,7 @@
-"""The bytes of a compiled scene: header and checksums, looked at before anything in them is believed.
+"""The bytes of a compiled scene: header and checksums, verified before any content is used.
 
-See `scene.saved.archive` for what such a file consists of. Each function returns the kind of the first fault
-that it finds, or `SOUND`, and fills *fault* (int64, `FAULT_SIZE`) with the numbers that its sentence names.
+`scene.saved.archive` documents the file. Each function returns the kind of the first defect, or `SOUND`, and
+fills *fault* (int64, `FAULT_SIZE`) with the numbers of its message.
 """
 
 import numpy as np
@@ -11,12 +11,12 @@ from proximity.kernels.scene.store.model_validation import SOUND
 from proximity.native import entry, inlined, kernel
 
 FORMAT_VERSION = 2
-"""Grows whenever something that was written before would be read as something else."""
+"""Incremented when the meaning of existing content changes."""
 MAGIC_NUMBER = int.from_bytes(MAGIC, "little", signed=True)
 BYTE_ORDER_MARK, OTHER_ORDER_MARK = 0x01020304, 0x04030201
 HEADER_SIZE = 64
 PAGE = 4096
-"""Bytes; what is mapped begins on a page, so every array also begins on a cache line."""
+"""Bytes. The mapping begins on a page, so every array is also aligned to a cache line."""
 WORDS_OF_PAGE = PAGE // 8
 CRC_AT_BEGIN = np.uint32(0xFFFFFFFF)
 
@@ -31,7 +31,7 @@ FILE_BYTES_AT, TEXT_BYTES_AT = 2, 3
 
 
 def _crc_table():
-    """The remainder of each byte: that of CRC-32, as zlib and PNG have it."""
+    """Return the CRC-32 remainders of all bytes, as in zlib and PNG."""
     table = np.arange(256, dtype=np.uint32)
     for _ in range(8):
         table = np.where(table & 1, table >> 1 ^ 0xEDB88320, table >> 1).astype(np.uint32)
@@ -40,12 +40,12 @@ def _crc_table():
 
 CRC_TABLE = _crc_table()
 WEIGHTS = np.arange(1, WORDS_OF_PAGE + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) | np.uint64(1)
-"""Odd, so that no changed bit is lost in a product; all different, so that no two words may be exchanged."""
+"""Odd, so that a product keeps every changed bit; distinct, so that a swap of two words is detected."""
 
 
 @kernel
 def _crc_of(data, crc):
-    """Go on with a CRC-32 over bytes."""
+    """Update a CRC-32 with bytes."""
     for k in range(len(data)):
         crc = CRC_TABLE[(crc ^ data[k]) & 0xFF] ^ (crc >> np.uint32(8))
     return crc
@@ -58,10 +58,10 @@ def _whole_crc(data):
 
 @entry("uint8[:] -> int", makes_arrays=True)
 def checksum_of(data):
-    """Return a number of 32 bits that tells bytes from what they become by damage.
+    """Return a 32-bit checksum of bytes.
 
-    Sums of weighted words, a page each, and the CRC of those: no single flipped bit and no page in another's
-    place goes unseen, and it takes as long as reading memory does, a fifth of what a CRC of all takes.
+    The CRC of one weighted sum of words per page. It detects any single flipped bit and any exchange of
+    pages, at the speed of a memory read, a fifth of the time of a CRC of all bytes.
     """
     page_count = len(data) // PAGE
     numbers = data[: page_count * PAGE].view(np.uint64)
@@ -77,7 +77,7 @@ def checksum_of(data):
 
 @entry("uint8[:], int64[:] -> int")
 def fault_in_header(whole, fault):
-    """Look at the header of a file and at its description; *fault* without one: bytes of the description."""
+    """Validate the header and description of a file; fill *fault* with the description's length if sound."""
     if len(whole) < len(MAGIC) or whole[:8].view(np.int64)[0] != MAGIC_NUMBER:
         return NO_MAGIC
     fault[0] = len(whole)
@@ -109,10 +109,9 @@ def fault_in_header(whole, fault):
 
 @entry("uint8[:], int64[:, 3], int64[:] -> int", makes_arrays=True)
 def fault_in_arrays(data, table, fault):
-    """Look at arrays that fill *data* from its first byte to its last, each on pages of its own.
+    """Validate arrays that fill *data* completely, each aligned to a page.
 
-    *table*: of each the offset, the bytes, negative where they make no array, and the checksum. *fault*: the
-    row.
+    *table*: offset, bytes and checksum of each; negative bytes mark an invalid array. *fault*: the row.
     """
     end = np.int64(0)
     for row in range(len(table)):

@@ -1,4 +1,4 @@
-// An ordinary program with types: it fetches a scene, asks, and ticks, in a page that a bundler has made.
+// A typed program in a bundled page: fetches a scene, queries it, and ticks a tracker.
 import { ContactFlag, ProximityError, load, type ClosestPoints, type Contact, type ContactFields } from "proximity-engine";
 
 async function told(): Promise<unknown> {
