@@ -9,6 +9,8 @@ Metres everywhere; signed distance is negative inside. The names below are the p
 imported on first access: ``import proximity`` alone takes milliseconds, and compiles no kernels.
 """
 
+import os
+import warnings
 from importlib import import_module
 from typing import Any
 
@@ -22,6 +24,19 @@ def _module_of_each_name() -> dict[str, str]:
     return {words[3]: words[1] for words in lines if words[:1] == ["from"]}
 
 
+def _warn_of_namesake() -> None:
+    """Warn if the distribution ``proximity`` is in the same folder, where both write this file."""
+    names = os.listdir(os.path.dirname(os.path.dirname(__file__)))
+    if any(name.startswith("proximity-") and name.endswith(".dist-info") for name in names):
+        warnings.warn(
+            "another distribution, named proximity, is installed in the same folder and replaces files of "
+            "cad-proximity: run `pip uninstall proximity cad-proximity`, then `pip install cad-proximity`",
+            RuntimeWarning,
+            stacklevel=3,
+        )
+
+
+_warn_of_namesake()
 _MODULE_OF = _module_of_each_name()
 
 
