@@ -4,7 +4,8 @@
 2. Check both with twine, and with abi3audit that the extension uses only Python's stable interface. Write a bill
    of materials in CycloneDX's format: the distribution, what it requires, and what compiled it.
 3. Install the wheel in an empty environment.
-4. Run the demo and the Python blocks of the README there, in a folder that has only the sample parts.
+4. Run the Python blocks of the README there, in a folder that has only the sample parts; then the demo, which
+   needs an extra.
 
 Uploads no files. It builds the working tree: commit first.
 """
@@ -136,13 +137,14 @@ def try_wheel(work: Path, wheel: Path) -> None:
     imported = Path(empty.run("python", "-c", IMPORTED_FROM, folder=place).strip())
     if not imported.is_relative_to((work / "empty").resolve()):
         raise SystemExit(f"release: proximity was imported from {imported}, not from the wheel")
-    say("running the demo")
-    empty.run("proximity", "demo", "--limit", "3", folder=place)
     for number, (code, printed) in enumerate(examples(), start=1):
         say(f"running Python block {number} of the README")
         found = empty.run("python", "-c", code, folder=place)
         if found != printed:
             raise SystemExit(f"release: block {number} of README.md printed\n{found}expected\n{printed}")
+    say("running the demo")
+    empty.run("python", "-m", "pip", "install", "--quiet", f"{wheel}[service]")
+    empty.run("proximity", "demo", "--limit", "3", folder=place)
 
 
 def examples() -> list[tuple[str, str]]:
