@@ -1,8 +1,8 @@
 """Build a release and test it in a clean environment: ``python tools/release.py [--out FOLDER]``.
 
 1. Build the source distribution, and from it the wheel of this machine.
-2. Check both with twine, and with abi3audit that the extension uses only Python's stable interface. Write a bill
-   of materials in CycloneDX's format: the distribution, what it requires, and what compiled it.
+2. Check both with twine, and the use of Python's stable interface with abi3audit. Write a bill of materials
+   (CycloneDX): the distribution, what it requires, and what compiled it.
 3. Install the wheel in an empty environment.
 4. Run the Python blocks of the README there, in a folder that has only the sample parts; then the demo, which
    needs an extra.

@@ -8,5 +8,5 @@ consequences.
 
 from proximity.system.extras import needed
 
-with needed("services, gloves and drums need", "service"):
+with needed("services, gloves, drums and studies need", "service"):
     import scipy  # noqa: F401

@@ -415,7 +415,6 @@ class Scene(Queries, PairQueries):
         """
         with self._lock:
             self._parts = cast(SceneParts, ClosedParts())
-            self._bounds = (lambda: None, None, None)
 
     def __enter__(self) -> "Scene":
         return self
