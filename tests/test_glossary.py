@@ -23,6 +23,24 @@ INSTEAD_IN_ENGINE = {
     "crossings": "self-intersections", "bracket": "bounds",
 }  # fmt: skip
 ENGINE = {"errors.py", "checks.py", "pose.py", "system", "native", "kernels", "mesh", "scene", "tracker"}
+PHRASES = {
+    "nobody, whoever": (r"(?:nobody|somebody|anybody|whoever|whatever|everybody)", 8, "the caller, any"),
+    "what is": (r"what (?:is|was|are|has|have|comes|stands|lies|it|they|may|can|does|holds)", 40, "the noun"),
+    "is no": (r"(?:is|are|was|be) no (?!longer|more\b)\w+", 20, "is not a, has no, without"),
+    "is asked": (r"(?:is|are|was|were|be|been|being|has|have|had) asked|asks? (?:of|for)", 6, "requests"),
+    "goes on": (r"(?:goes|go|went|going) (?:on|out|in|away|ahead)", 8, "continues, leaves, enters"),
+    "anew": (r"(?:anew|for ever|give or take|at once|once more)", 10, "again, forever, within, immediately"),
+    "so much": (r"(?:so|as|that) (?:much|many|few|far|long|often)(?! as possible)", 30, "the quantity"),
+    "of its own": (r"of (?:its|their) own|by (?:itself|themselves)", 20, "own, separate, alone"),
+    "told": (r"(?:told|tells|tell|said of|says of|say of|speaks?|spoken)", 6, "reported, given, states"),
+    "looks at": (r"look(?:s|ed|ing)? (?:at|for|into|after|up|behind)", 15, "search, inspect, read"),
+    "stands in": (r"(?:stands?|lies|stood) (?:for|in|on|at|there|behind|beside|before)", 12, "is"),
+    "is meant": (r"(?:is|are|was) meant", 6, "is for, denotes"),
+    "of which": (r"(?:of which|of whom|of those|of these|of such|such that|but for)", 30, "whose, except"),
+    "meanwhile, beside": (r"(?:meanwhile|besides?|thereby|therein|hence|thus|wherein|lest)", 25, "next to"),
+    "something, nothing": (r"(?:things?|something|anything|everything|nothing)", 70, "its name"),
+}  # fmt: skip
+"""Phrases of prose: pattern, hits allowed in 100 000 words, and what to write instead."""
 PREFIXES = {"links": ("LINK_",)}
 """Tables of the kernels, and the prefixes of their columns."""
 FILES = sorted((ROOT / "proximity").rglob("*.py"))
@@ -70,6 +88,53 @@ def test_retired_words_are_no_names_in_the_engine(folder):
     ]
 
     assert not found
+
+
+def prose_of(path):
+    """Docstrings, comments and sentences of a source file, or the text of a page without its code."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".md":
+        return re.sub(r"^```.*?^```|<!--.*?-->", "", text, flags=re.DOTALL | re.MULTILINE)
+    if path.suffix != ".py":
+        comments = re.findall(r"/\*.*?\*/|//[^\n]*", text, re.DOTALL)
+        return re.sub(r"\n\s*(?:\*|//)?", " ", "\n".join(comments))
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    return " ".join(
+        re.sub(r"\s+", " ", token.string.lstrip("# "))
+        for token in tokens
+        if token.type == tokenize.COMMENT or (token.type == tokenize.STRING and len(token.string.split()) > 3)
+    )
+
+
+def hits_of(name, prose):
+    return re.findall(rf"\b(?:{PHRASES[name][0]})\b", prose, re.IGNORECASE)
+
+
+@pytest.fixture(scope="module")
+def prose():
+    suffixes = {".py", ".c", ".h", ".hpp", ".cs", ".js", ".ts", ".in", ".md"}
+    folders = [ROOT / name for name in ("proximity", "docs", "bench", "tools")]
+    files = [path for folder in folders for path in folder.rglob("*")]
+    pages = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+    kept = [path for path in files if path.suffix in suffixes and "vendor" not in path.parts]
+    return "\n".join(prose_of(path) for path in [*pages, *kept])
+
+
+@pytest.mark.parametrize("name", PHRASES)
+def test_phrases_that_have_a_plainer_word_are_rare(name, prose):
+    _, limit, instead = PHRASES[name]
+    assert len(hits_of(name, prose)) <= limit * 1e-5 * len(prose.split()), f"write {instead}"
+
+
+def test_phrases_are_seen(tmp_path):
+    path = tmp_path / "module.py"
+    path.write_text('"""Whoever asks\n    for it is told what is left."""\nx = 1  # at once\n', "utf-8")
+
+    found = prose_of(path)
+
+    assert [name for name in PHRASES if hits_of(name, found)] == [
+        "nobody, whoever", "what is", "is asked", "anew", "told",
+    ]  # fmt: skip
 
 
 def constants_of(path):

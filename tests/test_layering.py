@@ -65,12 +65,13 @@ inside
 clashes · picture · trimesh_scene
 loader · overlap
 scene
-pairs · scene_parts
+motion_clearance · scene_parts
+pairs
 deformation · saved
 part
 solid
 penetration · queries · solid_arrays
-sign
+motion · sign
 html_table · model
 """,
     "proximity.scene.queries": """

@@ -1,5 +1,4 @@
-"""Answers that kernels write and Python reads: a row per point, ray or segment, a record per pair of parts.
-"""
+"""Answers that kernels write and Python reads: a row per point, ray or segment, a record per pair."""
 
 from proximity.native import record
 

@@ -25,13 +25,13 @@ class Repairs:
 
     @classmethod
     def of_counts(cls, *counts: float) -> "Repairs":
-        """Return the repairs in a row from `split_faces`."""
+        """Return the repairs listed in a row of counts from `split_faces`."""
         merged, welded, distance, slivers, duplicates, turned, is_turned_inside_out = counts
         numbers = (int(merged), int(welded), distance, int(slivers), int(duplicates), int(turned))
         return cls(*numbers, bool(is_turned_inside_out))
 
     def describe(self) -> str:
-        """Return the repairs as one sentence; empty if there are none."""
+        """Return the repairs as one sentence, or an empty text if there are none."""
         deeds = []
         if self.merged_vertex_count:
             deeds.append(f"merged {_counted(self.merged_vertex_count, 'equal vertex', 'equal vertices')}")
@@ -55,7 +55,7 @@ class Repairs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """One body: its mesh, and the origin of its faces."""
+    """One body: its mesh, and the faces of the source that it came from."""
 
     mesh: TriangleMesh  # only the vertices in use, one per position
     source_faces: np.ndarray  # (F,) int32, id of each face in the source, read-only
@@ -64,7 +64,7 @@ class Body:
 
 
 def split_bodies(vertices: Any, faces: Any, source_faces: Any = None) -> list[Body]:
-    """Return the bodies formed by the faces: welded, cleaned and oriented outwards.
+    """Split faces into bodies, and weld, clean and orient each body.
 
     *vertices*: (V, 3) m; *faces*: (F, 3). *source_faces*: id of each face in the source; by default its row.
     Bodies are in the order of their first faces; within a body, faces keep their order.
@@ -75,8 +75,8 @@ def split_bodies(vertices: Any, faces: Any, source_faces: Any = None) -> list[Bo
     separated: each wedge of material belongs to one body. Closed surfaces with separate vertex numbers stay
     separate, and so do closed surfaces that share only corners. Open or flat pieces that share a corner are
     one body: sides that were meshed independently enclose a volume only together. A surface of negative
-    volume within a body is a cavity of it; elsewhere it is reversed. Surfaces with small holes count as
-    closed here, sheets do not.
+    volume within a body is a cavity of it; elsewhere it is reversed. A surface with small holes is treated as
+    closed, a sheet is not.
     Degenerate: a face without area is kept if dropping it would open the surface.
     Cost: 0.2 to 0.3 s for 300 k faces.
     """

@@ -1,4 +1,4 @@
-"""The tree of one part as data: local frame, nodes, leaf blocks, and a consistency check.
+"""The tree of one part as data, with its local frame and a consistency check.
 
 See `kernels.layout` for the layout of the arrays.
 """
@@ -24,9 +24,10 @@ from proximity.kernels.thresholds import LARGEST_COORDINATE, MOVING_MARGIN, SMAL
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalFrame:
-    """A frame in which a part is within [-1, 1]: translated by *centre*, then scaled by *scale*.
+    """A frame in which a part is within [-1, 1].
 
-    Neither step rounds: the centre is zero or has few bits, the scale is a power of two.
+    A point is translated by *centre* and scaled by *scale*. Neither step rounds: the centre is zero or has
+    few bits, and the scale is a power of two.
     """
 
     centre: np.ndarray  # (3,) m
@@ -38,7 +39,7 @@ class LocalFrame:
 
     @classmethod
     def read(cls, row: np.ndarray) -> "LocalFrame":
-        """Return the local frame in a row of a model's frames; a copy."""
+        """Return a copy of the local frame in a row of a model's frames."""
         return cls(row["centre"].copy(), float(row["scale"]))
 
     def write(self, row: np.ndarray) -> None:
@@ -64,7 +65,7 @@ def local_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
 
 
 def common_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
-    """Return a frame for parts of one scene, with a margin for their motion.
+    """Return a frame for all parts of a scene, with a margin for their motion.
 
     *lower*, *upper*: (3,) m.
     """

@@ -1,4 +1,4 @@
-"""Diagnosis of a mesh: counts of its defects.
+"""Diagnosis of a mesh by counting its defects.
 
 This module repairs nothing: `body_split` has repaired the mesh, and the caller judges the counts.
 `manifold3d` gives a second opinion on whether the mesh is a solid.
@@ -17,7 +17,7 @@ from proximity.mesh.triangle_mesh import TriangleMesh
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Counts and measures of one mesh; lengths in metres, in the mesh's own frame."""
+    """Counts and measures of one mesh. Lengths are in metres, in the frame of the mesh."""
 
     vertex_count: int  # positions in use, each counted once
     face_count: int
@@ -68,10 +68,10 @@ def diagnose(mesh: TriangleMesh) -> Diagnosis:
 
 
 def _in_unit_box(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return *points* relative to the middle of their box, scaled by 2 ** -exponent to at most 1, and
-    exponent.
+    """Scale *points* to at most 1 about the middle of their box. Return them and the exponent.
 
-    Products of three coordinates then neither lose digits far from the origin nor over- or underflow.
+    The scale is 2 ** -exponent. Products of three coordinates then neither lose digits far from the origin
+    nor overflow or underflow.
     """
     middle = lower + (upper / 2 - lower / 2)
     centred = points - middle
@@ -81,7 +81,7 @@ def _in_unit_box(points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tu
 
 
 def _volume_and_area(mesh: TriangleMesh, lower: np.ndarray, upper: np.ndarray) -> tuple[float, float]:
-    """Return volume, m³, by the divergence theorem, and area, m²; the sums are rounded once."""
+    """Return the volume, m³, by the divergence theorem, and the area, m². Both sums are rounded only once."""
     points, exponent = _in_unit_box(mesh.vertices[mesh.faces].reshape(-1, 3), lower, upper)
     a, b, c = np.moveaxis(points.reshape(-1, 3, 3), 1, 0)
     normals = np.cross(b - a, c - a)
@@ -110,7 +110,7 @@ def _as_tuple(point: np.ndarray) -> tuple[float, float, float]:
 
 
 def manifold_solid(points: np.ndarray, corner_ids: np.ndarray, face_ids: np.ndarray | None = None) -> Any:
-    """Return the ``manifold3d.Manifold`` of balanced faces; see its ``status()``.
+    """Return a ``manifold3d.Manifold`` of balanced faces. If it is not a solid, its ``status()`` is an error.
 
     *points*: (K, 3) float64, one row a position; *corner_ids*: (F, 3) int32, as in `Topology`. Pieces cut
     from the solid keep the (F,) *face_ids*. manifold3d 3.5.4 ends the process on 4 of 735 meshes whose faces

@@ -1,4 +1,4 @@
-"""Edges of a mesh and the faces that meet there, from positions alone.
+"""Edges of a mesh and the faces that meet there, determined from positions alone.
 
 Vertices at exactly equal positions count as one corner; near ones do not (`body_split` welds and reports
 those). Topology does not change the mesh. See `kernels.mesh.edges`.
@@ -38,9 +38,9 @@ def build_topology(mesh: TriangleMesh) -> Topology:
 
 
 def topology_of(corner_ids: np.ndarray) -> Topology:
-    """Return the connections between faces whose corners are numbered by position.
+    """Return the connections between faces from the corner numbers of each face.
 
-    *corner_ids*: (F, 3) int32, C-ordered.
+    *corner_ids*: (F, 3) int32, C-ordered; corners are numbered by position.
     """
     neighbors, counts = face_topology(corner_ids)
     corner_ids.flags.writeable = neighbors.flags.writeable = False
@@ -58,7 +58,7 @@ def topology_of(corner_ids: np.ndarray) -> Topology:
 
 
 def corners_of(mesh: TriangleMesh, topology: Topology) -> np.ndarray:
-    """Return the positions of the corners of a mesh, one row each, (K, 3) float64."""
+    """Return the positions of the corners of a mesh, (K, 3) float64, in the order of their numbers."""
     count = int(topology.corner_ids.max()) + 1
     if count == mesh.vertex_count:  # each vertex is in use, at a distinct position
         return mesh.vertices
@@ -68,12 +68,12 @@ def corners_of(mesh: TriangleMesh, topology: Topology) -> np.ndarray:
 
 
 def open_edges(mesh: TriangleMesh) -> np.ndarray:
-    """Return the middles of the open edges of a body, (E, 3) float64, m.
+    """Return the midpoints of the open edges of a body, (E, 3) float64, m.
 
     Notes
     -----
-    Vertices within weld distance count as one: seams that a failed weld would have closed are not reported. A
-    closed edge has equally many faces each way.
+    A closed edge has equally many faces in each direction. Vertices within weld distance count as one, so an
+    open seam that welding would close is not reported.
     """
     middles: np.ndarray = open_edge_middles(mesh.vertices, mesh.faces)
     return middles

@@ -1,4 +1,4 @@
-"""Triangles by vertex index, validated once and read-only afterwards.
+"""Triangles by vertex index. They are validated once and read-only afterwards.
 
 A mesh is independent of files, bodies, signs and trees. Units are metres.
 """
@@ -11,11 +11,11 @@ from proximity.checks import as_array, as_float64, is_whole
 from proximity.errors import ArgumentError, MeshError
 
 MAX_FACE_COUNT = 2**31 - 1
-"""Faces and vertices are numbered by int32."""
+"""Maximum number of faces and of vertices, both of which are numbered by int32."""
 
 
 class TriangleMesh:
-    """An indexed set of triangles; owns read-only copies of its arrays.
+    """An indexed set of triangles. It owns read-only copies of its arrays.
 
     Parameters
     ----------
@@ -44,14 +44,14 @@ class TriangleMesh:
 
     @classmethod
     def _from_checked(cls, vertices: np.ndarray, faces: np.ndarray) -> "TriangleMesh":
-        """Return a mesh of the read-only arrays of another mesh, without copying them."""
+        """Return a mesh that shares the read-only arrays of another mesh."""
         mesh = cls.__new__(cls)
         mesh.vertices, mesh.faces = vertices, faces
         return mesh
 
     @classmethod
     def of_own(cls, vertices: np.ndarray, faces: np.ndarray) -> "TriangleMesh":
-        """Return a mesh that takes over the arrays and makes them read-only.
+        """Return a mesh that takes ownership of arrays and makes them read-only.
 
         Parameters
         ----------
@@ -77,7 +77,7 @@ class TriangleMesh:
         return len(self.vertices)
 
     def with_vertices(self, vertices: np.ndarray) -> "TriangleMesh":
-        """Return the same faces over other vertices.
+        """Return a mesh with the same faces and other vertices.
 
         Parameters
         ----------
@@ -136,7 +136,7 @@ def _checked_faces(faces: Any, vertex_count: int) -> np.ndarray:
 
 
 def _holds_whole_numbers(array: np.ndarray) -> bool:
-    """Whether floats can be converted to integers: finite, integral, not too large."""
+    """Whether all floats are finite and integral, and small enough to become integers."""
     wide = array.astype(np.float64)
     return bool((np.abs(wide) <= MAX_FACE_COUNT).all() and (wide == np.rint(wide)).all())
 

@@ -1,4 +1,4 @@
-"""Compiled kernels: declaration, and source of their code."""
+"""Declaration of compiled kernels, and the choice of their code."""
 
 from proximity.native.declaration import (
     ENTRIES,

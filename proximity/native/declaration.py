@@ -1,7 +1,8 @@
 """Declaration of kernels, independent of how they are compiled.
 
-Python calls only entry points. Other compiled functions are called by compiled code: calling one from Python
-is an error if it was compiled ahead of time, so that no kernel runs as slow Python by accident.
+Python calls only entry points. All other compiled functions are called by compiled code. If such a function
+was compiled ahead of time, calling it from Python is an error, so that no kernel runs as slow Python by
+accident.
 """
 
 from collections.abc import Callable
@@ -25,15 +26,18 @@ from proximity.native.signature import (
 from proximity.native.sources import TOOLS, digest_in_c, entry_modules
 
 ENTRIES: dict[str, "Entry"] = {}
-"""All entry points declared by modules of this process, by name."""
+"""All entry points by name that modules of this process have declared."""
 ROWS_WITH_GIL = 16
-"""Maximum rows for which an entry point may keep the interpreter locked: releasing it takes 0.1 µs."""
+"""Maximum number of rows for which an entry point may keep the interpreter locked.
+
+Releasing it takes 0.1 µs.
+"""
 _KINDS = {"int": 0, "float": 1, "bool": 2}
 _ARRAY, _BUNDLE = 3, 4
 C_CODE = "c"
-"""Takes the place of a wrapper's instruction set for functions written in C."""
+"""Marks a wrapper of a function written in C. Other wrappers have the name of an instruction set there."""
 _RECORD_SIZE = 256
-"""Factor of the item size in the type number of records, which all have the same number in NumPy."""
+"""Factor of the item size in the type number of a record. NumPy gives all records the same number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +60,11 @@ class Entry:
 def entry(
     *parts: Any, rows_with_gil: int = -1, makes_arrays: bool = False
 ) -> Callable[[Callable[..., Any]], Any]:
-    """Declare a kernel that Python calls, with its argument and result types; other types are an error.
+    """Declare a kernel that Python calls, with the types of its arguments and results.
 
-    *parts*: the signature, see `native.signature`. *rows_with_gil*: rows of the first array up to which the
-    interpreter stays locked during a call; -1: never. *makes_arrays*: others count no references.
+    Arguments of other types raise an error. *parts*: the signature, see `native.signature`. *rows_with_gil*:
+    largest number of rows of the first array for which the interpreter stays locked during a call, or -1 for
+    never. *makes_arrays*: whether it allocates arrays. Other kernels count no references.
     """
     types = signature(", ".join(part if isinstance(part, str) else part.__name__ for part in parts))
 
@@ -75,7 +80,7 @@ def entry(
 
 
 def entry_named(name: str) -> Any:
-    """Return an entry point, from the compiled table or else from the module that declares it."""
+    """Return an entry point from the compiled table. Without one, import the module that declares it."""
     if name.startswith("__"):  # Python probes every module for such names
         raise AttributeError(name)
     if not IS_AHEAD:
@@ -88,13 +93,16 @@ def entry_named(name: str) -> Any:
 
 
 def import_entries(name: str = "") -> None:
-    """Import the kernel modules that declare entry points; with a name, only those that define it."""
+    """Import the kernel modules that declare entry points.
+
+    With *name*, import only the modules that define it.
+    """
     for module in entry_modules(name):
         import_module(module)
 
 
 def _entry(name: str) -> Entry:
-    """Return an entry point as described by the extension, or as declared by a module."""
+    """Return the declaration of an entry point, from the extension or from a module."""
     if not IS_AHEAD:
         return ENTRIES[name]
     rows_with_gil, types = _compiled_table()[name]
@@ -103,7 +111,7 @@ def _entry(name: str) -> Entry:
 
 @cache
 def _compiled_table() -> dict[str, list[str]]:
-    """Return rows with the interpreter locked, and signature, of every compiled entry point."""
+    """Return the number of rows with the interpreter locked, and the signature, of each entry point."""
     lines = (line.split("|") for line in OBJECTS.entry_signatures.splitlines())
     return {name: values for name, *values in lines}
 
@@ -128,12 +136,14 @@ def inlined(function: Callable[..., Any]) -> Any:
 
 
 def query(name: str, width: int, few: int, ask: Callable[..., Any]) -> Any:
-    """Return the function of a query, taking a model, arrays of rows, a limit, and a number of workers.
+    """Return the Python function of a query.
 
-    It returns the table of answers. If possible, compiled code handles small batches of plain rows directly,
-    which saves a call of five rows half a microsecond; *ask* checks and answers all others, and raises
-    errors. The entry point *name* takes a bundle, the arrays of rows, their order, limits and answers of
-    *width* columns, and returns -1 if it has answered all of them; *few*: exclusive limit of its rows.
+    The function takes a model, arrays of rows, a limit and a number of workers, and returns the table of
+    answers. If possible, compiled code handles small batches of plain rows directly, which saves half a
+    microsecond in a call with five rows. *ask* validates and answers all other calls, and raises errors.
+
+    The entry point *name* takes a bundle, the arrays of rows, their order, limits, and answers with *width*
+    columns. It returns -1 if it has answered all rows. It is called directly for fewer than *few* rows.
     """
     if not IS_AHEAD:
         return ask
@@ -144,7 +154,7 @@ def query(name: str, width: int, few: int, ask: Callable[..., Any]) -> Any:
 
 
 def packed(arrays: Any) -> Any:
-    """Return a bundle in the form that entry points take, without a copy; `bundle` declared its class."""
+    """Return a bundle in the form that entry points take, without a copy. `bundle` has declared its class."""
     if not IS_AHEAD:
         return arrays
     kind = BUNDLES[type(arrays).__name__]
@@ -153,7 +163,7 @@ def packed(arrays: Any) -> Any:
 
 
 def function_in_c(name: str, types: str) -> Any:
-    """Return a function written in C; `ImportError` if the extension is missing or of other sources."""
+    """Return a function written in C. Raise an `ImportError` if the extension is missing or out of date."""
     compiled = extension()
     if compiled is None:
         raise ImportError("there is no compiled extension for this system")
@@ -165,7 +175,7 @@ def function_in_c(name: str, types: str) -> Any:
 
 
 class _Internal:
-    """Placeholder of a compiled function that Python cannot call."""
+    """Placeholder for a compiled function that Python cannot call."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._name = f"{function.__module__}.{function.__qualname__}"
@@ -188,7 +198,7 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
 
 
 def codes(value: Array | Scalar | Bundle) -> tuple[int, ...]:
-    """Return the extension's description of a type: kind, number, lengths."""
+    """Return the three numbers by which the extension knows a type, and the lengths of an array's axes."""
     if isinstance(value, Scalar):
         return _KINDS[value.kind], 0, 0
     if isinstance(value, Bundle):

@@ -1,8 +1,8 @@
 """Kernels compiled by numba at their first call, and cached on disk.
 
-numba considers cached code valid while the function's own file is unchanged, even if a function inlined into
-it has changed elsewhere. The cache folder is therefore named after the digest of all sources: editing one
-recompiles all kernels, and the old folder is removed.
+numba considers cached code valid while the file of the function is unchanged, even if a function inlined from
+another file has changed. The cache folder is therefore named after the digest of all sources: editing one
+source recompiles all kernels and removes the old folder.
 """
 
 import atexit
@@ -36,7 +36,7 @@ _TYPES = {name: numba.from_dtype(np.dtype(name)) for name in DTYPES} | {
     "float": types.float64,
 }
 is_kept = True
-"""True if code is cached on disk; builds of object files do not cache."""
+"""Whether code is cached on disk. Builds of object files do not cache."""
 
 
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
@@ -52,12 +52,12 @@ def compiled(function: Callable[..., Any], **options: Any) -> Any:
 
 
 def argument_types(signature: Signature) -> tuple[types.Type, ...]:
-    """Return numba's types of an entry point's arguments."""
+    """Return the numba types of an entry point's arguments."""
     return tuple(map(numba_type, signature.arguments))
 
 
 def numba_type(value: Array | Scalar | Bundle) -> types.Type:
-    """Return numba's type for a type of a signature."""
+    """Return the numba type for a type in a signature."""
     if isinstance(value, Scalar):
         return _TYPES[value.kind]
     if isinstance(value, Array):
@@ -71,7 +71,11 @@ def numba_type(value: Array | Scalar | Bundle) -> types.Type:
 
 @cache
 def cache_folder() -> Path:
-    """Return the cache folder: as configured, next to the sources, the user's, or the process's."""
+    """Return the folder for cached code.
+
+    It is the configured folder if there is one. Otherwise it is next to the sources, in the user's cache, or
+    temporary: the first of these that only this user can write to.
+    """
     name = f"{_PREFIX}{sources_digest()[:16]}-{numba.__version__}"
     if numba.config.CACHE_DIR:
         return Path(numba.config.CACHE_DIR) / name
@@ -89,7 +93,7 @@ def cache_folder() -> Path:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Test whether a folder, made if absent, is owned by this user and not writable by others."""
+    """Create a folder if necessary, and test whether only this user owns it and can write to it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -100,11 +104,11 @@ def _is_ours(folder: Path) -> bool:
 
 
 class _SharedCache(FunctionCache):
-    """numba's cache, safe for processes that compile concurrently.
+    """A cache of numba that is safe for processes that compile concurrently.
 
     To add a version of a function, numba reads the list of cached versions, then writes the extended list and
-    the code. With two concurrent processes, the list of one could refer to the code of the other, for other
-    argument types.
+    the code. With two concurrent processes, the list written by one could refer to code written by the other
+    for different argument types.
     """
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -118,7 +122,7 @@ class _SharedCache(FunctionCache):
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Lock a folder against other processes, if the system supports it."""
+    """Lock a folder against other processes, if the file system supports locks."""
     if fcntl is None:
         yield
         return

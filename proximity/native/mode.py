@@ -1,11 +1,12 @@
-"""Source of the compiled kernels of this process.
+"""Choice of the compiled kernels that this process uses.
 
 - *Objects*: compiled ahead of time, in the extension ``_kernels``, for an instruction set of this processor.
    This is the usual case.
 - *JIT*: compiled by numba at the first call, on processors without objects and after editing kernels.
 - *Interpreted*: plain Python, for stepping through (``NUMBA_DISABLE_JIT=1``).
 
-``PROXIMITY_ISA`` overrides the choice: the name of an instruction set (``v3``, ``v4``, ``neon``), or ``jit``.
+``PROXIMITY_ISA`` overrides the choice with the name of an instruction set (``v3``, ``v4``, ``neon``) or
+``jit``.
 """
 
 import importlib.util
@@ -29,7 +30,7 @@ def extension() -> Any:
 
 
 def _mode() -> tuple[str, Any]:
-    """Return the name of the mode, or of an instruction set, and the extension if it is used."""
+    """Return the mode or the name of an instruction set. Return also the extension if it is used."""
     if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
         return INTERPRETED, None
     wanted = os.environ.get("PROXIMITY_ISA", "")
@@ -54,7 +55,7 @@ def _mode() -> tuple[str, Any]:
 
 
 def _instead(reason: str) -> tuple[str, Any]:
-    """Fall back to numba, and report why."""
+    """Fall back to numba, and print the reason."""
     if importlib.util.find_spec("numba") is None:
         raise ImportError(
             f"proximity: {reason}, and numba, which compiles them when they are called, is not installed: "
@@ -71,6 +72,6 @@ def _instead(reason: str) -> tuple[str, Any]:
 
 MODE, OBJECTS = _mode()
 IS_AHEAD = OBJECTS is not None
-"""True if kernels were compiled ahead of time."""
+"""Whether kernels were compiled ahead of time."""
 IS_JIT = MODE == JIT
-"""True if numba compiles them."""
+"""Whether numba compiles the kernels."""

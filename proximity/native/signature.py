@@ -1,12 +1,14 @@
-"""Signatures of entry points: types passed between Python and compiled code.
+"""Signatures of entry points: the types passed between Python and compiled code.
 
-A signature is written as ``"Model, float64[:, 3], int64[:], int -> bool"``: scalars (``int``, ``float``,
-``bool``), arrays in C order with their dtype and axes (a number for an axis of fixed length), and names of
-bundles. A *bundle* is a named tuple of arrays, declared once; compiled code finds its arrays through a table
-of words, so that a call passes one address for any number of arrays. An array may have records,
-``"Settings[:]"``, whose fields are also declared once, see `record`.
+A signature is written as ``"Model, float64[:, 3], int64[:], int -> bool"``. It lists scalars (``int``,
+``float``, ``bool``), arrays in C order, and names of bundles. An array is written with its dtype and its
+axes, a number being the length of an axis of fixed length. A *bundle* is a named tuple of arrays that is
+declared once: compiled code finds its arrays through a table of words, so that a call passes one address for
+any number of arrays. The items of an array may be records, as in ``"Settings[:]"``, whose fields are also
+declared once, see `record`.
 
-Arrays and results are passed as 64-bit words: the address and lengths of an array, the value of a scalar.
+Arguments and results are passed as 64-bit words: the address and lengths of an array, or the value of a
+scalar.
 """
 
 import re
@@ -16,7 +18,7 @@ from typing import Any
 import numpy as np
 
 LANES = 8
-"""Lanes of every vector type."""
+"""Number of lanes of every vector type."""
 SCALARS = ("int", "float", "bool")
 DTYPES = ("float64", "float32", "int64", "int32", "uint32", "uint8", "bool")
 ANY_LENGTH = -1
@@ -76,9 +78,9 @@ class Signature:
 
 
 def bundle(kind: Any, **fields: str) -> Any:
-    """Declare a named tuple of arrays; return its class.
+    """Declare a named tuple of arrays, and return its class.
 
-    *fields*: the type of the array of each field, as in a signature.
+    *fields*: the type of the array in each field, as in a signature.
     """
     if tuple(fields) != kind._fields:
         raise ValueError(f"{kind.__name__} has the fields {kind._fields}, declared are {tuple(fields)}")
@@ -88,9 +90,9 @@ def bundle(kind: Any, **fields: str) -> Any:
 
 
 def record(name: str, aliases: dict[str, str] | None = None, **fields: str) -> np.dtype[Any]:
-    """Declare a structured type by its fields, in order; kernels read ``row.field``, as NumPy does.
+    """Declare a structured type by its fields in order. Kernels read a field as ``row.field``, as NumPy does.
 
-    *aliases*: second names of fields, for rows with another meaning.
+    *aliases*: second names of fields, for rows in which they have another meaning.
     """
     layout: Any = np.dtype(list(fields.items()), align=True)
     if aliases:
@@ -105,7 +107,7 @@ def record(name: str, aliases: dict[str, str] | None = None, **fields: str) -> n
 
 
 def dtype_of(name: str) -> np.dtype[Any]:
-    """Return the dtype of an array's items from its name in a signature."""
+    """Return the dtype of an array's items, given its name in a signature."""
     return RECORDS[name] if name in RECORDS else np.dtype(name)
 
 

@@ -1,4 +1,4 @@
-"""Sources of compiled kernels, and the digests that tie code to its sources."""
+"""Source files of compiled kernels, and the digests that identify the sources of compiled code."""
 
 import hashlib
 from functools import cache
@@ -6,12 +6,12 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent.parent
 TOOLS = PACKAGE.parent / "tools" / "kernel_build"
-"""Folder of the kernel compiler in a checkout; absent from an installed package."""
+"""Folder of the kernel compiler. It exists in a checkout but not in an installed package."""
 _PATTERNS = ("native/*.py", "native/simd/*.py", "kernels/**/*.py", "*/**/*_kernels.py", "core/cpython/*.[ch]")
 
 
 def kernel_sources() -> list[Path]:
-    """Return the source files of kernels, of their declaration and of their compilation."""
+    """Return the source files of kernels and of the code that declares and compiles them."""
     files = {path for pattern in _PATTERNS for path in PACKAGE.glob(pattern)}
     if TOOLS.is_dir():
         files |= {path for path in TOOLS.rglob("*") if path.suffix in {".py", ".h"}}
@@ -19,14 +19,17 @@ def kernel_sources() -> list[Path]:
 
 
 def entry_modules(name: str = "") -> list[str]:
-    """Return the modules of the engine that declare entry points; with a name, those that also define it."""
+    """Return the modules of the engine that declare entry points.
+
+    With *name*, return only those that define it.
+    """
     texts = {path: path.read_text(encoding="utf-8") for path in sorted(PACKAGE.glob("kernels/**/*.py"))}
     found = (path for path, text in texts.items() if "\n@entry(" in text and f"\ndef {name}" in text)
     return [".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts) for path in found]
 
 
 def sources_in_c() -> list[Path]:
-    """Return the C sources of the extension other than kernels."""
+    """Return the C sources of the extension, except those of kernels."""
     controller = ("decaff/controller/*.c", "decaff/controller/*.in", "decaff/controller/records.py")
     patterns = (*controller, "core/receiver/*", "core/receiver_state.py")
     return sorted(path for pattern in patterns for path in PACKAGE.glob(pattern))

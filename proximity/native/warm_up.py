@@ -1,4 +1,4 @@
-"""Preparation of all kernels before they are needed, if numba compiles them.
+"""Preparation of all kernels before their first call, for kernels that numba compiles.
 
 Kernels compiled ahead of time are always ready. See `proximity.native.mode`.
 """
@@ -10,7 +10,10 @@ from proximity.native import ENTRIES, IS_JIT, import_entries
 
 
 def _mark() -> Path:
-    """Return the file that marks all kernels as compiled, for these sources and this type of processor."""
+    """Return the path of the file whose existence shows that all kernels are compiled.
+
+    It is valid for these sources and this type of processor.
+    """
     from llvmlite import binding
 
     from proximity.native.jit import cache_folder
@@ -19,7 +22,7 @@ def _mark() -> Path:
 
 
 def kernels_are_cached() -> bool:
-    """Return whether all kernels are ready, so that no call waits for a compiler."""
+    """Return whether all kernels are compiled, so that no call waits for a compiler."""
     if not IS_JIT:
         return True
     try:

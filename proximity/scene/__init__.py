@@ -1,1 +1,1 @@
-"""Solids, parts and scenes, the queries that they answer, and files made into scenes."""
+"""Solids, parts and scenes, the queries that they answer, and the loading of files as scenes."""

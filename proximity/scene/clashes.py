@@ -1,4 +1,4 @@
-"""Penetration of pairs of parts: clash, fit or contact."""
+"""Classification of pairs of parts as clash, fit or contact, by their penetration."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,14 +10,17 @@ from proximity.scene.pairs import SHARING, Clearance, Relation, deepest_of
 from proximity.scene.scene import Scene
 
 CONTACT = 1e-8  # m
-"""Depth up to which parts of a triangle file count as touching; importing STEP rounds by about this."""
+"""Depth up to which parts of a triangle file count as touching.
+
+The import of STEP rounds by about this length.
+"""
 TOLERANCE, EXIT_TOLERANCE = 0.001, 0.01
-"""Relative tolerances of the deepest point and of the way out."""
+"""Relative tolerances of the deepest point and of the penetration depth."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredPair:
-    """Measurements of two parts, lengths in m, scene's frame; a volume that is not known is None."""
+    """Measurements of two parts, in m and in the scene's frame. An unknown volume is None."""
 
     clearance: Clearance
     relation: Relation
@@ -36,22 +39,25 @@ class MeasuredPair:
 
     @property
     def is_fit(self) -> bool:
-        """Whether the parts overlap by more than rounding and at most the contact limit."""
+        """Whether the parts overlap by more than rounding, but at most by the contact limit."""
         return not self.is_clash and self.deepest_lower > CONTACT
 
     @property
     def rank(self) -> tuple[bool, float, float]:
-        """Sort key: clashes first, the deepest at the top, then the nearest pairs."""
+        """Key for sorting. Clashes come first, from the deepest on; then other pairs, from the nearest on."""
         return (not self.is_clash, -self.deepest if self.is_clash else 0.0, self.clearance.distance)
 
 
 def contact_limit(scene: Scene) -> float:
-    """Return the depth, m, up to which parts touch: the deviation of triangles from the file's surfaces."""
+    """Return the depth, m, up to which parts count as touching.
+
+    It is the deviation of triangles from the surfaces of the file.
+    """
     return (scene.report and scene.report.approximation) or CONTACT
 
 
 def _measure(scene: Scene, pair: Clearance, contact: float) -> MeasuredPair:
-    """Measure the penetration of two parts; up to *contact*, m, they touch."""
+    """Measure the penetration of two parts. They count as touching up to a depth of *contact*, m."""
     touching = Relation.TOUCHING
     if pair.relation not in SHARING:
         return MeasuredPair(pair, touching if pair.distance <= contact else pair.relation)
@@ -65,7 +71,7 @@ def _measure(scene: Scene, pair: Clearance, contact: float) -> MeasuredPair:
 
 
 def _volume(scene: Scene, pair: Clearance) -> float | None:
-    """Return the common volume of two parts; None if a part is open."""
+    """Return the common volume of two parts, or None if a part is open."""
     try:
         common = overlap(scene, pair.first, pair.second)
     except MeshError:
@@ -74,5 +80,8 @@ def _volume(scene: Scene, pair: Clearance) -> float | None:
 
 
 def measure_pairs(scene: Scene, pairs: Iterable[Clearance], contact: float) -> list[MeasuredPair]:
-    """Measure pairs of parts, in the order of `MeasuredPair.rank`; up to *contact*, m, they touch."""
+    """Measure pairs of parts and sort them by `MeasuredPair.rank`.
+
+    *contact*: depth, m, up to which parts count as touching.
+    """
     return sorted((_measure(scene, pair, contact) for pair in pairs), key=lambda pair: pair.rank)

@@ -1,8 +1,8 @@
-"""New vertex positions for a part of a model: its tree is refitted, not rebuilt.
+"""New vertex positions for a part of a model. The tree of the part is refitted, not rebuilt.
 
-Corners, leaf blocks, boxes, corner normals, moments and the part's own box change, and its local frame if the
-old one no longer fits. Faces, neighbours, slots and the topology of the tree stay. The caller updates the
-tree over the parts.
+The corners, leaf blocks, boxes, corner normals and moments change, and so does the part's own box. Its local
+frame changes if the old one no longer fits. Faces, neighbours, slots and the topology of the tree stay. The
+caller updates the tree over the parts.
 """
 
 import numpy as np
@@ -18,18 +18,20 @@ from proximity.scene.model.assembly import Model
 from proximity.scene.solid import Solid
 
 FARTHEST = LARGEST_COORDINATE / 4.0
-"""m, for one coordinate; leaves room for any rotation and the farthest move of a part."""
+"""m. Limit of a coordinate, which leaves room for any rotation and for the farthest move of a part."""
 INSIDE_OUT = 1e-12
-"""Rounding error of the enclosed volume, relative to area times size in the local frame: a smaller volume is
-negative."""
+"""Rounding error of the enclosed volume, relative to area times size in the local frame.
+
+A volume below minus this error is negative.
+"""
 GRID_MARGIN = 1.0 + 2.0**-20
 
 
 def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: str) -> Solid:
-    """Write new vertices into a part of *model*; return the solid that has them.
+    """Write new vertices into a part of *model*, and return the solid with the new shape.
 
-    *solid*, the part before the change, keeps its shape: it rebuilds its arrays on its next use. The part's
-    box in the scene and the tree over the parts are out of date afterwards.
+    *solid* is the part before the change. It keeps its shape: it rebuilds its arrays on its next use.
+    Afterwards, the part's box in the scene and the tree over the parts are out of date.
 
     *vertices*: (V, 3) m, part's frame.
     """
@@ -75,13 +77,13 @@ def deform_part(model: Model, row: int, solid: Solid, vertices: object, name: st
 
 
 def _normals_of(model: Model, row: int) -> np.ndarray:
-    """Return the part's corner normals, flat."""
+    """Return a flat view of the part's corner normals."""
     at = model.parts["corner_normals"][row]
     return model.reals[at : at + 3 * model.parts["corner_count"][row]]
 
 
 def _why_not(vertices: np.ndarray, first_vertices: np.ndarray, row: int, name: str) -> str:
-    """Describe the first invalid vertex."""
+    """Return a message that describes an invalid vertex."""
     position = _shown_position(vertices[row])
     if not np.isfinite(vertices[row]).all():
         return f"vertex {row} of part {name!r} would be at {position}, expected finite coordinates"
@@ -102,7 +104,7 @@ def _shown_position(point: np.ndarray) -> str:
 
 
 def _frame_for(row: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
-    """Return the part's local frame if the box fits well in it, else a new one."""
+    """Return the part's local frame if the box fits well in it. Otherwise return a new frame."""
     frame = LocalFrame.read(row)
     centre = frame.centre
     low, high = frame.of(lower), frame.of(upper)
@@ -117,7 +119,7 @@ def _frame_for(row: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> LocalFr
 
 
 def _search_surface_only(model: Model, row: int, lower: np.ndarray, extent: float) -> None:
-    """Make the sign grid one crossed cell: inside the box, the nearest face gives the sign."""
+    """Replace the sign grid by one crossed cell, so that inside the box the nearest face gives the sign."""
     part, frame = model.parts[row], model.frames[row]
     scale = frame["scale"]
     model.words[part["grid"] :][:1].view(np.int32)[0] = CELL_CROSSED

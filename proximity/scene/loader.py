@@ -37,7 +37,9 @@ def load(
     cache: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> Scene:
-    """Return the scene in a file: STL, OBJ, PLY, OFF, glTF, GLB, 3MF or STEP, or one that `Scene.save` wrote.
+    """Load a scene from a file of triangles, from a STEP file, or from a file of `Scene.save`.
+
+    The formats are STL, OBJ, PLY, OFF, glTF, GLB, 3MF and STEP.
 
     Parameters
     ----------
@@ -62,7 +64,7 @@ def load(
     Returns
     -------
     Scene
-        In metres. Names and poses are the file's; a part with several bodies is split.
+        In metres. Names and poses are those of the file; a part with several bodies is split.
 
     Raises
     ------
@@ -125,7 +127,7 @@ def _is_compiled(path: Any) -> bool:
 
 
 def joined(scenes: Sequence[Scene]) -> Scene:
-    """Return one scene with the parts of several loaded ones at their poses; equal names are numbered."""
+    """Return one scene with the parts of several scenes at their poses. Parts of equal name are numbered."""
     named = [part for scene in scenes for part in scene.parts]
     parts = _with_own_names(named)
     reports = [scene.report for scene in scenes if scene.report is not None]
@@ -145,7 +147,7 @@ def joined(scenes: Sequence[Scene]) -> Scene:
 
 
 def _warn_of_units(scene: Scene, units: str) -> None:
-    """Warn that the caller's unit has no effect, as the file declares another."""
+    """Warn that the caller's unit has no effect because the file declares another."""
     report = scene.report
     if report is not None and units not in report.units.split(", "):
         warnings.warn(
@@ -166,7 +168,7 @@ def _counted(
 
 
 def scene_of(geometries: Iterable[Geometry], origin: str, report: LoadReport) -> Scene:
-    """Return the scene of meshes at their poses, split into bodies.
+    """Return the scene of meshes at their poses. Each mesh is split into bodies.
 
     *geometries*: at least one; those that share their arrays share their trees.
     """
@@ -202,7 +204,7 @@ def _parts_of(geometries: Iterable[Geometry], origin: str) -> list[Part]:
 
 
 def notes_on_sizes(scene: Scene) -> list[str]:
-    """Return the note for ``scene.report`` about parts of unlikely size, if any."""
+    """Return a note for ``scene.report`` if parts have an unlikely size, otherwise an empty list."""
     assert scene.report is not None, "a scene read from a file has a report"
     lower, upper = scene.bounds
     with np.errstate(over="ignore"):
@@ -235,7 +237,10 @@ def _compiled_scene(path: str) -> Scene:
 
 
 def _with_own_names(parts: list[Part]) -> list[Part]:
-    """Number the later parts of equal name, such as a file's "a.1" and the first body of its "a"."""
+    """Number later parts whose name is in use, so that all names differ.
+
+    Names may be equal if a file has a part "a.1" and a part "a" of several bodies.
+    """
     taken: set[str] = set()
     renamed: list[Any] = []
     for part in parts:

@@ -1,4 +1,4 @@
-"""Overlap of two parts: the volume inside both."""
+"""Overlap of two parts: the volume that is inside both."""
 
 from typing import Any, NamedTuple
 
@@ -12,8 +12,11 @@ from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 
 TOUCHING_THICKNESS = 1e-6
-"""Mean thickness up to which a common volume counts as touching, times the longest side of the box around
-both parts: STEP files are rounded to single precision, 6e-8, so parts that touch may overlap slightly."""
+"""Largest mean thickness of a common volume that counts as touching.
+
+It is relative to the longest side of the box around both parts. STEP files are rounded to single precision,
+6e-8, so parts that touch may overlap slightly.
+"""
 
 
 class Overlap(NamedTuple):
@@ -31,7 +34,7 @@ class Overlap(NamedTuple):
 
 
 def overlap(scene: Scene, first: str, second: str) -> Overlap | None:
-    """Return the common volume of two parts of a scene, hidden or not; None if there is none.
+    """Return the common volume of two parts of a scene, or None if there is none. The parts may be hidden.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A solid in a scene: name, pose, motion and surface; and the report of loading."""
+"""A solid in a scene, with its name, pose, motion and surface; and the report of loading."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -19,18 +19,19 @@ NO_REPAIRS = Repairs(0, 0, 0.0, 0, 0, 0, False)
 NO_VELOCITY = np.zeros(3)
 NO_VELOCITY.flags.writeable = False
 NO_VELOCITIES = np.zeros((0, 3))
-"""Zero velocities of all parts that are moved."""
+"""Represents zero velocities of all parts that are moved."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
     """A solid with a name, a pose in the scene, and the origin of its faces.
 
-    ``pose`` is world_from_part. ``velocity``, m/s, is that of the part's origin, ``angular_velocity``, rad/s,
-    about it, both in the scene's frame. ``source_faces`` has, for each row of ``solid.mesh.faces``, the row
-    of the file's or the caller's faces; ``repairs`` counts the repairs on loading. Queries and ticks ignore a
-    part with ``is_hidden``. ``stiffness``, N/m, and ``damping``, N s/m, are those of a deformable part; a
-    ``stiffness`` of None is rigid.
+    ``pose`` is world_from_part. ``velocity``, m/s, is the velocity of the part's origin, and
+    ``angular_velocity``, rad/s, is about that origin; both are in the scene's frame. ``source_faces`` has,
+    for each row of ``solid.mesh.faces``, the row of the face in the file or in the caller's array.
+    ``repairs`` counts the repairs on loading. Queries and ticks ignore a part if ``is_hidden`` is set.
+    ``stiffness``, N/m, and ``damping``, N s/m, describe a deformable part; a rigid part has a ``stiffness``
+    of None.
     """
 
     name: str
@@ -53,7 +54,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class LoadReport:
-    """The file and the units that a scene came from.
+    """The file of a scene, its units, and notes for the user.
 
     Parameters
     ----------
@@ -64,7 +65,7 @@ class LoadReport:
     units : str
         Unit of the file's coordinates.
     units_declared : bool
-        False: the file declares none, and *units* is that of the caller.
+        Whether the file declares its unit. If not, *units* is the caller's.
     notes : tuple of str
         Sentences for the user.
     approximation : float, m
@@ -91,9 +92,9 @@ def part_cells(part: Part) -> tuple[Any, ...]:
 
 
 def checked_part(given: Any) -> Part:
-    """Return a part to put into a scene, with all fields that a user may set validated.
+    """Return a part for a scene, after validating all fields that a user may set.
 
-    *given*: a `Solid` becomes a part at the identity pose.
+    *given*: a part, or a `Solid`, which becomes a part at the identity pose.
     """
     part = _as_part(given)
     checked_matrix(part.name, part.pose)
@@ -129,8 +130,8 @@ def _as_part(part: Any) -> Part:
 def parts_of_mesh(vertices: Any, faces: Any, *, source_faces: Any = None, name: str = "mesh") -> list[Part]:
     """Return the bodies of a mesh as parts.
 
-    *source_faces*: the caller's ids of the rows of *faces*; by default their numbers. *name*: of the part;
-    several bodies are numbered from 1.
+    *source_faces*: the caller's id of each row of *faces*; by default the row's number. *name*: name of the
+    part. If there are several bodies, their names end in a number from 1 on.
     """
     bodies = split_bodies(vertices, faces, source_faces)
     lower = np.min([body.mesh.vertices.min(axis=0) for body in bodies], axis=0)
@@ -151,10 +152,10 @@ def parts_of_mesh(vertices: Any, faces: Any, *, source_faces: Any = None, name: 
 def checked_moves(
     names: list[str], poses: Any, velocities: Any, angular_velocities: Any
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return matrices (K, 4, 4) and both velocities (K, 3), or (0, 3), for parts of those names.
+    """Return validated matrices (K, 4, 4) and velocities (K, 3) for the named parts.
 
-    *poses*: (K, 4, 4) array-like, or a list of Pose; *velocities*, *angular_velocities*: (K, 3) array-like,
-    or None.
+    The arguments are (K, 4, 4) or (K, 3) array-like. *poses* may also be a list of Pose. *velocities* or
+    *angular_velocities* may be None, for which (0, 3) is returned.
     """
     matrices = _as_matrices(names, poses)
     linear = _as_velocities(names, velocities, "velocities")
@@ -189,7 +190,7 @@ def checked_move(
 
 
 def checked_matrix(name: str, pose: Any) -> np.ndarray:
-    """Return a pose as a (4, 4) matrix.
+    """Return a validated pose as a (4, 4) matrix.
 
     *pose*: (4, 4) array-like.
     """
@@ -206,7 +207,7 @@ def checked_matrix(name: str, pose: Any) -> np.ndarray:
 
 
 def checked_velocity(name: str, velocity: Any, what: str, unit: str) -> np.ndarray:
-    """Return a velocity as (3,) float64, a copy.
+    """Return a validated copy of a velocity, (3,) float64.
 
     *velocity*: (3,) array-like.
     """
@@ -223,9 +224,9 @@ def checked_velocity(name: str, velocity: Any, what: str, unit: str) -> np.ndarr
 
 
 def checked_surface(name: str, stiffness: Any, damping: Any) -> tuple[float | None, float]:
-    """Return stiffness, N/m, None for a rigid part, and damping, N s/m.
+    """Return the validated stiffness, N/m, and damping, N s/m, of a part.
 
-    *damping*: at least 0; 0 for a rigid part.
+    The stiffness of a rigid part is None, and its damping must be 0.
     """
     damping = not_negative(f"damping of part {name!r}", damping, "N s/m")
     if stiffness is not None:

@@ -11,7 +11,7 @@ from proximity.errors import SceneError
 from proximity.scene.html_table import html_table
 from proximity.scene.model.assembly import Model
 from proximity.scene.model.scene_state import box_of_vertices
-from proximity.scene.pairs import PairQueries
+from proximity.scene.motion_clearance import MotionQueries
 from proximity.scene.part import (
     NO_VELOCITY,
     PART_COLUMNS,
@@ -30,7 +30,7 @@ from proximity.scene.solid import Solid
 from proximity.system.locks import fork_safe_lock
 
 
-class Scene(Queries, PairQueries):
+class Scene(Queries, MotionQueries):
     """Parts that are queried together; they may be moved, deformed, added and removed between queries.
 
     A scene is a context manager: ``with proximity.load("a.prox") as scene`` closes it at the end: see

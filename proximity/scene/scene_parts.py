@@ -1,4 +1,7 @@
-"""The parts of a scene by name, and their arrays; replaced as a whole when a part is added or removed."""
+"""The parts of a scene by name, with their arrays.
+
+They are replaced as a whole when a part is added or removed.
+"""
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -16,11 +19,11 @@ from proximity.scene.part import Part, checked_part
 from proximity.system.memory import return_free_memory
 
 MANY_FACES = 100_000
-"""Number of new faces from which memory freed by their construction is returned to the system."""
+"""Number of new faces from which on memory that their construction has freed is returned to the system."""
 
 
 class SceneParts:
-    """Parts, their rows by name, and the state of their arrays.
+    """The parts of a scene, their rows by name, and the state of their arrays.
 
     Not thread-safe: the scene has a lock.
     """
@@ -38,10 +41,10 @@ class SceneParts:
     def of(
         cls, parts: list[Part], sources: list[Model], *, dynamic: Collection[int] = (), epoch: int = 0
     ) -> "SceneParts":
-        """Return parts whose arrays are assembled from *sources*.
+        """Assemble the arrays of parts from *sources*, and return the parts.
 
         *parts*: with distinct names, and solids that are in no other scene. *dynamic*: rows of the parts that
-        have moved on their own.
+        have moved separately.
         """
         model = assemble(
             sources,
@@ -63,7 +66,7 @@ class SceneParts:
 
     @classmethod
     def of_new(cls, parts: list[Part]) -> "SceneParts":
-        """Return parts whose solids have no other owner.
+        """Return validated parts, and take over the arrays of their solids, which no other owner may use.
 
         *parts*: as for `checked_parts`. The list is emptied, so that their arrays are freed early.
         """
@@ -87,7 +90,7 @@ class SceneParts:
         return (self[row] for row in range(len(self._parts)))
 
     def __getitem__(self, row: int) -> Part:
-        """Return a part with its present values; made on access, not when the part moves."""
+        """Return a part with its present values. It is made on access, not when the part moves."""
         self.mend()
         version = self.state.versions[row]
         if version != self._versions[row]:
@@ -102,12 +105,12 @@ class SceneParts:
 
     @property
     def memory_bytes(self) -> int:
-        """Bytes of meshes and trees."""
+        """Number of bytes of all meshes and trees."""
         solids = {part.solid for part in self._parts}  # one may be in several parts
         return self.state.latest.memory_bytes + sum(solid._mesh_bytes for solid in solids)
 
     def find(self, name: str | int) -> int:
-        """Return the row of the part of that name or index; raise a `SceneError` if there is none."""
+        """Return the row of the part with a name or an index. Raise a `SceneError` if there is none."""
         if isinstance(name, int | np.integer) and 0 <= name < len(self._parts):  # -1 is `NO_PART`
             return int(name)
         try:
@@ -116,7 +119,7 @@ class SceneParts:
             raise SceneError(f"no part is named {name!r}; {self._hint(name)}") from None
 
     def _hint(self, name: object) -> str:
-        """Return a hint with the most similar name, or with some of the names."""
+        """Return a hint with the most similar name of a part, or with some of the names."""
         if isinstance(name, str) and (close := get_close_matches(name, self.row_of, 1)):
             return f"did you mean {close[0]!r}?"
         known = ", ".join(repr(known) for known in list(self.row_of)[:10])
@@ -124,7 +127,7 @@ class SceneParts:
         return f"the scene has {known}{more}"
 
     def rows_of(self, names: list[str]) -> np.ndarray:
-        """Return the rows of parts of those names; raise a `SceneError` if one is unknown or repeated."""
+        """Return the rows of the named parts. Raise a `SceneError` if a name is unknown or repeated."""
         last, rows = self._last_rows
         if len(last) == len(names) and all(map(is_, last, names)):  # the usual case
             return rows
@@ -144,7 +147,7 @@ class SceneParts:
         )
 
     def without(self, removed: int) -> "SceneParts":
-        """Return these parts without the one of that row."""
+        """Return these parts without the one in a given row."""
         kept = [row for row in range(len(self)) if row != removed]
         dynamic = [new for new, row in enumerate(kept) if row in self.state.dynamic_rows]
         remaining = self.of(*self._parts_and_arrays(kept), dynamic=dynamic, epoch=self.state.epoch + 1)
@@ -164,7 +167,7 @@ class SceneParts:
         return parts, [model.part_alone(row) for row in rows]
 
     def updated(self) -> Model | None:
-        """Return a model of the present state; None if no memory is left to write it to."""
+        """Return a model of the present state, or None if no memory is left to write it to."""
         self.mend()
         return self.state.current or self.state.update()
 
@@ -187,7 +190,7 @@ class SceneParts:
         self._interrupted = None
 
     def mend(self) -> None:
-        """Restore a part whose deformation was interrupted to the shape of its solid, old or new."""
+        """Complete or revert an interrupted deformation, so that the part has the shape of its solid."""
         if self._interrupted is not None:
             row, frame = self._interrupted
             frame.write(self.state.frames[row])
@@ -204,7 +207,7 @@ class ClosedParts:
 
 
 def checked_parts(given: Iterable[Any]) -> list[Part]:
-    """Return validated parts for a scene."""
+    """Return validated parts for a scene, or raise an error if names are equal or there is no part."""
     parts = [checked_part(part) for part in given]
     if not parts:
         raise SceneError("a scene has no parts, expected at least one")
@@ -222,7 +225,7 @@ def checked_parts(given: Iterable[Any]) -> list[Part]:
 
 
 def with_arrays(parts: list[Part]) -> tuple[list[Part], list[Model]]:
-    """Return parts for a new scene, and their arrays."""
+    """Return parts for a new scene, with separate solids, and the arrays of each part."""
     solids = {id(part.solid): part.solid._for_scene() for part in parts}
     own = [replace(part, solid=solids[id(part.solid)]) for part in parts]
     return own, [part.solid.snapshot() for part in own]

@@ -1,10 +1,10 @@
-"""Choice of the sign method of a body, checked by sampling.
+"""Choice of the sign method of a body, which is checked by sampling.
 
-- *pseudo-normal*: the surface is closed and oriented; the normal of the nearest feature gives the sign. Near
+- *pseudo-normal*: the surface is closed and oriented. The normal of the nearest feature gives the sign. Near
   faces that are folded onto their neighbours, pass through others or are as thin as a line, the winding
-  number does.
-- *winding number*: the surface is closed but much of it meets itself, or it has small holes.
-- *none*: a sheet, or a surface with large holes. It has no inside; distances have no sign.
+  number gives it.
+- *winding number*: the surface is closed but much of it intersects itself, or it has small holes.
+- *none*: a sheet, or a surface with large holes. It has no inside, so distances have no sign.
 """
 
 from enum import Enum
@@ -35,7 +35,7 @@ _KERNEL_SIGN = {
 
 
 def kernel_sign(method: SignMethod) -> int:
-    """Return the ``layout.SIGN_*`` of a method."""
+    """Return the constant ``layout.SIGN_*`` of a sign method."""
     return _KERNEL_SIGN[method]
 
 
@@ -54,18 +54,21 @@ REASONS = {
     ),
     layout.REASON_OPEN: "not closed: there is no inside, so distances have no sign",
 }
-"""Reasons for the choice of a sign method."""
+"""Text for each reason of the choice of a sign method."""
 EXCEPTIONS = (
     "; {count} faces are as thin as a line, or next to such faces: there the winding number decides",
     "; {count} faces are folded over, or pass through others, or next to such faces: there the winding "
     "number decides",
 )
-"""Faces of a part with pseudo-normals whose sign comes from the winding number, and the reason, if any."""
+"""Texts about faces of a part with pseudo-normals near which the winding number gives the sign."""
 FLIPPED = "; all faces were flipped: they ran clockwise seen from outside"
 
 
 def choose_sign(model: Model, topology: Topology) -> tuple[SignMethod, str]:
-    """Choose the sign of the only part of *model*, write it there, and return the method and the reason."""
+    """Choose the sign method of the only part of *model*, and write it there.
+
+    Return the method and the reason.
+    """
     reason, asked, against, *exceptions, share = entries.choose_sign(
         model.packed, topology.is_watertight, topology.is_balanced
     )

@@ -1,4 +1,4 @@
-"""Solids: one body with its faces, tree and sign method."""
+"""Solids. A solid is one body with its faces, tree and sign method."""
 
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -24,10 +24,10 @@ DEFORMED = "; decided before the part was deformed, and not checked since"
 
 
 class Solid(Queries):
-    """One body, ready for queries. It never changes: deforming a part makes another solid.
+    """One body that is ready for queries. It never changes: deforming a part makes another solid.
 
-    ``mesh`` has vertices and faces; ``sign_method`` is how inside and outside are decided, ``sign_reason``
-    why.
+    ``mesh`` has vertices and faces. ``sign_method`` is the method that decides between inside and outside,
+    and ``sign_reason`` is the reason for its choice.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Solid(Queries):
 
     Notes
     -----
-    Cost: for 300 k faces 0.8 s if they are even, 1.2 s if they are needles; 190 bytes a face.
+    Cost: 0.8 s for 300 k faces of even shape, 1.2 s for needles; 190 bytes a face.
     """
 
     mesh: TriangleMesh
@@ -66,7 +66,7 @@ class Solid(Queries):
     def _begin(
         self, mesh: TriangleMesh, topology: Topology | None, name: str, frame: LocalFrame | None
     ) -> None:
-        """Build the tree of a mesh and choose the sign; *topology*: of the mesh, if known."""
+        """Build the tree of a mesh and choose its sign. *topology*: the topology of the mesh, if known."""
         if topology is None:
             topology = build_topology(mesh)
         is_turned = topology.is_balanced and signed_volume(mesh.vertices, mesh.faces) < 0.0
@@ -87,7 +87,10 @@ class Solid(Queries):
     def _of_mesh(
         cls, mesh: TriangleMesh, topology: Topology | None, name: str, frame: LocalFrame | None
     ) -> "Solid":
-        """Return the solid of a mesh, sharing its arrays; see `_begin`."""
+        """Return the solid of a mesh, which shares the arrays of the mesh.
+
+        The arguments are those of `_begin`.
+        """
         solid = cls.__new__(cls)
         solid._begin(mesh, topology, name, frame)
         return solid
@@ -96,7 +99,10 @@ class Solid(Queries):
     def _from_model(
         cls, model: Model, row: int, mesh: TriangleMesh, name: str, sign: tuple[SignMethod, str, bool]
     ) -> "Solid":
-        """Return the solid of a model's part without rebuilding it; *sign*: method, reason, watertight."""
+        """Return the solid of a part of a model, without building a tree.
+
+        *sign*: sign method, its reason, and whether the mesh is watertight.
+        """
         solid = cls.__new__(cls)
         solid.mesh, solid.name = mesh, name
         solid.sign_method, solid.sign_reason, solid._is_watertight = sign
@@ -104,13 +110,16 @@ class Solid(Queries):
         return solid
 
     def _for_scene(self) -> "Solid":
-        """Return the same solid, for a scene to assign its arrays."""
+        """Return an equal solid, whose arrays a scene may replace."""
         solid = Solid.__new__(Solid)
         solid.__dict__.update(self.__dict__, _arrays=SolidArrays(self.snapshot()))
         return solid
 
     def _deformed(self, vertices: np.ndarray, model: Model, row: int) -> "Solid":
-        """Return the same faces over other, validated vertices, with arrays in a scene's memory."""
+        """Return a solid with the same faces and other, validated vertices.
+
+        Its arrays are in a scene's memory.
+        """
         reason = self.sign_reason.removesuffix(DEFORMED) + DEFORMED
         sign = self.sign_method, reason, self._is_watertight
         solid = Solid._from_model(model, row, self.mesh.with_vertices(vertices), self.name, sign)
@@ -118,14 +127,14 @@ class Solid(Queries):
         return solid
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for a copy, with arrays separate from the original's."""
+        """Return the state for a copy, whose arrays are separate from those of the original."""
         return self.__dict__ | {"_arrays": assemble([self.snapshot()], [Pose()])}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _arrays=SolidArrays(state["_arrays"]))
 
     def snapshot(self) -> Model:
-        """Return the arrays for queries, at the identity pose.
+        """Return the arrays that queries read, at the identity pose.
 
         Notes
         -----
@@ -141,12 +150,12 @@ class Solid(Queries):
 
     @property
     def is_watertight(self) -> bool:
-        """Whether every edge has exactly two faces, running opposite ways."""
+        """Whether every edge has exactly two faces with opposite directions."""
         return self._is_watertight
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper corner of the box around the faces, m, (3,) each."""
+        """Lower and upper corner, (3,) m, of the box around the faces."""
         row = self.snapshot().frames[0]
         return (
             row["own_lower"].copy(),
@@ -155,24 +164,24 @@ class Solid(Queries):
 
     @cached_property
     def topology(self) -> Topology:
-        """Connections between the faces; computed on first access."""
+        """Connections between the faces. They are computed on first access."""
         return build_topology(self.mesh)
 
     @cached_property
     def diagnosis(self) -> "Diagnosis":
-        """Diagnosis of the mesh, with manifold3d's verdict."""
+        """Diagnosis of the mesh, including the verdict of manifold3d."""
         from proximity.mesh.diagnosis import diagnose  # not needed by queries
 
         return diagnose(self.mesh)
 
     @property
     def bvh(self) -> Bvh:
-        """The tree, for inspection; see `Bvh.check`."""
+        """The tree, for inspection. See `Bvh.check`."""
         return self.snapshot().bvh(0)
 
     @cached_property
     def first_vertices(self) -> np.ndarray:
-        """The first vertex at the position of each vertex, (V,) int32; -1 for a vertex of no face."""
+        """Lowest vertex at the position of each vertex, (V,) int32, or -1 for a vertex without a face."""
         model = self._arrays.model
         part = model.parts[0]
         corner_of = model.words[part["faces"] :][: 3 * part["face_count"]].view(np.int32)
@@ -186,13 +195,13 @@ class Solid(Queries):
 
     @cached_property
     def surface_faces(self) -> np.ndarray:
-        """The first face of each surface that is connected across edges, (S,) int32."""
+        """First face of each surface whose faces are connected across edges, (S,) int32."""
         waiting, faces = np.empty((2, self.mesh.face_count), np.int32)
         return faces[: surface_faces(self.snapshot().packed, 0, waiting, faces)].copy()
 
     @property
     def memory_bytes(self) -> int:
-        """Bytes of the mesh and the tree."""
+        """Number of bytes of the mesh and the tree."""
         return self.snapshot().memory_bytes + self._mesh_bytes
 
     @property

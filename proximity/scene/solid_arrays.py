@@ -1,4 +1,4 @@
-"""The arrays of a solid, which may be in a scene that deforms them while the solid stays unchanged."""
+"""The arrays of a solid. A scene that has them may deform them, while the solid stays unchanged."""
 
 import numpy as np
 
@@ -14,10 +14,10 @@ from proximity.scene.model.assembly import Model, assemble, finished
 def part_model(
     corners: np.ndarray, faces: np.ndarray, neighbors: np.ndarray, frame: LocalFrame | None = None
 ) -> Model:
-    """Return the model of one part that has no sign yet.
+    """Return a model of one part that has no sign yet.
 
-    *corners*: (K, 3) m; *faces*: (F, 3) of *corners*; *neighbors*: (F, 3). *frame*: shared with other parts;
-    the part gets its own if none is given or the part is small in it.
+    *corners*: (K, 3) m; *faces*: (F, 3), rows of *corners*; *neighbors*: (F, 3). *frame*: a frame to share
+    with other parts. The part gets its own frame if none is given, or if the part is small in the given one.
     """
     shared = np.zeros(4) if frame is None else np.append(frame.centre, frame.scale)
     frames, parts = np.zeros(2, FRAME), np.zeros(2, PART)
@@ -31,7 +31,7 @@ def part_model(
 
 
 class SolidArrays:
-    """The arrays of a solid: in separate memory, or in that of a scene."""
+    """The arrays of a solid, either in separate memory or in the memory of a scene."""
 
     __slots__ = ("is_overwritten", "model", "row")
     model: Model
@@ -43,21 +43,21 @@ class SolidArrays:
 
     @classmethod
     def of_part(cls, scene: Model, row: int) -> "SolidArrays":
-        """Return those of a part in a scene's memory."""
+        """Return the arrays of a part in a scene's memory."""
         arrays = cls(scene.part_alone(row))
         arrays.row = row
         return arrays
 
     def move_to(self, scene: Model, row: int) -> None:
-        """Replace the arrays by the equal ones of a part in a scene's memory."""
+        """Replace the arrays by equal ones in the memory of a scene."""
         self.model, self.row, self.is_overwritten = scene.part_alone(row), row, False
 
     def leave_scene(self, mesh: TriangleMesh) -> None:
-        """Replace the arrays by a copy, which does not keep the scene's memory alive."""
+        """Replace the arrays by a copy, so that they do not keep the memory of the scene alive."""
         self.model = assemble([self.rebuilt(mesh) if self.is_overwritten else self.model], [Pose()])
 
     def rebuilt(self, mesh: TriangleMesh) -> Model:
-        """Return rebuilt arrays, after the scene has overwritten them with another shape."""
+        """Rebuild the arrays, which the scene has overwritten with another shape, and return them."""
         model = self.model
         part = model.parts[0]
         # Faces, neighbours and folded faces are the same for every shape of the part.

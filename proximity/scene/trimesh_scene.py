@@ -1,4 +1,4 @@
-"""Meshes of trimesh, PyVista and Open3D as scenes, by their arrays; and scenes as trimesh objects."""
+"""Conversion of meshes of trimesh, PyVista and Open3D to scenes, and of scenes to trimesh objects."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -15,7 +15,7 @@ from proximity.scene.part import LoadReport
 from proximity.scene.scene import Scene
 
 Placed = tuple[str, Any, np.ndarray | None]
-"""Name of a part, its mesh or other geometry, and its matrix."""
+"""Name of a part, its mesh or other geometry, and its matrix, if any."""
 
 
 def from_trimesh(mesh: Any, *, units: str | None = None, name: str = "mesh") -> Scene:
@@ -141,7 +141,7 @@ def to_trimesh(scene: Scene) -> Any:
 
 
 def _agreed_units(declared: set[str], given: str | None) -> str:
-    """Return the unit that all meshes and the caller agree on."""
+    """Return the unit on which all meshes and the caller agree, or raise an error."""
     names = set(map(unit_name, declared))
     if given is not None:
         names.add(unit_name(given))
@@ -153,14 +153,14 @@ def _agreed_units(declared: set[str], given: str | None) -> str:
 
 
 def _placed(scene: Any) -> Iterator[Placed]:
-    """Yield name, geometry and matrix of each node of a trimesh scene that has a geometry."""
+    """Yield the name, geometry and matrix of each node of a trimesh scene that has a geometry."""
     for node in scene.graph.nodes_geometry:
         matrix, geometry = scene.graph[node]
         yield str(node), scene.geometry[geometry], np.asarray(matrix, np.float64)
 
 
 def _geometries(placed: list[Placed], metres: float) -> list[Geometry]:
-    """Return the meshes in metres; equally deformed instances of a mesh share their arrays."""
+    """Return the meshes in metres. Instances of a mesh that are scaled equally share their arrays."""
     shared: dict[tuple[Any, ...], tuple[np.ndarray, np.ndarray]] = {}
     geometries = []
     for name, mesh, matrix in placed:

@@ -65,6 +65,8 @@ SCENES = {
 LISTS = {
     "pins.csv": "second,first\nbase,pin\n",
     "all.csv": "first,second\nbase,c*\n*,open\ncrossing,core\n",
+    "poses.csv": "position,x,y,z,qx,qy,qz,qw\n0,0,30,0,0,0,0,1\n2.5,0,12,0,0,0,1,0\n",
+    "same.csv": "position,x,y,z,qx,qy,qz,qw\n0,0,30,0,0,0,0,1\n0,0,12,0,0,0,0,2\n",
     "some.csv": "first,second\nbase,core\nbase,beside\n",
 }
 
@@ -112,6 +114,21 @@ cubes.prox --clashes --allow all.csv
 cubes.prox --clashes --allow some.csv
 bolt.prox --clashes --contact 0.03
 bolt.prox --clashes --contact 0.001
+cubes.prox beside base --slide 0,1,0 0..10
+cubes.prox beside base --slide 1,0,0 -8..8 --below 1 --csv curve.csv --plot curve.svg
+cubes.prox beside base --slide 1,0,0 -8..8 --below 3
+cubes.prox beside base --slide 0,-2,0 0..10 --units cm
+assembly.step lid base --hinge 0,40,12 1,0,0 1..110 --below 0.1 --json
+cubes.prox beside base --poses poses.csv
+cubes.prox beside base --poses same.csv
+cubes.prox beside base --poses none.csv
+cubes.prox beside --hinge 0,0 1,0,0 0..1
+cubes.prox beside --slide 1,0,0 0-1
+cubes.prox --slide 1,0,0 0..1
+cubes.prox beside --slide 1,0,0 0..1 --poses poses.csv
+cubes.prox beside --slide 1,0,0 0..1 --clashes
+cubes.prox beside --plot curve.svg
+cubes.prox b* --slide 1,0,0 0..1
 """
 
 

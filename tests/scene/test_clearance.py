@@ -47,9 +47,7 @@ def test_it_is_what_another_library_finds(seed):
 
     found = scene.clearance("a", "b")
 
-    assert found.distance == pytest.approx(
-        solids[0].min_gap(solids[1], FAR), abs=1e-7
-    )  # float32 arithmetic
+    assert found.distance == pytest.approx(solids[0].min_gap(solids[1], FAR), abs=1e-7)  # float32 arithmetic
     apart = np.linalg.norm(found.point_on_second - found.point_on_first)
     assert found.distance == pytest.approx(apart, abs=1e-15)
     assert scene.clearance("b", "a").distance == found.distance

@@ -22,9 +22,7 @@ EMULATOR = TESTS / "web" / "vendor" / "iwer.min.js"
 HEADSET = (
     "window.headset = new IWER.XRDevice(IWER.metaQuest3); headset.installRuntime({ forceInstall: true });"
 )
-PATIENCE = float(
-    os.environ.get("PROXIMITY_PATIENCE", "90")
-)  # s: software rendering on a loaded machine
+PATIENCE = float(os.environ.get("PROXIMITY_PATIENCE", "90"))  # s: software rendering on a loaded machine
 SIZE = {"width": 960, "height": 600}
 
 

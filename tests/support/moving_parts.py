@@ -25,9 +25,7 @@ class Situation:
     """The motion of a part, and the expected behaviour."""
 
     name: str
-    offset: (
-        object  # offset of the part in m as a function of seconds; positive moves away from the finger
-    )
+    offset: object  # offset of the part in m as a function of seconds; positive moves away from the finger
     tilt: object = staticmethod(lambda time: 0.0 * time)  # of the surface's normal, rad
 
 

@@ -33,6 +33,7 @@ from proximity.cli.output import (
     printable,
     write_document,
 )
+from proximity.cli.parts.motion import Moving, measure_motion
 from proximity.system.table_text import table_text
 
 if TYPE_CHECKING:
@@ -76,6 +77,7 @@ def clearance(
     csv_path: Annotated[Path | None, option("FILE", "Write the pairs to a CSV file, too.", "--csv")] = None,
     as_json: JSON = False,
     *,
+    moving: Moving,
     reading: Reading,
 ) -> None:
     """Measure the distances between the parts of FILE: clashes first, then the nearest pair.
@@ -91,12 +93,17 @@ def clearance(
     and 0 if none does. With --below it is 1 if a pair is nearer, or overlaps. List intended clashes
     once with --csv, and pass the file to --allow.
 
+    With --hinge, --slide or --poses PART moves, and the answer is its smallest distance over the whole
+    motion, also between the sampled poses: to all others, or to the second PART. With --below the exit code
+    is 0 only if it certainly keeps that distance. --csv writes the curve.
+
     Examples:
       proximity clearance gearbox.step --clashes
       proximity clearance gearbox.step
       proximity clearance gearbox.step shaft
       proximity clearance gearbox.step lid 'screw*' --json
       proximity clearance knob.stl plate.stl
+      proximity clearance gearbox.step lid --hinge 0,40,12 1,0,0 0..110 --plot gap.png
       proximity clearance gearbox.step --below 0.5 --ignore-touching --allow wanted.csv
     """
     files, names = _files_and_names(words)
@@ -108,11 +115,31 @@ def clearance(
         (below is None and ignore_touching, "--ignore-touching", "requires --below"),
         (not is_gate and allow is not None, "--allow", "requires --clashes or --below"),
     )
+    is_motion = moving.is_given or moving.plot is not None
+    if is_motion:
+        refuse(
+            (not moving.is_given, "--plot", "requires --hinge, --slide or --poses"),
+            (not names, moving.option_name, "requires the PART that moves"),
+            (
+                clashes or list_all or ignore_touching,
+                moving.option_name,
+                "only with --below, --csv or --json",
+            ),
+        )
     from proximity.cli.parts import measured_pairs
     from proximity.formats import metres_per_unit
     from proximity.scene.clashes import contact_limit, measure_pairs
 
     metres, scene = metres_per_unit(reading.units), reading.load(*files)
+    if is_motion:
+        others = measured_pairs.matching(scene, names[1]) if len(names) == 2 else None
+        (part, *more) = measured_pairs.matching(scene, names[0])
+        refuse((more, "PART", f"{names[0]!r} names {len(more) + 1} parts, expected one that moves"))
+        measure_motion(
+            scene, part, others, moving, below=below, units=reading.units, metres=metres, csv_path=csv_path,
+            as_json=as_json,
+        )  # fmt: skip
+        return
     approximation = 0.0 if scene.report is None else scene.report.approximation
     limit = contact_limit(scene) if contact is None else contact * metres
     nearest = 0.0 if below is None else below * metres

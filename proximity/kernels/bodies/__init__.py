@@ -1,1 +1,1 @@
-"""Bodies from faces: cleaning, connection across edges, welding, nesting and orientation."""
+"""Splitting of faces into bodies: cleaning, connection across edges, welding, nesting and orientation."""

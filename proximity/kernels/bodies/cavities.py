@@ -1,9 +1,9 @@
-"""Nesting of closed shells: shells that bound the same body, and their orientation.
+"""Nesting of closed shells: which shells bound the same body, and how they are oriented.
 
-A shell with material inside has a positive volume, a cavity a negative one. A shell's sign is relative to
-that of the enclosing shell, so that a hollow body exported inside out is flipped as a whole. A shell with the
-same orientation as the body around it is a separate body (an insert, or a part that overlaps another): the
-file contains no other information. A shell with small holes counts as closed.
+A shell with material inside has a positive volume, a cavity a negative one. The sign of a shell is compared
+with that of the enclosing shell, so that a hollow body exported inside out is flipped as a whole. A shell
+with the same orientation as the body around it is a separate body (an insert, or a part that overlaps
+another): the file contains no other information. A shell with small holes counts as closed.
 """
 
 from math import sqrt
@@ -21,18 +21,23 @@ from proximity.kernels.tree.builder import build_tree, face_boxes, fill_blocks
 from proximity.native import allocating_kernel, kernel
 
 NEARLY_CLOSED = 0.8
-"""Minimum share of the area of a shell with holes on which the winding number must be clear on both sides for
-it to have an inside. Less than a sign requires, so that cavities of an outer shell with a sign are
-considered."""
+"""Minimum share of a shell's area on which the winding number must be clear on both sides.
+
+If the share is smaller, a shell with holes has no inside. The limit is lower than for a sign, so that
+cavities are considered in every outer shell that has a sign.
+"""
 UNCLEAR_TURNS = 0.1
-"""Maximum distance of a clear winding number from an integer."""
+"""Largest difference between a clear winding number and an integer."""
 SAMPLE_COUNT = 64
-"""Samples on both sides of a shell with holes, spread by area."""
+"""Number of samples on both sides of a shell with holes. They are distributed by area."""
 VOTE_COUNT = 5
 """Number of faces that decide whether a shell is inside another."""
 BESIDE = 2.0**-20
-"""Distance of samples on both sides of a face, in sizes of the shell: for a face on another shell one sample
-is inside and one outside, so that the other faces decide."""
+"""Distance of samples on both sides of a face, relative to the size of the shell.
+
+For a face that lies on another shell, one sample is inside and one is outside, so that the other faces
+decide.
+"""
 
 
 class Shells(NamedTuple):
@@ -46,7 +51,7 @@ class Shells(NamedTuple):
 
 
 class ShellTree(NamedTuple):
-    """Tree of one shell for its winding number."""
+    """The tree of one shell, for computing its winding number."""
 
     centre: np.ndarray  # (3,) float64, of the local frame
     scale: float
@@ -57,12 +62,12 @@ class ShellTree(NamedTuple):
 
 @allocating_kernel
 def nest_shells(points, corners, labels, volumes, is_closed):
-    """Return the shell whose body each shell belongs to, (P,), and whether it is flipped, (P,) bool.
+    """Return the shell whose body each shell belongs to, (P,), and whether each shell is flipped, (P,) bool.
 
-    *points* (C, 3). *corners* (K, 3): rows of *points* for each face; each closed shell is oriented
-    consistently. *labels* (K,): the shell of each face, 0 .. P - 1; every shell has a face. *volumes* (P,):
-    signed, in any unit. *is_closed* (P,): the others have holes. Shells with volume 0, or with holes and
-    without an inside, are separate bodies and never flipped.
+    *points*: (C, 3). *corners*: (K, 3), the corners of each face as rows of *points*; each closed shell is
+    oriented consistently. *labels*: (K,), the shell of each face, 0 .. P - 1; every shell has a face.
+    *volumes*: (P,), signed, in any unit. *is_closed*: (P,), False for shells with holes. A shell without a
+    volume, or with holes and without an inside, is a separate body and is never flipped.
     """
     count, is_any_negative = len(volumes), False
     body, is_turned = np.empty(count, np.int64), np.zeros(count, np.bool_)
@@ -97,7 +102,10 @@ def nest_shells(points, corners, labels, volumes, is_closed):
 
 @allocating_kernel
 def rows_by_label(labels, count):
-    """Return the start of each of *count* labels' rows, (count + 1,) int64, and the rows, (K,) int32."""
+    """Group rows by their labels, 0 to *count* - 1.
+
+    Return where each group starts, (count + 1,) int64, and the rows group by group, (K,) int32.
+    """
     starts, order = np.zeros(count + 1, np.int64), np.empty(len(labels), np.int32)
     for row in range(len(labels)):
         starts[labels[row] + 1] += 1
@@ -112,7 +120,7 @@ def rows_by_label(labels, count):
 
 @allocating_kernel
 def _rows_by_size(sizes):
-    """Return the rows of *sizes* (P,) sorted ascending, stably."""
+    """Return the rows of *sizes* (P,) in ascending order of size. Equal sizes keep their order."""
     count = len(sizes)
     keys, rows = sizes.copy(), np.empty(count, np.int32)
     for row in range(count):
@@ -123,7 +131,7 @@ def _rows_by_size(sizes):
 
 @kernel
 def _is_within(boxes, inner, outer):
-    """Test whether a shell's box permits it to be inside another."""
+    """Test whether the boxes of two shells permit one to be inside the other."""
     for axis in range(3):
         if boxes[outer, axis] > boxes[inner, axis] or boxes[outer, 3 + axis] < boxes[inner, 3 + axis]:
             return False
@@ -132,7 +140,7 @@ def _is_within(boxes, inner, outer):
 
 @kernel
 def _is_nested(boxes, sizes, shell):
-    """Test whether boxes permit a shell to be inside another, or another inside it."""
+    """Test whether the boxes permit a shell to be inside another one, or to enclose one."""
     for other in range(len(sizes)):
         is_other = other != shell and sizes[other] > 0.0
         if is_other and (_is_within(boxes, shell, other) or _is_within(boxes, other, shell)):
@@ -142,9 +150,9 @@ def _is_nested(boxes, sizes, shell):
 
 @allocating_kernel
 def _smallest_around(shells, sizes, rising):
-    """Return the smallest larger shell that encloses each, (P,) int64, -1 for none.
+    """Return the smallest larger shell that encloses each shell, (P,) int64, or -1 if there is none.
 
-    A shell of size 0 encloses none. Each tree is built once, and only if a box permits nesting.
+    A shell of size 0 encloses none. Each tree is built once, and only if boxes permit nesting.
     """
     around, smaller_count = np.full(len(sizes), -1, np.int64), 0
     for position in range(len(sizes)):
@@ -166,7 +174,10 @@ def _smallest_around(shells, sizes, rising):
 
 @kernel
 def _is_voted_within(shells, shell, tree):
-    """Test whether most samples next to some faces of a shell are inside another, given by its tree."""
+    """Test whether most samples next to some faces of a shell are inside another shell.
+
+    *tree*: the tree of the other shell.
+    """
     first, count = shells.starts[shell], shells.starts[shell + 1] - shells.starts[shell]
     total, sampled, last = 0.0, 0, -1
     for vote in range(VOTE_COUNT):
@@ -180,7 +191,7 @@ def _is_voted_within(shells, shell, tree):
 
 @allocating_kernel
 def _clear_side(shells, shell):
-    """Return 1 if a shell with holes has its inside below its faces, -1 if above them, 0 if it has none."""
+    """Return on which side of its faces a shell with holes has its inside: 1 below, -1 above, 0 neither."""
     first, end = shells.starts[shell], shells.starts[shell + 1]
     reached, total = np.empty(end - first), 0.0
     for n in range(end - first):
@@ -204,7 +215,7 @@ def _clear_side(shells, shell):
 
 @kernel
 def _normal_and_middle(shells, face):
-    """Return a face's normal, with a length of twice its area, and its centroid."""
+    """Return the centroid of a face, and its normal with a length of twice the area."""
     points = shells.points
     a, b, c = shells.corners[face, 0], shells.corners[face, 1], shells.corners[face, 2]
     ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
@@ -217,7 +228,7 @@ def _normal_and_middle(shells, face):
 
 @kernel
 def _turns_beside(shells, shell, face, tree):
-    """Return the winding numbers of another shell, given by its tree, above and below a face of *shell*."""
+    """Return the winding numbers of a tree's shell just above and just below a face of *shell*."""
     (nx, ny, nz), (x, y, z) = _normal_and_middle(shells, face)
     length, extent = sqrt(nx * nx + ny * ny + nz * nz), 0.0
     for axis in range(3):

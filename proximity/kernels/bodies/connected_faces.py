@@ -1,9 +1,9 @@
 """Connection of faces across edges.
 
-An edge of two faces connects them. At an edge of more, bodies touch: pieces with equal numbers of forward and
-backward faces along it are complete there; the others are paired around the edge, each face with the one
-across its wedge of material (`wedges`). Touching bodies with negative total volume are inside out: their
-material is on the other side.
+An edge of two faces connects them. At an edge of more than two faces, bodies touch. A piece with equal
+numbers of forward and backward faces at that edge is complete there. The other faces are paired around the
+edge, each with the face across its wedge of material (`wedges`). If the total volume of touching bodies is
+negative, they are inside out: their material is on the other side.
 """
 
 from math import frexp, ldexp
@@ -20,7 +20,7 @@ from proximity.native import allocating_kernel, kernel
 
 
 class Pieces(NamedTuple):
-    """K faces in P connected pieces."""
+    """K faces that form P connected pieces."""
 
     labels: np.ndarray  # (K,) int64, 0 .. P - 1
     is_turned: np.ndarray  # (K,) bool, oriented against most faces of its piece
@@ -30,10 +30,10 @@ class Pieces(NamedTuple):
 
 @allocating_kernel
 def connect_given(given, corners, points, edges, vertices, exponent):
-    """Return the pieces: closed ones from vertex numbers, the others from positions.
+    """Connect faces into pieces, by vertex numbers if these close a piece and otherwise by positions.
 
-    *given* (K, 3): rows of *vertices*; *corners* (K, 3): rows of *points*, with their *edges*. *points* are
-    scaled by two to the power of *exponent*, to coordinates of at most 1.
+    *given*: (K, 3), rows of *vertices*. *corners*: (K, 3), rows of *points*; *edges*: their edges. *points*
+    are scaled by two to the power of *exponent*, to coordinates of at most 1.
     """
     vertex_count = _distinct_count(given, len(vertices))
     if vertex_count == _distinct_count(corners, len(points)) or vertex_count == 3 * len(given):
@@ -69,7 +69,7 @@ def connect_given(given, corners, points, edges, vertices, exponent):
 
 @kernel
 def unit_exponent(points):
-    """Return the power of two that scales coordinates to at most 1, exactly."""
+    """Return the exponent of the power of two that scales coordinates to at most 1. This scaling is exact."""
     largest = 0.0
     for row in range(len(points)):
         for axis in range(3):
@@ -89,7 +89,7 @@ def scaled(points, exponent):
 
 @allocating_kernel
 def _distinct_count(ids, size):
-    """Return the number of distinct *ids* (K, 3), below *size*."""
+    """Return the number of distinct values in *ids* (K, 3), which are below *size*."""
     is_used, found = np.zeros(size, np.bool_), 0
     for row in range(len(ids)):
         for k in range(3):
@@ -100,9 +100,10 @@ def _distinct_count(ids, size):
 
 @allocating_kernel
 def connect_faces(corners, points, edges):
-    """Return the pieces formed by *corners* (K, 3), each face with three distinct ones.
+    """Return the pieces formed by faces. Each face has three distinct corners.
 
-    *points* are those of the corners, scaled to coordinates of at most 1. *edges*: of the faces.
+    *corners*: (K, 3), rows of *points*, which are scaled to coordinates of at most 1. *edges*: the edges of
+    the faces.
     """
     order, starts, forward_counts = edges
     links, is_twisted_face = unlinked(len(corners)), np.zeros(len(corners), np.bool_)
@@ -129,9 +130,9 @@ def connect_faces(corners, points, edges):
 
 @allocating_kernel
 def _pieces_of(links, is_twisted_face, is_open):
-    """Return the pieces, faces flipped against the first of their piece; closed unless an edge is open.
+    """Return the pieces of linked faces, with the faces flipped that oppose the first face of their piece.
 
-    A piece with a twisted face is not orientable, like a Moebius strip.
+    A piece with a twisted face is not orientable, like a Moebius strip, and does not count as closed.
     """
     labels, count = component_labels(links)
     is_turned, is_closed = np.empty(len(labels), np.bool_), np.ones(count, np.bool_)
@@ -145,7 +146,7 @@ def _pieces_of(links, is_twisted_face, is_open):
 
 @allocating_kernel
 def _turn_fewest(pieces):
-    """Flip the other faces instead in each piece with most faces flipped."""
+    """In each piece with most faces flipped, flip the other faces instead."""
     labels, is_turned, _, is_closed = pieces
     majority = np.zeros(len(is_closed), np.int64)
     for face in range(len(labels)):
@@ -156,7 +157,10 @@ def _turn_fewest(pieces):
 
 @allocating_kernel
 def _join_across_wedges(corners, points, edges, longest, pieces, links, is_twisted_face):
-    """Join faces at edges of more than two, at most *longest*, across their wedges of material."""
+    """Join the faces at edges of more than two faces, each with the face across its wedge of material.
+
+    *longest*: largest number of faces at an edge.
+    """
     order, starts, forward_counts = edges
     labels, is_turned, is_open, is_sided = pieces
     is_inside_out = _are_inside_out(corners, points, edges, pieces)
@@ -208,7 +212,7 @@ def _join_across_wedges(corners, points, edges, longest, pieces, links, is_twist
 
 @allocating_kernel
 def _are_inside_out(corners, points, edges, pieces):
-    """Return a mask of the faces of touching bodies with negative total volume: (K,) bool."""
+    """Return a mask of the faces of touching bodies whose total volume is negative, (K,) bool."""
     touching = unlinked(len(pieces.is_closed))
     for edge in range(len(edges.forward_counts)):
         first, end = edges.starts[edge], edges.starts[edge + 1]

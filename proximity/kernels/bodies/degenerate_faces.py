@@ -1,10 +1,10 @@
-"""Redundant faces: without area, or equal to another face.
+"""Removal of redundant faces, which have no area or equal another face.
 
-Such a face is removed only if that leaves no more edges unbalanced (with unequal numbers of forward and
+A face is removed only if afterwards no more edges are unbalanced (with unequal numbers of forward and
 backward faces) than before. A sliver between two rows of faces that meet at different points along a line has
-no area but closes the surface; coincident faces of two bodies may have the same orientation and are both
-needed. Groups of faces connected by edges are judged together: a body that occurs twice is removed as a
-whole.
+no area but closes the surface. Coincident faces of two bodies may have the same orientation, and both are
+needed. Groups of faces connected by edges are judged together, so that a body that occurs twice is removed as
+a whole.
 """
 
 import numpy as np
@@ -15,16 +15,19 @@ from proximity.kernels.mesh.positions import first_of_equal_rows, rows_where
 from proximity.native import allocating_kernel
 
 DEGENERATE_HEIGHT = 16.0 * 2.0**-52
-"""A face has no area if its height is below this, times the largest coordinate: within rounding."""
+"""A face without area is lower than this, relative to the largest coordinate.
+
+Such a height is within rounding.
+"""
 LEFT, SLIVER, DUPLICATE = range(3)
 
 
 @allocating_kernel
 def useless_faces(corners, points, edges):
-    """Return which of *corners* (F, 3) stay and which are removed, and why, (F,) uint8.
+    """Return for each face whether it stays, or else the reason for its removal, (F,) uint8.
 
-    *points* (C, 3): scaled to coordinates of at most 1. *edges*: of the faces. The first of equal faces
-    stays.
+    *corners*: (F, 3). *points*: (C, 3), scaled to coordinates of at most 1. *edges*: the edges of the faces.
+    Of several equal faces, the first stays.
     """
     kinds = np.empty(len(corners), np.uint8)
     for face in range(len(corners)):
@@ -37,7 +40,7 @@ def useless_faces(corners, points, edges):
 
 @allocating_kernel
 def _equals_earlier_face(corners, edges, kinds):
-    """Return a mask of faces equal to an earlier one in corners and winding, (F,) bool."""
+    """Return a mask of the faces with the same corners and winding as an earlier face, (F,) bool."""
     crowded_sides, is_twin = np.zeros(len(corners), np.uint8), np.zeros(len(corners), np.bool_)
     # Equal faces have equal half-edges: only faces at edges with several in one direction are candidates.
     for edge in range(len(edges.forward_counts)):
@@ -60,7 +63,10 @@ def _equals_earlier_face(corners, edges, kinds):
 
 @allocating_kernel
 def _drop(edges, kinds, is_candidate, kind):
-    """Set the kind of the candidates (F,) to remove: groups whose removal leaves no more edges unbalanced."""
+    """Mark candidates (F,) for removal, by setting their *kind*.
+
+    A group of candidates is removed if no more edges are unbalanced without it.
+    """
     if len(rows_where(is_candidate, True)) == 0:
         return
     links, worse = unlinked(len(kinds)), np.zeros(len(kinds), np.int64)

@@ -1,4 +1,4 @@
-"""Split of faces into bodies: welded, cleaned, and oriented outward; see `mesh.body_split`."""
+"""Splitting of faces into bodies, which are welded, cleaned and oriented outward. See `mesh.body_split`."""
 
 from math import ldexp
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from proximity.kernels.mesh.positions import gathered, merged_faces, rows_where
 from proximity.native import allocating_kernel, entry
 
 MERGED, WELDED, WELD_DISTANCE, SLIVERS, DUPLICATES, TURNED, TURNED_INSIDE_OUT = range(7)
-"""Columns of the repairs of a body, see `mesh.body_split.Repairs`."""
+"""Columns of the repairs of a body. See `mesh.body_split.Repairs`."""
 
 
 class Stock(NamedTuple):
@@ -29,7 +29,7 @@ class Stock(NamedTuple):
     is_turned: np.ndarray  # (F,) bool, flipped to match the orientation of the others
     is_inside_out: np.ndarray  # (F,) bool, flipped (again) with all others
     points: np.ndarray  # (C, 3) float64, positions scaled to coordinates of at most 1
-    exponent: int  # of two, of the scale: products of three stay far from over- and underflow
+    exponent: int  # of the scale, a power of two: products of three neither over- nor underflow
 
 
 @entry(
@@ -37,14 +37,15 @@ class Stock(NamedTuple):
     makes_arrays=True,
 )
 def split_faces(vertices, faces):
-    """Return the bodies formed by the faces.
+    """Split faces into bodies, and weld, clean and orient each body.
 
-    *vertices* (V, 3) m, finite if used by a face; *faces* (F, 3), F >= 1, rows of *vertices*.
+    *vertices*: (V, 3) m, finite if used by a face. *faces*: (F, 3), F >= 1, rows of *vertices*.
 
-    Returned, by body in the order of their first faces: vertices (W, 3), distinct within a body, without
-    -0.0; faces (K, 3), numbered within their body's vertices, and their rows of *faces* (K,), ascending
-    within a body; the ends of each body's vertices and faces, (B, 2); and its repairs, (B, 7), see `MERGED`.
-    B = 0: no face has an area.
+    Five arrays are returned, with the bodies in the order of their first faces. They are vertices (W, 3),
+    distinct within a body and without -0.0; faces (K, 3), numbered within the vertices of their body; the
+    rows of these faces in *faces* (K,), ascending within a body; the ends of the vertices and faces of each
+    body (B, 2); and the repairs of each body (B, 7), see `MERGED`. There are no bodies if no face has an
+    area.
     """
     merged, positions = merged_faces(vertices, faces)
     exponent = unit_exponent(positions)
@@ -78,7 +79,10 @@ def split_faces(vertices, faces):
 
 @allocating_kernel
 def _bodies_of_faces(stock, vertices, edges, rows):
-    """Weld and orient the faces; return the remaining ones (K,), the body of each (K,), and body count."""
+    """Weld and orient faces.
+
+    Return the remaining faces (K,), the body of each (K,), and the number of bodies.
+    """
     given, corners = gathered(stock.given, rows), gathered(stock.corners, rows)
     if len(rows) < len(stock.given):
         edges = sorted_half_edges(corners)
@@ -119,10 +123,10 @@ def _bodies_of_faces(stock, vertices, edges, rows):
 
 @allocating_kernel
 def _joined_at_corners(corners, labels, is_closed, corner_count):
-    """Merge pieces that share a corner of faces in no shell with a volume.
+    """Merge pieces without a volume that share a corner.
 
-    Sides meshed independently match at no edge and enclose a volume only together; a two-sided sheet
-    decomposes into flat pieces. Returns the shells of the faces (K,), and which are closed.
+    Sides that were meshed independently match at no edge and enclose a volume only together; a two-sided
+    sheet decomposes into flat pieces. Return the shell of each face (K,), and which shells are closed.
     """
     links, piece_at = unlinked(len(is_closed)), np.full(corner_count, -1, np.int64)
     for face in range(len(labels)):
@@ -144,7 +148,10 @@ def _joined_at_corners(corners, labels, is_closed, corner_count):
 
 
 class Uses(NamedTuple):
-    """The bodies at each corner: at corner c those from ``starts[c]`` to ``starts[c + 1]``, ascending."""
+    """The bodies at each corner.
+
+    Those at corner c are in ascending order, from ``starts[c]`` to ``starts[c + 1]``.
+    """
 
     starts: np.ndarray  # (C + 1,) int64
     bodies: np.ndarray  # (N,) int64
@@ -153,7 +160,10 @@ class Uses(NamedTuple):
 
 @allocating_kernel
 def _corner_uses(corners, face_starts, corner_count):
-    """Return the bodies at each corner of faces, given by body; and the corner count of each, (B,) int64."""
+    """Return the bodies at each corner, and the number of corners of each body, (B,) int64.
+
+    *corners*: the corners of the faces, body by body.
+    """
     starts, last_body = np.zeros(corner_count + 1, np.int64), np.full(corner_count, -1, np.int64)
     counts = np.zeros(len(face_starts) - 1, np.int64)
     for body in range(len(counts)):
@@ -180,7 +190,10 @@ def _corner_uses(corners, face_starts, corner_count):
 
 @allocating_kernel
 def _number_by_body(corners, positions, uses, ends):
-    """Number *corners* (K, 3), given by body, within their bodies; return the vertices of the bodies."""
+    """Number the corners of each body, and return the vertices of all bodies.
+
+    *corners*: (K, 3), the faces body by body; they are renumbered in place.
+    """
     vertices, last_use = np.empty((len(uses.bodies), 3)), uses.starts.copy()
     for corner in range(len(positions)):
         for use in range(uses.starts[corner], uses.starts[corner + 1]):
@@ -200,7 +213,7 @@ def _number_by_body(corners, positions, uses, ends):
 
 @allocating_kernel
 def _count_lost_faces(stock, uses, repairs):
-    """Count the faces lost by each body: a face counts for the body with most of its corners."""
+    """Count the removed faces of each body. A face belongs to the body that has most of its corners."""
     votes = np.zeros(len(repairs), np.int64)
     for face in range(len(stock.kinds)):
         if stock.kinds[face] == LEFT:
@@ -225,7 +238,7 @@ def _count_lost_faces(stock, uses, repairs):
 
 @allocating_kernel
 def _count_repairs(stock, sources, face_starts, vertex_count, repairs):
-    """Count the other repairs of the faces *sources* (K,), given by body."""
+    """Count the other repairs of each body. *sources*: (K,), the rows of the faces, body by body."""
     given_of = np.full(vertex_count, -1, np.int64)
     merged_of, welded_of = np.full(len(stock.points), -1, np.int64), np.full(len(stock.points), -1, np.int64)
     for body in range(len(repairs)):

@@ -9,17 +9,20 @@ from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import allocating_kernel, kernel
 
 NEAR_COUNT = 8
-"""Neighbours stored for each point; more at one position are found through one another."""
+"""Number of neighbours stored for each point.
+
+If more are at one position, they are found through one another.
+"""
 LEAF_SIZE = 8
 STACK_LENGTH = 96
-"""Each level of the tree halves a run, and leaves one half waiting: three numbers, for 2**31 points."""
+"""Length of the stack, enough for 2**31 points. Each level halves a run and pushes one half."""
 
 
 @allocating_kernel
 def near_pairs(points, reach):
-    """Return the nearest neighbours of each of *points* (N, 3), and their distances.
+    """Return the nearest neighbours of each point, (N, NEAR_COUNT) int32, and their distances.
 
-    (N, NEAR_COUNT) int32, the nearest first, -1 for fewer within *reach*; and (N, NEAR_COUNT).
+    The nearest comes first; -1 fills the row if fewer are within *reach*. *points*: (N, 3).
     """
     order, axes, splits = _tree_over(points)
     near, distances = np.full((len(points), NEAR_COUNT), -1, np.int32), np.empty((len(points), NEAR_COUNT))
@@ -32,9 +35,10 @@ def near_pairs(points, reach):
 
 @allocating_kernel
 def _tree_over(points):
-    """Order points by halving each run along its longest axis; return the axes and cut coordinates.
+    """Build a k-d tree by halving each run of points along its longest axis.
 
-    Both are indexed by the position between the halves.
+    Return the order of the points, and the axes and the cut coordinates, both by the position between two
+    halves.
     """
     count = len(points)
     order, axes, splits = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count)
@@ -74,7 +78,7 @@ def _longest_axis(points, order, first, end):
 
 @kernel
 def _find_near(points, tree, row, reach, near, distances_sq):
-    """Fill the nearest neighbours of a point, and their squared distances; return their number."""
+    """Write the nearest neighbours of a point and their squared distances. Return their number."""
     order, axes, splits = tree
     x, y, z, count = points[row, 0], points[row, 1], points[row, 2], 0
     stack, bounds, depth = stack_i64(STACK_LENGTH), stack_f64(STACK_LENGTH), 2

@@ -1,7 +1,7 @@
-"""Welding of nearly equal vertices, where that closes a body.
+"""Welding of nearly equal vertices, which is done only if it closes a body.
 
-Only the rims of open pieces are considered, and welds that close no piece are discarded, since moving
-vertices changes the surface.
+Only the rims of open pieces are considered. Welds that close no piece are discarded, because moving vertices
+changes the surface.
 """
 
 from math import sqrt
@@ -17,16 +17,20 @@ from proximity.kernels.mesh.positions import gathered, merged_faces, rows_where
 from proximity.native import allocating_kernel, entry, kernel
 
 MAX_WELD = 1e-6
-"""Share of the body's diagonal: the error of exporters that write coordinates with six digits."""
+"""Largest displacement, relative to the diagonal of the body.
+
+Exporters that write six digits err by this much.
+"""
 WELD_STEPS = MAX_WELD * 10.0 ** np.arange(-6, 1)
-"""Tried in ascending order: a body that closes early keeps its finer detail."""
+"""Displacements to try in ascending order, so that a body that closes early keeps its finer detail."""
 
 
 @allocating_kernel
 def weld_near(corners, points, pieces):
-    """Return *corners* (K, 3) after welding, and a mask of faces collapsed to a line by it, (K,) bool.
+    """Weld vertices that are near each other, if that closes a piece.
 
-    *points* (C, 3). *pieces*: of the unwelded faces; at least one is open.
+    Return the corners of the faces, (K, 3), and a mask of the faces that became lines, (K,) bool. *corners*:
+    (K, 3), rows of *points* (C, 3). *pieces*: the pieces before welding, at least one of them open.
     """
     welded, is_collapsed = corners.copy(), np.zeros(len(corners), np.bool_)
     is_left, is_rim = np.empty(len(corners), np.bool_), np.zeros(len(points), np.bool_)
@@ -69,7 +73,7 @@ def _diagonal(boxes, row):
 
 @kernel
 def distance_between(points, one, other):
-    """Return the distance of two of *points* (C, 3)."""
+    """Return the distance between two rows of *points* (C, 3)."""
     x, y, z = (
         points[other, 0] - points[one, 0],
         points[other, 1] - points[one, 1],
@@ -80,7 +84,10 @@ def distance_between(points, one, other):
 
 @allocating_kernel
 def _welded(corners, links):
-    """Return *corners* (K, 3) replaced by their roots, and a mask of faces with two equal ones, (K,)."""
+    """Replace corners (K, 3) by the roots of their links.
+
+    Return them and a mask of the collapsed faces, (K,).
+    """
     welded, collapses = np.empty(corners.shape, np.int32), np.empty(len(corners), np.bool_)
     for face in range(len(corners)):
         for k in range(3):
@@ -92,7 +99,10 @@ def _welded(corners, links):
 
 @allocating_kernel
 def _mended_faces(corners, points, links):
-    """Weld corners; return them, a mask of faces in pieces closed by it, and a mask of collapsed ones."""
+    """Weld the corners of faces and return them with two masks.
+
+    The first marks the faces of pieces that the weld has closed, the second marks collapsed faces.
+    """
     welded, collapses = _welded(corners, links)
     is_mended, standing = np.zeros(len(corners), np.bool_), rows_where(collapses, False)
     if len(standing) == 0:
@@ -123,7 +133,7 @@ def _mended_faces(corners, points, links):
 
 @entry("float64[:, 3], int32[:, 3] -> float64[:, :]", makes_arrays=True)
 def open_edge_middles(vertices, faces):
-    """Return the midpoints of a body's unpaired edges, (E, 3) float64, m.
+    """Return the midpoints of the unpaired edges of a body, (E, 3) float64, m.
 
     *vertices* (V, 3) m; *faces* (F, 3). See `mesh.topology.open_edges`.
     """
@@ -154,7 +164,7 @@ def open_edge_middles(vertices, faces):
 
 @allocating_kernel
 def _unpaired_edges(corners):
-    """Return a half-edge of each unpaired edge, (E,) int32."""
+    """Return one half-edge of each unpaired edge, (E,) int32."""
     order, starts, forward_counts = sorted_half_edges(corners)
     found, count = np.empty(len(forward_counts), np.int32), 0
     for edge in range(len(forward_counts)):

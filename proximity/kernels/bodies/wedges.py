@@ -1,4 +1,4 @@
-"""Pairing of the faces around an edge, each with the one across its wedge of material."""
+"""Pairing of the faces around an edge. Each face is paired with the face across its wedge of material."""
 
 from math import atan2, pi, sqrt
 from typing import NamedTuple
@@ -10,14 +10,17 @@ from proximity.kernels.mesh.edges import ends_of, sort_run
 from proximity.native import kernel
 
 POSITION_ROUNDING = 2.0**-22
-"""Rounding of positions in files, mostly float32: faces that lie on each other differ by this much. Relative
-to the largest coordinate; smaller angles at an edge are meaningless."""
+"""Rounding of positions in files, relative to the largest coordinate.
+
+It is the rounding of float32, by which coincident faces may differ. Smaller angles at an edge are
+meaningless.
+"""
 BACKWARD = 2**32
-"""Added to the key of a backward half-edge: of faces at one angle the forward ones come first."""
+"""Added to the key of a backward half-edge, so that forward faces come first among those at one angle."""
 
 
 class Wedges(NamedTuple):
-    """The half-edges of one edge that need a partner, and scratch; at least M rows each."""
+    """The half-edges of one edge that need a partner, and scratch memory. Each array has at least M rows."""
 
     half_edges: np.ndarray  # int32
     is_forward: np.ndarray  # bool, from the lower corner to the higher, after turning
@@ -32,10 +35,10 @@ class Wedges(NamedTuple):
 
 @kernel
 def pair_around_edge(corners, points, wedges, count):
-    """Fill the partners of *count* half-edges of one edge; return whether partners have the same direction.
+    """Pair *count* half-edges of one edge. Return whether the two of a pair have the same direction.
 
-    The numbers of forward and backward ones must be equal. A single pair belongs together, even if one is
-    flipped.
+    Only a single pair may have the same direction, if one of its faces is flipped. Otherwise the numbers of
+    forward and backward half-edges must be equal.
     """
     forward_count = 0
     for row in range(count):
@@ -53,7 +56,10 @@ def pair_around_edge(corners, points, wedges, count):
 
 @kernel
 def _fill_angles(corners, points, wedges, count):
-    """Fill the angle of each face about its edge, from the first face; return the largest rounding error."""
+    """Write the angle of each face about its edge, relative to the first face.
+
+    Return the largest rounding error.
+    """
     start, end = ends_of(corners, wedges.half_edges[0])
     foot, tip = min(start, end), max(start, end)
     x, y, z = points[foot, 0], points[foot, 1], points[foot, 2]
@@ -79,10 +85,10 @@ def _fill_angles(corners, points, wedges, count):
 
 @kernel
 def _sort_by_angle(wedges, count, noise):
-    """Sort rows by angle about the edge, counter-clockwise along its lower to higher corner.
+    """Sort the faces around an edge by their angle, counter-clockwise along the edge from its lower corner.
 
     In this view a forward face has its material before it and a backward face behind it. Of faces at one
-    angle the forward ones come first: the material of one ends where that of the other begins.
+    angle the forward ones come first, because the material of one ends where the material of the next begins.
     """
     angles, rows, keys = wedges.angles, wedges.other_keys, wedges.keys
     for row in range(count):
@@ -110,9 +116,10 @@ def _sort_by_angle(wedges, count, noise):
 
 @kernel
 def _match_wedges(wedges, count):
-    """Match faces around the edge like brackets: material begins at a backward face, ends at a forward one.
+    """Pair the faces around an edge like brackets.
 
-    The second round matches faces whose material began before the cut.
+    Material begins at a backward face and ends at a forward face. The second round pairs faces whose material
+    began before the cut.
     """
     waiting, depth = wedges.other_rows, 0
     for turn in range(2):

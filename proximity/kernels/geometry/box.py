@@ -1,7 +1,7 @@
-"""Lower bounds of the distance from a point to eight boxes at a time.
+"""Lower bounds of the distances from a point to eight boxes at a time.
 
-Float32 boxes are padded to cover the rounding of the query point to float32; `BOUND_SLACK` covers the
-rounding of the squares. So no nearer subtree is pruned.
+Float32 boxes are padded to cover the rounding of the query point to float32. `BOUND_SLACK` covers the
+rounding of the squares. So the nearest subtree is never pruned.
 """
 
 import numpy as np
@@ -11,32 +11,40 @@ from proximity.native import inlined
 from proximity.native.simd import fma, maximum, minimum, narrow, select, splat, splat32
 
 FAR = 2.0
-"""Within this distance (part sizes from the middle) rounding a coordinate to float32 errs by at most
-2^-24."""
+"""Distance from the middle, in part sizes, up to which points have float32 bounds.
+
+Up to it, rounding a coordinate to float32 errs by at most 2^-24.
+"""
 BOX_MARGIN = np.float32(2.0**-23)
-"""Padding of boxes, added when they are made: twice the rounding of the query and of the box itself."""
+"""Padding of boxes when they are made. It is twice the rounding of the query and of the box itself."""
 BOUND_SLACK = 1.0 + 2.0**-20
-"""Factor on the best squared distance before it is compared with a bound. It covers the five float32
-roundings, of 2^-24 each, of a computed bound."""
+"""Factor on the best squared distance before it is compared with a bound.
+
+It covers the five roundings of a bound in float32, of 2^-24 each.
+"""
 LARGEST_BOUND = np.float32(3.4e38)
-"""The initial bound: below the infinity of unused lanes."""
+"""Initial bound, below the infinity of unused lanes."""
 LARGEST_REST = 3.3e38
-"""Below `LARGEST_BOUND`, so that such a box is visited until a first triangle is found."""
+"""Largest bound of a distant box.
+
+As it is below `LARGEST_BOUND`, the box is visited until a first triangle is found.
+"""
 SHRINK_FAR = 1.0 - 2.0**-48
 
 
 @inlined
 def nearest_in_boxes(nodes, base, x, y, z):
-    """Return the point of each box of the node at *base* nearest to a point: x, y and z, float32x8."""
+    """Return the nearest point to (x, y, z) of each box of the node at *base*, as three float32x8."""
     (lx, ly, lz), (ux, uy, uz) = boxes_of(nodes, base)
     return minimum(maximum(x, lx), ux), minimum(maximum(y, ly), uy), minimum(maximum(z, lz), uz)
 
 
 @inlined
 def point_boxes_distance_sq(nodes, base, x, y, z):
-    """Return squared distances from a point to the boxes of the node at *base*; unused lanes give inf.
+    """Return squared distances from a point to the boxes of the node at *base*. Unused lanes give inf.
 
-    *x y z* are float32x8 splats of a point within `FAR`. Compare with the slack of `BOUND_SLACK`.
+    *x y z* are float32x8 splats of a point within `FAR`. Compare the result with a limit that has the factor
+    `BOUND_SLACK`.
     """
     at_x, at_y, at_z = nearest_in_boxes(nodes, base, x, y, z)
     gap_x, gap_y, gap_z = x - at_x, y - at_y, z - at_z
@@ -45,7 +53,10 @@ def point_boxes_distance_sq(nodes, base, x, y, z):
 
 @inlined
 def far_offset_sq(px, py, pz):
-    """Return a lower bound of the squared distance to the local cube [-1, 1]; 0 for a point within `FAR`."""
+    """Return a lower bound of the squared distance from a point to the local cube [-1, 1].
+
+    It is 0 for a point within `FAR`.
+    """
     if max(abs(px), abs(py), abs(pz)) <= FAR:
         return 0.0
     gap_x, gap_y, gap_z = max(abs(px) - 1.0, 0.0), max(abs(py) - 1.0, 0.0), max(abs(pz) - 1.0, 0.0)
@@ -54,7 +65,10 @@ def far_offset_sq(px, py, pz):
 
 @inlined
 def wide_gaps_sq(nodes, base, x, y, z):
-    """Return squared distances from a point, float64x8 splats, to the boxes of a node in float64."""
+    """Return squared distances in float64 from a point to the boxes of a node.
+
+    *x y z* are float64x8 splats.
+    """
     ((lx, ly, lz), (ux, uy, uz)), zero = wide_boxes_of(nodes, base), splat(0.0)
     gap_x = maximum(maximum(lx - x, x - ux), zero)
     gap_y = maximum(maximum(ly - y, y - uy), zero)
@@ -64,9 +78,9 @@ def wide_gaps_sq(nodes, base, x, y, z):
 
 @inlined
 def far_point_boxes_distance_sq(nodes, base, x, y, z, offset):
-    """Return bounds for a distant point in float64 arithmetic, less *offset*.
+    """Return bounds of squared distances from a distant point, computed in float64 and reduced by *offset*.
 
-    Squares of large distances differ by little: subtracting the bound of the whole part first leaves numbers
+    Squares of large distances differ by little. Subtracting the bound of the whole part first leaves numbers
     that float32 can distinguish. *x y z offset* are float64x8 splats.
     """
     bounds = wide_gaps_sq(nodes, base, x, y, z) * splat(SHRINK_FAR)
@@ -77,14 +91,17 @@ def far_point_boxes_distance_sq(nodes, base, x, y, z, offset):
 
 @inlined
 def lanes_of_point(px, py, pz):
-    """Return a point as float32x8 (x, y, z), as float64x8 (x, y, z), and its `far_offset_sq`."""
+    """Return a point as three float32x8 and as three float64x8, and its `far_offset_sq`."""
     narrow_lanes = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
     return narrow_lanes, (splat(px), splat(py), splat(pz)), far_offset_sq(px, py, pz)
 
 
 @inlined
 def node_bounds_sq(words, base, point_lanes):
-    """Return the bounds of a node's boxes by the method for the point's distance; see `lanes_of_point`."""
+    """Return bounds of squared distances to a node's boxes, by the method for near or for distant points.
+
+    *point_lanes*: from `lanes_of_point`.
+    """
     narrow_lanes, wide_lanes, offset = point_lanes
     if offset > 0.0:
         x, y, z = wide_lanes
@@ -95,13 +112,13 @@ def node_bounds_sq(words, base, point_lanes):
 
 @inlined
 def bound_of(best_sq, offset):
-    """Return the float32 limit for node bounds: boxes not above it must be visited."""
+    """Return the float32 limit for bounds of boxes. Boxes up to this limit must be visited."""
     return min(np.float32((best_sq - offset) * BOUND_SLACK), LARGEST_BOUND)
 
 
 @inlined
 def round_down(value):
-    """Return a float32 at or just below a float64."""
+    """Return a float32 that equals a float64 or is just below it."""
     rounded = np.float32(value)
     below = rounded - (abs(rounded) * np.float32(1.2e-7) + np.float32(1e-38))
     return below if rounded > value else rounded
@@ -109,7 +126,7 @@ def round_down(value):
 
 @inlined
 def round_up(value):
-    """Return a float32 at or just above a float64."""
+    """Return a float32 that equals a float64 or is just above it."""
     rounded = np.float32(value)
     above = rounded + (abs(rounded) * np.float32(1.2e-7) + np.float32(1e-38))
     return above if rounded < value else rounded

@@ -1,8 +1,8 @@
-"""Closest point of one triangle: position, feature, and side.
+"""Closest point of one triangle to a query, with its feature and side.
 
-Scalar code for the triangle that a walk has found. Edge parameters are measured from the nearer end, the
-normal is compensated, and barycentric weights are solved along the longest edge, so that they reproduce the
-point even on a needle.
+This is scalar code for the triangle that a walk has found. Edge parameters are measured from the nearer end,
+the normal is compensated, and barycentric weights are solved along the longest edge, so that they reproduce
+the point even on a needle.
 """
 
 from math import sqrt
@@ -38,7 +38,7 @@ def read_corners(reals, slot, closest):
 
 @inlined
 def corner_of(closest, k):
-    """Return corner *k*, (x, y, z)."""
+    """Return the coordinates (x, y, z) of corner *k*."""
     return closest.corners[k, 0], closest.corners[k, 1], closest.corners[k, 2]
 
 
@@ -57,9 +57,10 @@ def _edge(closest, k, j):
 
 @inlined
 def over_face(closest, px, py, pz):
-    """Return whether the foot of *p* is strictly inside the triangle, and the signed height over its plane.
+    """Test whether the foot of *p* is strictly inside the triangle.
 
-    Fills the unit normal; 0 for a triangle without area.
+    Return also the signed height over its plane. The unit normal in *closest* is filled, with 0 for a
+    triangle without area.
     """
     normal, corners = closest.normal, (*corner_of(closest, 0), *corner_of(closest, 1), *corner_of(closest, 2))
     is_over, height, normal[0], normal[1], normal[2] = height_over(px, py, pz, *corners)
@@ -68,10 +69,10 @@ def over_face(closest, px, py, pz):
 
 @inlined
 def closest_on_face(px, py, pz, height, closest):
-    """Fill *closest* for a point over the face's interior, at *height* along its unit normal.
+    """Fill *closest* for a point above or below the interior of the face, at *height* along its unit normal.
 
-    Weights are solved along the longest edge: the third corner's from its height over that edge, the others
-    from the position along it. They reproduce the point even on a needle.
+    Weights are solved along the longest edge. The weight of the third corner comes from the height over that
+    edge, the others come from the position along it. They reproduce the point even on a needle.
     """
     closest.length = abs(height)
     for axis in range(3):
@@ -111,7 +112,7 @@ def closest_on_face(px, py, pz, height, closest):
 
 @inlined
 def closest_on_edges(px, py, pz, closest):
-    """Fill *closest* for the nearest point of the three edges; return the feature and its number.
+    """Fill *closest* with the nearest point on the three edges. Return the feature and its number.
 
     The number is the edge (from corner k to k + 1) or the corner. Each edge is measured from its nearer end;
     an edge without length counts as its start.
@@ -150,9 +151,9 @@ def closest_on_edges(px, py, pz, closest):
 
 @inlined
 def closest_on_triangle(px, py, pz, closest):
-    """Fill *closest* for the point of its triangle nearest to *p*; return the feature and its number.
+    """Fill *closest* with the point of its triangle nearest to *p*. Return the feature and its number.
 
-    All in the local frame. Degenerate: zero area falls back to the edges.
+    All coordinates are in the local frame. Degenerate: a triangle without area is replaced by its edges.
     Source: as `triangle`; the weights are our own.
     """
     is_over, height = over_face(closest, px, py, pz)

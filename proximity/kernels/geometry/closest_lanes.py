@@ -1,6 +1,7 @@
-"""Closest points of eight triangles to a point each: lane-wise `closest_feature.closest_on_triangle`.
+"""Closest points of eight triangles to one point each.
 
-The formulas and their order are the same, so that a point gets the same answer alone or in a batch.
+It is `closest_feature.closest_on_triangle` in every lane. The formulas and their order are the same, so that
+a point gets the same answer alone or in a batch.
 """
 
 import numpy as np
@@ -16,19 +17,21 @@ from proximity.native.simd import absolute, bits, load, load_each, select, splat
 
 LANES_LENGTH, LANES_ARM, LANES_WEIGHTS, LANES_POINT, LANES_NORMAL = 0, 1, 4, 7, 10
 LANES_FEATURE, LANES_WHICH, LANES_HEIGHT, LANES_COLUMNS = 13, 14, 15, 16
-"""Columns of a table: those of `closest_feature.CLOSEST`, the feature and its number; filled only by
-`sides_of_lanes`: the height over the face's plane."""
+"""Columns of a table: those of `closest_feature.CLOSEST`, then the feature and its number.
+
+The last column, the height over the plane of the face, is filled only by `sides_of_lanes`.
+"""
 
 
 @inlined
 def _lesser(a, b):
-    """Return the lesser of two numbers, as min does."""
+    """Return the lesser of two numbers, with the same result as min."""
     return select(b < a, b, a)
 
 
 @inlined
 def _share(value):
-    """Clamp to [0, 1] as min and max of numbers do."""
+    """Clamp values to [0, 1], with the same result as min and max of numbers."""
     zero = splat(0.0)
     return _lesser(select(zero > value, zero, value), splat(1.0))
 
@@ -40,7 +43,7 @@ def _one_of(is_second, is_third, first, second, third):
 
 @inlined
 def _points_of(is_second, is_third, first, second, third):
-    """Select one of three points."""
+    """Select one of three points in each lane."""
     return (
         _one_of(is_second, is_third, first[0], second[0], third[0]),
         _one_of(is_second, is_third, first[1], second[1], third[1]),
@@ -60,14 +63,14 @@ def _length_sq(vector):
 
 @inlined
 def _back_onto(third, tip, along, longest_sq, height_sq):
-    """Move a foot that rounding put outside a needle back onto a shorter side."""
+    """Move a foot back onto a shorter side, if rounding has put it outside a needle."""
     back = (along * tip * longest_sq + third * height_sq) / (tip * tip * longest_sq + height_sq)
     return select(third * tip > along, back, third)
 
 
 @inlined
 def _weights_on_face(a, b, c, normal, foot_point):
-    """Compute weights as `closest_feature.closest_on_face` does."""
+    """Compute barycentric weights in the same way as `closest_feature.closest_on_face`."""
     length_a, length_b, length_c = (
         _length_sq(_between(a, b)), _length_sq(_between(b, c)), _length_sq(_between(c, a))
     )  # fmt: skip
@@ -99,7 +102,11 @@ def _weights_on_face(a, b, c, normal, foot_point):
 
 @inlined
 def _on_edge(p, start, end):
-    """Return parameter along an edge, arm from its nearest point, squared distance; masks of its ends."""
+    """Return the point on an edge that is nearest to *p*.
+
+    It is given by its parameter, the arm from it to *p*, its squared distance, and masks of the two ends of
+    the edge.
+    """
     edge, from_a, from_b = _between(start, end), _between(start, p), _between(end, p)
     length_sq = _length_sq(edge)
     ahead, behind = dot(*from_a, *edge), -dot(*from_b, *edge)
@@ -123,7 +130,7 @@ def _arm_of(is_start, is_end, is_near, t, u, from_a, from_b, edge):
 
 @inlined
 def _feature_of(is_start, is_end, number, end_number):
-    """Return the kind of feature on an edge, and its number."""
+    """Return the kind of feature of a point on an edge, and the number of this feature."""
     is_corner = is_start | is_end
     feature = select(is_corner, splat(float(FEATURE_VERTEX)), splat(float(FEATURE_EDGE)))
     return feature, select(is_end, splat(end_number), splat(number))
@@ -131,7 +138,10 @@ def _feature_of(is_start, is_end, number, end_number):
 
 @inlined
 def _closest_on_edges(p, a, b, c):
-    """Return squared distance, arm, weights, feature, number as `closest_feature.closest_on_edges` does."""
+    """Return the nearest point on three edges, in the same way as `closest_feature.closest_on_edges`.
+
+    It is given by squared distance, arm, weights, feature and number.
+    """
     zero, one = splat(0.0), splat(1.0)
     t, arm, best_sq, is_start, is_end = _on_edge(p, a, b)
     feature, which = _feature_of(is_start, is_end, 0.0, 1.0)
@@ -155,7 +165,7 @@ def _closest_on_edges(p, a, b, c):
 
 @inlined
 def _chosen(is_first, one, other):
-    """Select one of two points, lane by lane."""
+    """Select one of two points in each lane."""
     return (
         select(is_first, one[0], other[0]),
         select(is_first, one[1], other[1]),
@@ -165,7 +175,7 @@ def _chosen(is_first, one, other):
 
 @inlined
 def _weighted(a, b, c, weights):
-    """Return the point with these weights, computed from the corner with the largest weight."""
+    """Return the points with these weights, computed from the corner with the largest weight."""
     is_second = weights[1] > weights[0]
     is_third = weights[2] > select(is_second, weights[1], weights[0])
     base = _points_of(is_second, is_third, a, b, c)
@@ -208,7 +218,11 @@ def _corners(reals, offsets, at, shift):
 
 @inlined
 def _features(p, triangle):
-    """Return the mask of lanes over their faces, heights, normals; lengths, arms, features, edge weights."""
+    """Return the closest features of eight triangles to eight points.
+
+    They are given by the mask of the points over their faces, heights, normals, distances, arms, features,
+    their numbers and weights. The weights are valid only on edges.
+    """
     a, b, c = triangle
     is_over, height, nx, ny, nz = height_over(*p, *a, *b, *c)
     length, arm = absolute(height), (nx * height, ny * height, nz * height)
@@ -232,11 +246,11 @@ def _store_feature(table, chunk, at, length, arm, normal, feature, which):
 
 @kernel
 def closest_of_lanes(reals, offsets, at, local_points, table):
-    """Fill the closest points of eight triangles to a point each, local.
+    """Write the closest points of eight triangles to one point each, in local frames.
 
-    *offsets* (N,): the first number of each triangle. *local_points* (3 N,): the points, by coordinate.
-    Columns *at* to *at* + 7 of both are read, and those of *table* (`LANES_COLUMNS` rows of N) written: the
-    fields of `closest_feature`, with the face's normal.
+    *offsets*: (N,), the first number of each triangle. *local_points*: (3 N,), the points, coordinate by
+    coordinate. Columns *at* to *at* + 7 of both are read. The same columns of *table*, which has
+    `LANES_COLUMNS` rows of N, receive the fields of `closest_feature` and the normal of the face.
     """
     chunk = len(offsets)
     p = load(local_points, at), load(local_points, chunk + at), load(local_points, 2 * chunk + at)
@@ -251,7 +265,7 @@ def closest_of_lanes(reals, offsets, at, local_points, table):
 
 @kernel
 def closest_of_row(reals, offsets, k, local_points, table, closest):
-    """Fill one column of *table* like `closest_of_lanes`. *closest*: scratch."""
+    """Write one column of *table* with the result of `closest_of_lanes`. *closest*: scratch memory."""
     chunk, corners = len(offsets), closest.corners
     for j in range(3):
         corners[j, 0], corners[j, 1], corners[j, 2] = corner_at(reals, offsets[k], j)
@@ -269,7 +283,7 @@ def closest_of_row(reals, offsets, k, local_points, table, closest):
 
 @inlined
 def read_row(table, chunk, k, closest):
-    """Copy one column of a table of *chunk* to *closest*; return the feature and its number."""
+    """Copy one column of a table with *chunk* columns to *closest*. Return the feature and its number."""
     closest.length = table[LANES_LENGTH * chunk + k]
     for axis in range(3):
         closest.arm[axis] = table[(LANES_ARM + axis) * chunk + k]
@@ -281,7 +295,10 @@ def read_row(table, chunk, k, closest):
 
 @kernel
 def sides_of_lanes(reals, offsets, at, local_points, table):
-    """Fill the columns that decide the side like `closest_of_lanes`, and heights; no weights or points."""
+    """Write only the columns of *table* that decide the side, and the heights.
+
+    The arguments are those of `closest_of_lanes`. Weights and points are not written.
+    """
     chunk = len(offsets)
     p = load(local_points, at), load(local_points, chunk + at), load(local_points, 2 * chunk + at)
     _, height, normal, length, arm, feature, which, _ = _features(p, _triangles(reals, offsets, at))

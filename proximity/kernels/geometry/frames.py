@@ -1,4 +1,4 @@
-"""Points and directions between the scene's frame and the local frame of a part."""
+"""Transformation of points and directions between the scene's frame and the local frame of a part."""
 
 import numpy as np
 
@@ -11,16 +11,16 @@ ROUNDED_UP = 1.0 + 1e-12
 ROUNDED_DOWN = 1.0 - 1e-12
 """Factors that cover the rounding of lengths, times and speeds."""
 LENGTH_ROUNDING = 1e-13
-"""Bound of the rounding error of distances and displacements, relative and in sizes of the scene."""
+"""Bound of the rounding error of distances and displacements, both relative and in sizes of the scene."""
 
 
 FARTHEST_LOCAL = 1e100
-"""Local coordinates are clamped to this: the direction stays, the square does not overflow."""
+"""Limit to which local coordinates are clamped. The direction stays, and the square does not overflow."""
 
 
 @inlined
 def looks_like_millimetres(frames, distance):
-    """Test whether a point at that distance, m, may have been given in millimetres."""
+    """Test whether a point at this distance, m, may have been given in millimetres."""
     last, size_sq = len(frames) - 1, 0.0
     for axis in range(3):
         edge = frames[last].box_upper[axis] - frames[last].box_lower[axis]
@@ -35,20 +35,23 @@ def looks_like_millimetres(frames, distance):
 
 @inlined
 def can_be_asked(frames, parts, x, y, z):
-    """Test whether a point is finite and squares of its distances do not overflow."""
+    """Test whether a point is finite, and so near that squares of its distances do not overflow."""
     reach = FARTHEST_LOCAL / frames[len(parts) - 1].scale
     return abs(x) <= reach and abs(y) <= reach and abs(z) <= reach
 
 
 @inlined
 def is_alone(parts):
-    """Test whether there is only one part, not hidden: it is queried without a tree over parts."""
+    """Test whether the scene has only one part, which is not hidden. Queries then need no tree over parts."""
     return len(parts) == 2 and not parts[0].is_hidden
 
 
 @inlined
 def direction_to_local(frames, parts, part, x, y, z):
-    """Rotate a direction from the scene's frame to that of *part*; scalars or vectors of eight."""
+    """Rotate a direction from the scene's frame to the frame of *part*.
+
+    *x y z*: scalars or vectors of eight.
+    """
     if parts[part].is_turned:
         return (
             _along(frames, part, 0, x, y, z),
@@ -79,7 +82,10 @@ def direction_to_scene(frames, parts, part, x, y, z):
 
 @inlined
 def to_local(frames, parts, part, x, y, z):
-    """Transform a point from the scene's frame to the local frame of *part*; scalars or vectors of eight."""
+    """Transform a point from the scene's frame to the local frame of *part*.
+
+    *x y z*: scalars or vectors of eight.
+    """
     dx = x - like(frames[part].translation[0], x)
     dy = y - like(frames[part].translation[1], y)
     dz = z - like(frames[part].translation[2], z)
@@ -94,7 +100,7 @@ def to_local(frames, parts, part, x, y, z):
 
 @inlined
 def rounding_at(frames, x, y, z):
-    """Return a bound of the rounding error of a distance from a point of the scene's frame, m."""
+    """Return a bound, m, of the rounding error of a distance from a point in the scene's frame."""
     return LENGTH_ROUNDING * (1.0 / frames[len(frames) - 1].scale + abs(x) + abs(y) + abs(z))
 
 
@@ -106,14 +112,17 @@ def _pull_in(value):
 
 @inlined
 def turn_to_scene(frames, parts, part, source, at, target, to):
-    """Rotate a direction from the part's frame to the scene's."""
+    """Rotate a direction from the part's frame to the scene's frame. Write it to *target* from *to* on."""
     x, y, z = direction_to_scene(frames, parts, part, source[at], source[at + 1], source[at + 2])
     target[to], target[to + 1], target[to + 2] = x, y, z
 
 
 @inlined
 def to_scene(frames, parts, part, source, at, target, to):
-    """Transform a point from the part's local frame to the scene's."""
+    """Transform a point from the part's local frame to the scene's frame.
+
+    Write it to *target* from *to* on.
+    """
     for axis in range(3):
         target[to + axis] = source[at + axis] / frames[part].scale + frames[part].centre[axis]
     turn_to_scene(frames, parts, part, target, to, target, to)
@@ -132,7 +141,7 @@ def part_of_slot(words, parts, slot):
 
 @inlined
 def velocity_at(frame, x, y, z):
-    """Return the velocity of a part at a point of the scene's frame, m/s."""
+    """Return the velocity, m/s, of a part at a point in the scene's frame."""
     rx, ry, rz = x - frame.translation[0], y - frame.translation[1], z - frame.translation[2]
     wx, wy, wz = frame.angular_velocity[0], frame.angular_velocity[1], frame.angular_velocity[2]
     return (

@@ -1,4 +1,4 @@
-"""Local frame of a box: moved and scaled without rounding, see `mesh.bvh.LocalFrame`."""
+"""Choice of a local frame for a box, by shifting and scaling without rounding. See `mesh.bvh.LocalFrame`."""
 
 from math import frexp, ldexp
 
@@ -17,9 +17,9 @@ def _power_above(value):
 
 @entry("float64[:], float64[:], float64[:] -> float")
 def frame_of_box(lower, upper, centre):
-    """Return the scale of the local frame of a box, (3,) m, and fill its centre; see `mesh.bvh.LocalFrame`.
+    """Write the centre of the local frame of a box, (3,) m, and return its scale. See `mesh.bvh.LocalFrame`.
 
-    Returns 0 if the box is too far away or too small for the arithmetic.
+    The scale is 0 if the box is too far away or too small for the arithmetic.
     """
     extent, largest, reach = 0.0, 0.0, 0.0
     for axis in range(3):

@@ -1,4 +1,4 @@
-"""Order of points along a space-filling curve."""
+"""Order of points along a space-filling curve, the Morton curve."""
 
 import numpy as np
 
@@ -9,23 +9,26 @@ from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, horizontal_min, maximum, minimum, select, splat, store
 
 CELL_BITS = 7
-"""Bits of a cell's number along an axis. Ten bits do not shorten walks, and sorting takes a third pass
-(2026-11: batches are 1.04 to 1.12 times as fast with seven, computed eight at a time)."""
+"""Bits of a cell's number along an axis.
+
+With ten bits walks are not shorter, and sorting takes a third pass (2026-11: batches are 1.04 to 1.12 times
+as fast with seven bits, computed eight at a time).
+"""
 DIGIT_BITS = 11
-"""Bits of the Morton code sorted in one pass; two passes sort all."""
+"""Bits of the Morton code that one pass sorts. Two passes sort all bits."""
 SPREAD_BITS = np.array(
     [sum((n >> bit & 1) << 3 * bit for bit in range(CELL_BITS)) for n in range(2**CELL_BITS)], np.uint32
 )
-"""A cell's number along an axis, with two zeros between any two bits."""
+"""Table of cell numbers along an axis, with two zeros inserted between any two bits."""
 OF_EIGHT = 3 * LANES
-"""Coordinates of eight points."""
+"""Number of coordinates of eight points."""
 LARGEST_FINITE = 1e300
-"""Coordinates beyond this count as infinite: their difference may overflow."""
+"""Coordinates beyond this count as infinite, because their difference may overflow."""
 
 
 @entry("float64[:, 3] -> int64[:]", makes_arrays=True)
 def morton_order(points):
-    """Return the rows of *points* in Morton order; rows that are not finite may be anywhere."""
+    """Return the rows of *points* in Morton order. Rows that are not finite may be at any position."""
     count = len(points)
     keys, starts = np.empty(count, np.uint32), np.empty(2**DIGIT_BITS, np.int64)
     half_sorted, order = np.empty(count, np.int64), np.empty(count, np.int64)
@@ -37,7 +40,7 @@ def morton_order(points):
 
 @kernel
 def _write_keys(points, keys):
-    """Fill *keys* with the Morton code of each point's cell."""
+    """Write the Morton code of each point's cell to *keys*."""
     count, offsets, cells = len(points), stack_i64(LANES), stack_f64(OF_EIGHT)
     x0 = y0 = z0 = splat(np.inf)
     x1 = y1 = z1 = splat(-np.inf)
@@ -62,7 +65,7 @@ def _write_keys(points, keys):
 
 @inlined
 def _around(values, least, most):
-    """Update the minimum and maximum of eight lanes with the finite ones of *values*."""
+    """Update the least and the largest values of eight lanes by those of *values* that are finite."""
     is_finite = absolute(values) < splat(LARGEST_FINITE)
     least = minimum(least, select(is_finite, values, splat(np.inf)))
     return least, maximum(most, select(is_finite, values, splat(-np.inf)))
@@ -70,16 +73,17 @@ def _around(values, least, most):
 
 @inlined
 def _cells(values, lower, rate):
-    """Return the cell number, with its fraction, of each value along an axis; 0 for nan."""
+    """Return the cell number of each value along an axis, including its fraction. The number is 0 for nan."""
     along = (values - splat(lower)) * splat(rate)
     return minimum(maximum(along, splat(0.0)), splat(2.0**CELL_BITS - 1.0))
 
 
 @kernel
 def sort_by_digit(keys, shift, starts, rows, into):
-    """Fill *into* with *rows*, sorted by the bits from *shift* on of their keys (N,), uint32.
+    """Sort *rows* by some bits of their keys, from bit *shift* on, and write them to *into*.
 
-    The length of *starts*, which is scratch, gives the number of bits. Equal rows keep their order.
+    *keys*: (N,) uint32. *starts* is scratch memory, whose length determines the number of bits. Rows with
+    equal bits keep their order.
     """
     digits = np.uint32(len(starts) - 1)
     starts[:] = 0

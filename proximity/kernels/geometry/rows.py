@@ -13,13 +13,16 @@ def vector(values):
 
 @inlined
 def columns(rows, offsets, at):
-    """Load eight rows of three by column; *offsets*, from *at* on: offset of each row."""
+    """Load eight rows of three numbers by column. Their offsets are those in *offsets* from *at* on."""
     return load_each(rows, offsets, at, 0), load_each(rows, offsets, at, 1), load_each(rows, offsets, at, 2)
 
 
 @inlined
 def columns_from(rows, first, offsets):
-    """Load eight consecutive rows by column, repeating the last one past the end. *offsets* (8,): scratch."""
+    """Load eight consecutive rows by column, with the last row repeated past the end.
+
+    *offsets*: (8,), scratch memory.
+    """
     for k in range(LANES):
         offsets[k] = 3 * min(first + k, len(rows) - 1)
     return columns(rows, offsets, 0)
@@ -27,9 +30,9 @@ def columns_from(rows, first, offsets):
 
 @inlined
 def copy_numbers(source, start, target, at, count):
-    """Copy *count* numbers from *source*, from *start* on, to *target*, from *at* on.
+    """Copy *count* numbers of *source* from *start* on to *target* from *at* on.
 
-    A slice assignment would compare lengths, and include numba's error for it.
+    A slice assignment would compare lengths, and include the code of numba's error for it.
     """
     for k in range(count):
         target[at + k] = source[start + k]
@@ -37,6 +40,6 @@ def copy_numbers(source, start, target, at, count):
 
 @inlined
 def copy_row(source, row, target, to):
-    """Copy a row of a table to row *to* of another."""
+    """Copy a row of a table to row *to* of another table."""
     for column in range(source.shape[1]):
         target[to, column] = source[row, column]

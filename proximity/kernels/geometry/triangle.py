@@ -1,11 +1,11 @@
-"""Distance from a point to triangles: one formula for scalars and for vectors of eight.
+"""Distance from a point to triangles, with one formula for scalars and for vectors of eight.
 
-The squared distance to a triangle is the minimum over its three edges and, if the foot of the point falls
-inside, its plane. Edge parameters are clamped, so that each edge distance is that to a real point of the
-edge. The normal is a compensated cross product, and the side of an edge comes from ``normal · (edge × arm)``.
-The error stays at a few roundings of the coordinates for any shape; the textbook barycentric formula divides
-by the squared area and loses up to 90 % of the distance on needles. Degenerate triangles fall back to their
-edges, edges without length to their ends.
+The squared distance to a triangle is the minimum of those to its three edges and, if the foot of the point is
+inside, that to its plane. Edge parameters are clamped, so that each edge distance is the distance to an
+existing point of the edge. The normal is a compensated cross product, and the side of an edge comes from
+``normal · (edge × arm)``. The error is a few roundings of the coordinates for any shape. The textbook
+barycentric formula divides by the squared area and loses up to 90 % of the distance on needles. Degenerate
+triangles are replaced by their edges, and edges without length by their ends.
 
 Source for the method: the Voronoi regions of Ericson, Real-Time Collision Detection, 5.1.5; Kahan's
 difference of products (see Jeannerod, Louvet, Muller 2013) for the cross product.
@@ -16,20 +16,22 @@ from proximity.native import inlined
 from proximity.native.simd import fma, like, maximum, minimum, select, square_root
 
 TINY = 1e-60
-"""Squared lengths and squared double areas below this count as zero: in the local frame an edge of 1e-30, far
-below the rounding of coordinates."""
+"""Squared lengths and squared double areas below this count as zero.
+
+In the local frame this is an edge of 1e-30, far below the rounding of coordinates.
+"""
 
 
 @inlined
 def difference_of_products(a, b, c, d):
-    """Return a b - c d to 1.5 units in the last place, so with the correct sign (Kahan)."""
+    """Return a b - c d to 1.5 units in the last place, and so with the correct sign (Kahan)."""
     cd = c * d
     return fma(a, b, -cd) + fma(-c, d, cd)
 
 
 @inlined
 def cross(ax, ay, az, bx, by, bz):
-    """Return the vector product with compensated components; scalars or vectors of eight."""
+    """Return the vector product, with compensated components, of vectors of scalars or of eight lanes."""
     return (
         difference_of_products(ay, bz, az, by),
         difference_of_products(az, bx, ax, bz),
@@ -39,13 +41,16 @@ def cross(ax, ay, az, bx, by, bz):
 
 @inlined
 def dot(ax, ay, az, bx, by, bz):
-    """Return the scalar product."""
+    """Return the scalar product of two vectors."""
     return fma(ax, bx, fma(ay, by, az * bz))
 
 
 @inlined
 def edge_distance_sq(p, e):
-    """Return the squared distance from point *p* to the segment from the origin to *e*; (x, y, z) each."""
+    """Return the squared distance from a point to a segment that starts at the origin.
+
+    *p*: the point, *e*: the end of the segment; (x, y, z) each.
+    """
     px, py, pz = p
     ex, ey, ez = e
     t = dot(px, py, pz, ex, ey, ez) / maximum(dot(ex, ey, ez, ex, ey, ez), like(TINY, ex))
@@ -56,9 +61,10 @@ def edge_distance_sq(p, e):
 
 @inlined
 def point_triangle_distance_sq(p, a, b, c):
-    """Return the squared distance from point *p* to triangle *abc*; (x, y, z) each, scalars or vectors.
+    """Return the squared distance from a point to a triangle.
 
-    Local frame: coordinates of the triangle within [-1, 1].
+    *p*, *a*, *b*, *c*: (x, y, z) each, scalars or vectors of eight. The coordinates of the triangle are
+    local, so within [-1, 1].
     """
     px, py, pz = p
     ax, ay, az = a
@@ -100,16 +106,20 @@ def point_triangle_distance_sq(p, a, b, c):
 
 @inlined
 def point_block_distance_sq(blocks, base, p):
-    """Return squared distances from a point, (x, y, z) of float64x8, to the eight triangles at *base*."""
+    """Return squared distances from a point to the eight triangles of the block at *base*.
+
+    *p*: (x, y, z) of float64x8.
+    """
     return point_triangle_distance_sq(p, *corners_of_block(blocks, base))
 
 
 @inlined
 def height_over(px, py, pz, ax, ay, az, bx, by, bz, cx, cy, cz):
-    """Test whether the foot of *p* is strictly inside triangle *abc*; return that, height, and unit normal.
+    """Test whether the foot of *p* is strictly inside triangle *abc*.
 
-    Scalars or vectors of eight. Same formula as in the walk, so that both agree on the interior. A triangle
-    without area has normal and height 0.
+    Return also its height and the unit normal. The arguments are scalars or vectors of eight. The formula is
+    the same as in the walk, so that both agree on the interior. A triangle without area has normal and height
+    0.
     """
     abx, aby, abz = bx - ax, by - ay, bz - az
     acx, acy, acz = cx - ax, cy - ay, cz - az

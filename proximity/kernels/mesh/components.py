@@ -1,4 +1,4 @@
-"""Connected components by union-find, with the relative orientation of nodes.
+"""Connected components by union-find, which includes the relative orientation of nodes.
 
 The link of a node is twice the number of a connected node, plus one if their orientations are opposite; a
 root links to itself. The root of a component is its lowest node.
@@ -11,7 +11,7 @@ from proximity.native import allocating_kernel, kernel
 
 @allocating_kernel
 def unlinked(count):
-    """Return the links of unconnected nodes, (count,) int64."""
+    """Return links for nodes that are not connected, (count,) int64."""
     links = np.empty(count, np.int64)
     for node in range(count):
         links[node] = 2 * node
@@ -20,7 +20,10 @@ def unlinked(count):
 
 @kernel
 def root_of(links, node):
-    """Return twice the root of a node, plus one if their orientations are opposite, with path halving."""
+    """Return twice the root of a node, plus one if their orientations are opposite.
+
+    The path to it is halved.
+    """
     at = 2 * node
     while links[at >> 1] != at & ~1:
         link = links[at >> 1]
@@ -32,7 +35,10 @@ def root_of(links, node):
 
 @kernel
 def join(links, one, other, is_crossed):
-    """Connect two nodes, with opposite orientations if *is_crossed* (0 or 1); False on contradiction."""
+    """Connect two nodes, with opposite orientations if *is_crossed* is 1.
+
+    Return False if this is a contradiction.
+    """
     first, last = root_of(links, one), root_of(links, other) ^ is_crossed
     low, high = min(first >> 1, last >> 1), max(first >> 1, last >> 1)
     if low == high:
@@ -43,7 +49,10 @@ def join(links, one, other, is_crossed):
 
 @allocating_kernel
 def component_labels(links):
-    """Return the component of each node, (N,) int64, by lowest node, and the number of components."""
+    """Return the component of each node, (N,) int64, and the number of components.
+
+    Components are numbered in the order of their lowest nodes.
+    """
     labels, found = np.empty(len(links), np.int64), 0
     for node in range(len(links)):
         root = root_of(links, node) >> 1

@@ -1,8 +1,8 @@
-"""Half-edges of faces sorted by edge, and the topology derived from them.
+"""Half-edges of faces sorted by edge, and the topology that follows from them.
 
-An edge is an unordered pair of corners; a *half-edge* is one face's side of an edge: half-edge ``3 * face +
-k`` runs from corner k to corner k + 1 of that face, *forward* if that is from the lower corner to the higher.
-An edge between two equal corners (of a face without area) connects no faces.
+An edge is an unordered pair of corners. A *half-edge* is one face's side of an edge: half-edge ``3 * face +
+k`` runs from corner k to corner k + 1 of that face. It is *forward* if it runs from the lower corner to the
+higher one. An edge between two equal corners (of a face without area) connects no faces.
 """
 
 from typing import NamedTuple
@@ -13,21 +13,24 @@ from proximity.kernels.mesh.components import component_labels, join, unlinked
 from proximity.native import allocating_kernel, entry, inlined, kernel
 
 INSERTED = 16
-"""Longest run that is sorted by insertion."""
+"""Length of the longest run that is sorted by insertion."""
 NO_NEIGHBOR = -1
-"""No other face has this edge."""
+"""Code for an edge that no other face has."""
 MANY_NEIGHBORS = -2
-"""More than two faces have this edge, or two with the same direction."""
+"""Code for an edge of more than two faces, or of two faces with the same direction."""
 EDGES, BOUNDARY, NONMANIFOLD, MISORIENTED, UNBALANCED = range(5)
-"""Counts of edges: all; with one face, or between equal corners; with more than two faces; with two faces in
-the same direction; with unequal numbers of forward and backward half-edges."""
+"""Kinds of edges that are counted.
+
+They are all edges; those of one face, or between equal corners; those of more than two faces; those of two
+faces with the same direction; and those with unequal numbers of forward and backward half-edges.
+"""
 
 
 class EdgeRuns(NamedTuple):
-    """Half-edges sorted by edge; those of edge e are ``order[starts[e] : starts[e + 1]]``.
+    """Half-edges sorted by edge. The half-edges of edge e are ``order[starts[e] : starts[e + 1]]``.
 
-    Edges are sorted by lower, then higher corner; within an edge, forward half-edges come first, each kind by
-    number.
+    Edges are sorted by the lower corner, then by the higher one. Within an edge, forward half-edges come
+    first, and each kind is in ascending order.
     """
 
     order: np.ndarray  # (3 F,) int32
@@ -37,9 +40,10 @@ class EdgeRuns(NamedTuple):
 
 @allocating_kernel
 def sorted_half_edges(corners):
-    """Return the sorted half-edges of *corners* (F, 3) int32, not negative.
+    """Return the half-edges of faces, sorted by edge. *corners*: (F, 3) int32, not negative.
 
-    Counting sort by the lower corner, then a sort of each short run by the higher one.
+    They are sorted by the lower corner with a counting sort. Then each short run is sorted by the higher
+    corner.
     """
     order, keys = np.empty(corners.size, np.int32), np.empty(corners.size, np.uint32)
     ends = _spread(corners, order, keys)
@@ -70,16 +74,16 @@ def ends_of(corners, half_edge):
 
 @inlined
 def is_loop(corners, half_edge):
-    """Test whether both corners of an edge are equal."""
+    """Test whether an edge is between two equal corners."""
     start, end = ends_of(corners, half_edge)
     return start == end
 
 
 @allocating_kernel
 def _spread(corners, order, keys):
-    """Sort half-edges by the lower corner of their edges into *order*; return the end of each corner's run.
+    """Sort half-edges by the lower corner of their edge into *order*. Return the end of each corner's run.
 
-    *keys*: twice the higher corner, plus one for backward half-edges.
+    *keys* is filled with twice the higher corner, plus one for backward half-edges.
     """
     largest = 0
     for face in range(len(corners)):
@@ -102,7 +106,10 @@ def _spread(corners, order, keys):
 
 @kernel
 def sort_run(keys, rows, first, end, other_keys, other_rows):
-    """Sort a run by its keys, stably. *other_keys*, *other_rows*: scratch, with the length of the run."""
+    """Sort a run of *rows* by its *keys*. Rows with equal keys keep their order.
+
+    *other_keys*, *other_rows*: scratch memory, with the length of the run.
+    """
     for start in range(first, end, INSERTED):
         for position in range(start + 1, min(start + INSERTED, end)):
             key, row, at = keys[position], rows[position], position
@@ -119,7 +126,7 @@ def sort_run(keys, rows, first, end, other_keys, other_rows):
 
 @kernel
 def _merge(keys, rows, first, middle, end, other_keys, other_rows):
-    """Merge two adjacent sorted runs, stably."""
+    """Merge two adjacent sorted runs. Rows with equal keys keep their order."""
     count = middle - first
     for k in range(count):
         other_keys[k], other_rows[k] = keys[first + k], rows[first + k]
@@ -136,9 +143,10 @@ def _merge(keys, rows, first, middle, end, other_keys, other_rows):
 
 @entry("int32[:, 3] -> int32[:, :], int64[:]", makes_arrays=True)
 def face_topology(corners):
-    """Return the face across each edge, (F, 3) int32, or `NO_NEIGHBOR` or `MANY_NEIGHBORS`; counts of edges.
+    """Return the face across each edge of each face, (F, 3) int32, and the counts of edges, (5,).
 
-    *corners* (F, 3): one number per position. The counts: (5,), see `EDGES`.
+    If there is not exactly one such face, its place has `NO_NEIGHBOR` or `MANY_NEIGHBORS`. The counts are
+    described at `EDGES`. *corners*: (F, 3), with one number per position.
     """
     edges = sorted_half_edges(corners)
     order, starts, forward_counts = edges
@@ -168,8 +176,8 @@ def face_topology(corners):
 def surface_shells(corners):
     """Return the number of surfaces connected by edges of two faces, and whether they are oriented.
 
-    Oriented: at each inner edge the numbers of forward and backward half-edges differ by at most one, and do
-    not differ if their sum is even.
+    They are oriented if at each inner edge the numbers of forward and backward half-edges are equal, or
+    differ by one where their sum is odd.
     """
     order, starts, forward_counts = sorted_half_edges(corners)
     links, is_oriented = unlinked(len(corners)), True

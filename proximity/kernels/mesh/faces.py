@@ -1,6 +1,6 @@
 """Measures of faces and shells: area, thickness, enclosed volume, and normals at corners.
 
-*corners* (K, 3) float64, *faces* (F, 3) integers: rows of *corners*.
+In all functions, *corners* is (K, 3) float64, and *faces* is (F, 3) integers, rows of *corners*.
 """
 
 from math import atan2, sqrt
@@ -14,14 +14,14 @@ from proximity.native import allocating_kernel, entry, inlined, kernel
 
 @inlined
 def _corner(corners, faces, face, k):
-    """Return corner *k* of a face."""
+    """Return the position of corner *k* of a face."""
     corner = faces[face, k]
     return corners[corner, 0], corners[corner, 1], corners[corner, 2]
 
 
 @kernel
 def face_normal(corners, faces, face):
-    """Return a face's normal, with a length of twice its area."""
+    """Return the normal of a face, with a length of twice its area."""
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
     bx, by, bz = corners[b, 0] - ax, corners[b, 1] - ay, corners[b, 2] - az
@@ -42,7 +42,7 @@ def corner_distance_sq(corners, one, other):
 
 @kernel
 def double_area(corners, faces, face):
-    """Return twice a face's area."""
+    """Return twice the area of a face."""
     nx, ny, nz = face_normal(corners, faces, face)
     return sqrt(dot(nx, ny, nz, nx, ny, nz))
 
@@ -58,7 +58,7 @@ def double_areas(corners, faces):
 
 @entry("float64[:, 3], int32[:, 3], float -> bool[:]", makes_arrays=True)
 def thin_faces(corners, faces, height):
-    """Return a mask of the faces with at most *height* over their longest side: (F,) bool."""
+    """Return a mask of the faces that are at most *height* high over their longest side, (F,) bool."""
     are_thin = np.empty(len(faces), np.bool_)
     for face in range(len(faces)):
         longest_sq = 0.0
@@ -71,10 +71,11 @@ def thin_faces(corners, faces, height):
 
 @entry("float64[:, 3], int32[:, 3] -> float", makes_arrays=True)
 def signed_volume(vertices, faces):
-    """Return six times the enclosed volume of the mesh, scaled so that its box reaches 1 from its middle.
+    """Return six times the volume enclosed by the mesh, or 0 if rounding makes its sign uncertain.
 
-    Returns 0 if rounding leaves the sign open. Divergence theorem about that middle. *vertices* (V, 3): of
-    any size; unused rows may hold any values. Source: Neumaier 1974 for the sum.
+    The mesh is scaled so that its box reaches to 1 from its middle; the divergence theorem is applied about
+    this middle. *vertices*: (V, 3), of any size; unused rows may have any values. Source: Neumaier 1974 for
+    the sum.
     """
     low_x, low_y, low_z, high_x, high_y, high_z = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
     for face in range(len(faces)):
@@ -106,10 +107,11 @@ def signed_volume(vertices, faces):
 
 @entry("float64[:, 3], int32[:, 3], int64[:], int -> float64[:, :]", makes_arrays=True)
 def shell_sizes(corners, faces, labels, count):
-    """Return six times the signed volume, twice the area and the reach of each of *count* shells: (3, count).
+    """Return six times the signed volume, twice the area, and the reach of each shell, (3, count).
 
-    *labels* (F,) int64: the shell of each face; every shell has a face. Volume and reach (to the farthest
-    first corner) are measured from the first corner of a shell's first face: a flat shell has no volume.
+    *labels*: (F,) int64, the shell of each face; every shell has a face. Volume and reach are measured from
+    the first corner of a shell's first face, so that a flat shell has no volume. The reach is the distance to
+    the farthest first corner of a face.
     """
     sizes, first = np.zeros((3, count)), np.full(count, -1)
     for face in range(len(faces)):
@@ -131,9 +133,9 @@ def shell_sizes(corners, faces, labels, count):
 
 @allocating_kernel
 def enclosed_volumes(corners, faces, labels, count):
-    """Return six times the signed volume of each shell, 0 if rounding leaves the sign open: (count,).
+    """Return six times the signed volume of each shell, (count,), or 0 if rounding makes its sign uncertain.
 
-    Approximate for shells with small holes. The arguments are those of `shell_sizes`.
+    The volume is approximate for shells with small holes. The arguments are those of `shell_sizes`.
     """
     sizes, volumes = shell_sizes(corners, faces, labels, count), np.zeros(count)
     for shell in range(count):
@@ -144,7 +146,7 @@ def enclosed_volumes(corners, faces, labels, count):
 
 @allocating_kernel
 def shell_boxes(corners, faces, labels, count):
-    """Return the box of each of *count* shells as lower and upper bounds: (count, 6)."""
+    """Return the lower and upper corner of the box around each of *count* shells, (count, 6)."""
     boxes = np.empty((count, 6))
     for shell in range(count):
         for axis in range(3):
@@ -161,10 +163,11 @@ def shell_boxes(corners, faces, labels, count):
 
 @entry("float64[:, 3], int32[:, 3], float64[:, 3]")
 def add_corner_normals(corners, faces, normals):
-    """Add to each corner the unit normals of its faces, weighted by their angles there, and normalize.
+    """Compute the normal at each corner, from the unit normals of its faces weighted by their angles there.
 
-    *corners* (K, 3) float64, *faces* (F, 3) int32, *normals* (K, 3) zeros. A face without area adds zero.
-    Source: Thürmer & Wüthrich 1998; Bærentzen & Aanæs 2005 for the proof that these decide the side.
+    *corners*: (K, 3) float64. *faces*: (F, 3) int32. *normals*: (K, 3), initially zero. A face without area
+    adds zero. Source: Thürmer & Wüthrich 1998; Bærentzen & Aanæs 2005 for the proof that these normals decide
+    the side.
     """
     for face in range(len(faces)):
         for k in range(3):

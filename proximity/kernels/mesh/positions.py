@@ -1,4 +1,4 @@
-"""Positions of corners: vertices at exactly equal positions count as one; -0.0 equals 0.0."""
+"""Positions of corners. Vertices at exactly equal positions count as one corner; -0.0 equals 0.0."""
 
 import numpy as np
 
@@ -6,16 +6,15 @@ from proximity.native import allocating_kernel, entry, inlined, kernel
 
 NO_ROW_YET = -1
 HASH_FACTOR = 0x2545F491
-"""Odd, without pattern and below 2**30: its product with 32 bits stays within int64."""
+"""Factor for hashing. It is odd and without a pattern; below 2**30, its product with 32 bits fits int64."""
 LOW_BITS = 0xFFFFFFFF
 
 
 @entry("float64[:, 3], int32[:, 3] -> int32[:, :], float64[:, :]", makes_arrays=True)
 def merged_faces(vertices, faces):
-    """Return *faces* by positions instead of vertices, (F, 3) int32, and the positions (K, 3), without -0.0.
+    """Return faces with positions instead of vertices, (F, 3) int32, and the positions, (K, 3), without -0.0.
 
-    Positions are numbered consecutively by the first vertex at each. *vertices* (V, 3): finite if used by a
-    face.
+    Positions are numbered in the order of their first vertices. *vertices*: (V, 3), finite if used by a face.
     """
     number = np.full(len(vertices), NO_ROW_YET, np.int32)
     for face in range(len(faces)):
@@ -31,7 +30,7 @@ def merged_faces(vertices, faces):
         if number[vertex] >= 0:
             for axis in range(3):
                 used[number[vertex], axis] = vertices[vertex, axis] + 0.0  # the sum turns -0.0 into 0.0
-    # First the equal row of each, then, in place, the number of its position.
+    # At first this is the first equal row of each row. The number of its position then replaces it.
     position = first_of_equal_rows(used)
     found = 0
     for row in range(used_count):
@@ -51,7 +50,7 @@ def merged_faces(vertices, faces):
 
 @allocating_kernel
 def first_of_equal_rows(rows):
-    """Return the first equal row of each of *rows* (N, 3) float64, without -0.0: (N,) int32."""
+    """Return the first row that equals each of *rows*, (N,) int32. *rows*: (N, 3) float64, without -0.0."""
     size = 4
     while size < 2 * len(rows):
         size *= 2
@@ -91,7 +90,7 @@ def _are_equal(rows, one, other):
 
 @allocating_kernel
 def gathered(table, rows):
-    """Return the given *rows* of a table (N, 3)."""
+    """Return some *rows* of a table (N, 3)."""
     taken = np.empty((len(rows), 3), table.dtype)
     for row in range(len(rows)):
         for k in range(3):
@@ -101,7 +100,7 @@ def gathered(table, rows):
 
 @allocating_kernel
 def rows_where(values, wanted):
-    """Return the rows of *values* (N,) that equal *wanted*, ascending, (K,) int32."""
+    """Return the rows at which *values* (N,) equal *wanted*, in ascending order, (K,) int32."""
     rows, found = np.empty(len(values), np.int32), 0
     for row in range(len(values)):
         if values[row] == wanted:

@@ -1,1 +1,1 @@
-"""One part as a separate model: its arrays, in memory of the caller, and its sign."""
+"""A single part as a separate model, with its sign. The caller provides the memory."""

@@ -1,8 +1,8 @@
-"""Arrays of a model of one part: their lengths, offsets and values, except the sign.
+"""Arrays of a model of one part: their lengths, offsets and values, except those of the sign.
 
-`plan_part` builds the tree and computes the length of ``reals`` and ``words``; the caller allocates them;
-`fill_part` fills them; `sign_choice` adds the sign. Every array starts at a cache line. Space for a sign grid
-is always planned, since the choice of the sign needs the filled arrays.
+`plan_part` builds the tree and computes the lengths of ``reals`` and ``words``. The caller allocates them,
+`fill_part` fills them, and `sign_choice` adds the sign. Every array starts at a cache line. Space for a sign
+grid is always planned, because the choice of the sign needs the filled arrays.
 """
 
 import numpy as np
@@ -34,12 +34,15 @@ from proximity.kernels.tree.oriented_box import fill_oriented_boxes
 from proximity.native import allocating_kernel, entry, kernel
 
 EMPTY_NODES = 1
-"""Nodes after those of the part: a scene of one part has an empty node, see `scene.parts.part_trees`."""
+"""Number of nodes after those of the part.
+
+A scene of one part has an empty node, see `scene.parts.part_trees`.
+"""
 
 
 @kernel
 def open_grid(frames, parts):
-    """Write the offset and resolution of the part's sign grid into its row."""
+    """Write the offset and the resolution of the sign grid into the row of the part."""
     extent = stack_f64(3)
     for axis in range(3):
         centre, scale = frames[0].centre[axis], frames[0].scale
@@ -53,7 +56,7 @@ def open_grid(frames, parts):
 
 @kernel
 def close_grid(frames, parts):
-    """Mark the part's row as having no sign grid."""
+    """Mark the row of a part as having no sign grid."""
     parts[0].grid, parts[0].grid_x, parts[0].grid_y, parts[0].grid_z = NO_GRID, 0, 0, 0
     frames[0].grid_rate = 0.0
     for axis in range(3):
@@ -65,12 +68,13 @@ def close_grid(frames, parts):
     makes_arrays=True,
 )
 def plan_part(corners, faces, frame, frames, parts):
-    """Build a part's tree and fill its rows; return the tree and the lengths of reals and words.
+    """Build the tree of a part and fill its rows. Return the tree and the lengths of ``reals`` and ``words``.
 
-    The tree: nodes, order of faces, first position of each leaf, as `build_tree` returns them. Zero lengths:
-    the part is too far from its origin or too small, and the rows are not filled. *corners* (K, 3) m, *faces*
-    (F, 3) of *corners*. *frame* (4,): centre and scale of a frame to share, used unless the part is small in
-    it; zeros for none. *frames*, *parts*: two rows of zeros, for the part and the scene.
+    The tree is returned as by `build_tree`: nodes, order of faces, first position of each leaf. If the part
+    is too far from its origin or too small, the lengths are zero and the rows are not filled. *corners*: (K,
+    3) m. *faces*: (F, 3), rows of *corners*. *frame*: (4,), centre and scale of a frame to share, or zeros;
+    it is used unless the part is small in it. *frames*, *parts*: two rows of zeros, for the part and the
+    scene.
     """
     lower, upper, centre = stack_f64(3), stack_f64(3), stack_f64(3)
     extent, scale = 0.0, frame[3]
@@ -105,7 +109,7 @@ def plan_part(corners, faces, frame, frames, parts):
 
 @kernel
 def _to_local(corners, centre, scale, local):
-    """Fill the positions of corners in a local frame."""
+    """Transform corners to a local frame and write them to *local*."""
     for corner in range(len(corners)):
         for axis in range(3):
             local[corner, axis] = (corners[corner, axis] - centre[axis]) * scale
@@ -113,7 +117,7 @@ def _to_local(corners, centre, scale, local):
 
 @allocating_kernel
 def tables_of(model):
-    """Return views of local corners, faces, neighbours, and faces of slots of a model of one part."""
+    """Return views of the local corners, faces, neighbours and faces of slots in a model of one part."""
     reals, words, _, parts = model
     part, numbers = parts[0], words.view(np.int32)
     return (
@@ -130,11 +134,11 @@ def tables_of(model):
     makes_arrays=True,
 )
 def fill_part(model, nodes, order, block_first, corners, faces, neighbors):
-    """Fill the arrays of a part, without its sign.
+    """Fill the arrays of a part, except its sign.
 
-    *model*: ``reals`` and ``words`` of the lengths returned by `plan_part`, with the rows that it filled.
-    *nodes*, *order*, *block_first*: the tree that it returned. *neighbors* (F, 3): the face across each edge,
-    or negative.
+    *model*: has the rows that `plan_part` filled, and ``reals`` and ``words`` of the lengths that it
+    returned. *nodes*, *order*, *block_first*: the tree that it returned. *neighbors*: (F, 3), the face across
+    each edge, or negative.
     """
     reals, words, frames, parts = model
     part, centre = parts[0], stack_f64(3)

@@ -1,4 +1,4 @@
-"""Choice of the sign method of a part, checked by sampling; see `scene.sign` for the methods.
+"""Choice of the sign method of a part, which is checked by sampling. See `scene.sign` for the methods.
 
 Source: Bærentzen & Aanæs 2005 (pseudo-normals), Jacobson et al. 2013 (winding numbers).
 """
@@ -29,28 +29,33 @@ from proximity.kernels.thresholds import CONTACT_DEPTH
 from proximity.native import allocating_kernel, entry, kernel
 
 SAMPLE_NEAR, SAMPLE_FAR = 1e-6, 3e-2
-"""Distances of samples from the surface, in sizes of the part: directly at it, and where other faces may be
-nearer."""
+"""Distances of samples from the surface, in sizes of the part.
+
+The first is just at the surface. At the second, other faces may be nearer.
+"""
 CLEAR_TURNS = 0.95
-"""An open surface has an inside if the winding number just below it is above this ..."""
+"""Winding number just below an open surface that must be exceeded for it to have an inside."""
 CLEAR_SHARE = 0.95
-"""... on this share of its area. A sheet, a hemisphere or a box without its lid fails."""
+"""Share of the area on which `CLEAR_TURNS` must be exceeded.
+
+A sheet, a hemisphere or a box without its lid fails.
+"""
 SURFACE_SHARE = 1e-9
-"""Sizes of the part: within this distance of the surface rounding makes the side arbitrary."""
+"""Distance from the surface, in sizes of the part, within which rounding makes the side arbitrary."""
 MAX_UNCLEAR_TURNS = 0.2
-"""Distance of a winding number from the nearest integer above which the side is undefined."""
+"""Largest difference between a winding number and the nearest integer for which the side is defined."""
 
 
 @entry(ModelArrays, "bool, bool -> int, int, int, int, int, float", makes_arrays=True)
 def choose_sign(model, is_watertight, is_balanced):
-    """Choose a part's sign and write its data: folded faces, a sign grid. Return the reason.
+    """Choose the sign of a part, and write it with its folded faces and its sign grid. Return the reason.
 
     *model*: filled by `part_model.fill_part`. *is_watertight*: every edge has two faces with opposite
-    directions; *is_balanced*: every edge has equal numbers of forward and backward half-edges.
+    directions. *is_balanced*: every edge has equal numbers of forward and backward half-edges.
 
-    Returned: ``REASON_...``; numbers of points compared and of contradictions to pseudo-normals; numbers of
-    faces thin or next to thin ones, and of others folded or crossing others; share of the surface below which
-    the winding number is clear.
+    Six numbers are returned: ``REASON_...``; how many points were compared, and how many of them contradict
+    pseudo-normals; how many faces are thin or next to thin ones, and how many others are folded or cross
+    others; and the share of the surface below which the winding number is clear.
     """
     reals, words, frames, parts = model
     corners, faces, neighbors, slot_faces = tables_of(model)
@@ -85,7 +90,7 @@ def choose_sign(model, is_watertight, is_balanced):
 
 @entry(ModelArrays, "int, bool, int32[:]", makes_arrays=True)
 def restore_sign(model, sign, has_grid, folded):
-    """Write a sign that is already known; *folded*: faces near which the winding number decides."""
+    """Write a sign that is already known. *folded*: the faces near which the winding number decides."""
     _, words, _, parts = model
     _, faces, _, slot_faces = tables_of(model)
     marks = np.zeros(len(faces), np.bool_)
@@ -99,7 +104,7 @@ def restore_sign(model, sign, has_grid, folded):
 
 @kernel
 def _size(frames):
-    """Return the longest side of the part's box, local."""
+    """Return the longest side of the part's box in the local frame."""
     extent = 0.0
     for axis in range(3):
         extent = max(extent, frames[0].own_upper[axis] - frames[0].own_lower[axis])
@@ -116,7 +121,7 @@ def _grid_lower(frames):
 
 @allocating_kernel
 def _fill_grid(model):
-    """Fill the part's sign grid."""
+    """Classify the cells of the part's sign grid and write them."""
     reals, words, frames, parts = model
     corners, faces, _, _ = tables_of(model)
     open_grid(frames, parts)
@@ -132,7 +137,7 @@ def _fill_grid(model):
 
 @kernel
 def _write_folded(words, parts, folded):
-    """Write the mask of folded faces of each block, (blocks,) uint8, into the notes on blocks."""
+    """Write masks of the folded faces into the notes on blocks. *folded*: (blocks,) uint8."""
     numbers = words.view(np.int32)
     for block in range(len(folded)):
         numbers[parts[0].block_notes + block] = np.int64(folded[block]) << FOLDED_AT
@@ -140,7 +145,7 @@ def _write_folded(words, parts, folded):
 
 @kernel
 def _bit_count(marks):
-    """Return the number of bits that are set."""
+    """Return the number of bits that are set in *marks*."""
     count = np.int64(0)
     for slot in range(LANES * len(marks)):
         count += (marks[slot // LANES] >> (slot % LANES)) & 1
@@ -149,17 +154,17 @@ def _bit_count(marks):
 
 @allocating_kernel
 def _contradictions(model, samples, beside, folded):
-    """Return the numbers of compared points and of points where the two methods disagree about the side.
+    """Return how many points were compared, and at how many of them the two methods disagree about the side.
 
-    *beside*, *folded* (blocks,) uint8: slots with faces next to thin ones, and slots that use the winding
-    number.
+    *beside*: (blocks,) uint8, the slots with faces next to thin ones. *folded*: (blocks,) uint8, the slots
+    that use the winding number.
 
     Notes
     -----
     A surface without self-intersections has winding number 0 just above it and 1 just below.
     Self-intersection curves divide any other surface into regions, and in some of them this fails everywhere:
-    one sample per region suffices. The sign grid is checked next to all faces, for regions some cells wide;
-    faces next to cells without a side are sampled, for regions of small faces.
+    one sample per region suffices. Regions that are some cells wide are found by checking the sign grid next
+    to all faces. Regions of small faces are found by sampling the faces next to cells without a side.
     """
     _, words, frames, parts = model
     corners, faces, _, slot_faces = tables_of(model)
@@ -176,7 +181,7 @@ def _contradictions(model, samples, beside, folded):
             is_clear[slot_faces[slot]] = True
     above = _beside_surface(face_samples(corners, faces, is_clear), SAMPLE_NEAR * size)
     asked = 4 * len(samples) + len(above) + len(uncertain)
-    # Without folds: a surface with many of them intersects itself.
+    # Folds are not left out here, because a surface with many of them intersects itself.
     _write_folded(words, parts, beside)
     against = np.int64(0)
     for offset in (-SAMPLE_NEAR, SAMPLE_NEAR, -SAMPLE_FAR, SAMPLE_FAR):
@@ -188,7 +193,7 @@ def _contradictions(model, samples, beside, folded):
 
 @allocating_kernel
 def _beside_surface(samples, offset):
-    """Return the points at a distance above samples, (N, 3)."""
+    """Return the points at a distance above surface samples, (N, 3)."""
     points = np.empty((len(samples), 3))
     for row in range(len(samples)):
         for axis in range(3):
@@ -198,10 +203,10 @@ def _beside_surface(samples, offset):
 
 @allocating_kernel
 def _differing(model, points, is_inside):
-    """Count the local points at which the sign of a part's distances and the winding number differ.
+    """Count the local points at which the sign of the part's distances differs from the winding number.
 
-    *is_inside* (N,): sides from the sign grid; winding numbers are computed only at points that contradict
-    it. (0,): no sides.
+    *is_inside*: (N,), sides from the sign grid, or (0,). If given, the winding number is computed only at
+    points whose sign contradicts them.
     """
     _, _, frames, _ = model
     world, distances, count, size = np.empty_like(points), np.empty((len(points), 1)), 0, _size(frames)
@@ -229,14 +234,14 @@ def _differing(model, points, is_inside):
 
 @kernel
 def _turns(model, points, row):
-    """Return the winding number of the part at a local point."""
+    """Return the winding number of the part around a local point."""
     reals, words, _, parts = model
     return winding_number(reals, words, 0, parts[0].moments, points[row, 0], points[row, 1], points[row, 2])
 
 
 @allocating_kernel
 def _clear_share(model, samples):
-    """Return the share of the area with a winding number near 1 just below and near 0 just above."""
+    """Return the share of the area at which the winding number is near 1 just below and near 0 just above."""
     step, clear_count = SAMPLE_NEAR * _size(model.frames), 0
     below, above = _beside_surface(samples, -step), _beside_surface(samples, step)
     for row in range(len(samples)):

@@ -1,4 +1,7 @@
-"""Surface samples of a part, to check its sign: a point and the face's unit normal, six numbers each."""
+"""Samples of the surface of a part, for checking its sign.
+
+A sample is a point and the unit normal of its face.
+"""
 
 from math import sqrt
 
@@ -9,7 +12,7 @@ from proximity.kernels.mesh.positions import rows_where
 from proximity.native import allocating_kernel, kernel
 
 POINT_SAMPLE_COUNT = 64
-"""Number of points on the surface, distributed by area."""
+"""Number of points on the surface. They are distributed by area."""
 # fmt: off
 RANDOM_SAMPLES = np.array([
     .62509547, .58643884, .20784613, .89721380, .01212614, .49927093, .77568569, .35512946, .18982131,
@@ -36,19 +39,28 @@ RANDOM_SAMPLES = np.array([
     .15078802, .37440928, .06064413,
 ]).reshape(64, 3)
 # fmt: on
-"""Random numbers, the same for every part: a share of the area, and the weights of two corners, uniform over
-a face."""
+"""Random numbers, which are the same for every part.
+
+A row has a share of the area, and the weights of two corners, distributed uniformly over a face.
+"""
 FACE_SAMPLE_COUNT = 128
-"""Maximum number of points above faces without a side in the sign grid; for parts with at most this number of
-faces, above any face."""
+"""Maximum number of points above faces for which the sign grid has no side.
+
+In parts with at most this number of faces, any face may be sampled.
+"""
 FACE_SAMPLE_WEIGHTS = np.array([[100, 100, 100], [298, 1, 1], [1, 298, 1], [1, 1, 298]]) / 300.0
-"""Weights of a face's corners at the samples: its middle, and near each corner, since corners enter other
-regions first."""
+"""Weights of the corners of a face at its samples.
+
+One sample is in the middle, and one is near each corner, because corners enter other regions first.
+"""
 
 
 @allocating_kernel
 def surface_samples(corners, faces):
-    """Return samples by area: points and unit normals, (N, 6); none if no face has an area."""
+    """Return samples distributed by area, (N, 6), or none if no face has an area.
+
+    A sample is a point and a unit normal.
+    """
     sums, total = np.empty(len(faces)), 0.0
     for face in range(len(faces)):
         total += double_area(corners, faces, face)
@@ -64,7 +76,7 @@ def surface_samples(corners, faces):
 
 @kernel
 def _first_above(sums, value):
-    """Return the index of the first of ascending *sums* above a value, or their number."""
+    """Return the index of the first number above *value* in ascending *sums*, or their length without one."""
     low, high = 0, len(sums)
     while low < high:
         middle = (low + high) // 2
@@ -77,9 +89,9 @@ def _first_above(sums, value):
 
 @allocating_kernel
 def face_samples(corners, faces, is_left_out):
-    """Return samples spread evenly over faces, independent of area: points and unit normals, (N, 6).
+    """Return samples distributed evenly over faces, independent of their area, (N, 6).
 
-    *is_left_out* (F,): faces to skip.
+    A sample is a point and a unit normal. *is_left_out*: (F,), True for faces to skip.
     """
     among = rows_where(is_left_out, False)
     sample_count = len(FACE_SAMPLE_WEIGHTS) * len(among)
@@ -95,7 +107,7 @@ def face_samples(corners, faces, is_left_out):
 
 @kernel
 def _add_sample(corners, faces, face, u, v, w, samples, count):
-    """Add the point of a face with these weights, unless the face has no area; return the new count."""
+    """Add the point of a face with the given weights, unless the face has no area. Return the new count."""
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     for axis in range(3):
         j, k = (axis + 1) % 3, (axis + 2) % 3

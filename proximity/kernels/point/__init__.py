@@ -1,1 +1,1 @@
-"""Closest point of one part: exact, within a budget, or from the last answer."""
+"""Search for the closest point of one part: exact, within a budget, or starting from the last answer."""

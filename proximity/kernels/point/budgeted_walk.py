@@ -1,6 +1,7 @@
-"""Closest point within a budget of steps, with a certified lower bound if the budget ends the search.
+"""Search for the closest point within a budget of steps.
 
-See `traverse.best_first` for the order in which nodes are opened.
+If the budget ends the search, the result has a certified lower bound. See `traverse.best_first` for the order
+in which nodes are opened.
 """
 
 from math import sqrt
@@ -25,17 +26,23 @@ from proximity.native.simd import maximum, minimum, narrow, select, splat, splat
 NO_TOLERANCE = 0.0, 0.0
 """Tolerance of an exact search, see `_target_sq`."""
 FAR_OUT = 2.0**40
-"""Part sizes from which on squares are taken in float64. Below, rounding a coordinate beyond 2 to float32
-changes a gap by at most 2^-23 of itself, covered by `BOUND_SHRINK`; up to 2 the boxes' padding covers it."""
+"""Distance, in part sizes, from which on squares are computed in float64.
+
+Below, rounding a coordinate beyond 2 to float32 changes a gap by at most 2^-23 of itself, which
+`BOUND_SHRINK` covers. Up to 2, the padding of the boxes covers it.
+"""
 BOUND_SHRINK = 1.0 - 2.0**-19
-"""Factor on a computed float32 bound: covers twice its rounding."""
+"""Factor on a computed float32 bound. It covers twice the rounding of the bound."""
 DOWN = 1.0 - 2.0**-50
-"""Factor on a lower bound in float64: covers a few roundings, such as a root and a division."""
+"""Factor on a lower bound in float64. It covers a few roundings, such as those of a root and a division."""
 
 
 @inlined
 def _query_in(frames, parts, part, point):
-    """Return a scene point in the frame of *part*: x, y, z, `factor_of`, and whether it is far."""
+    """Return a point of the scene in the frame of *part*.
+
+    The result is x, y, z, the `factor_of` the part, and whether the point is far.
+    """
     x, y, z = point
     px, py, pz = to_local(frames, parts, part, x, y, z)
     # NaN counts as near: float32 bounds then open no node.
@@ -45,7 +52,7 @@ def _query_in(frames, parts, part, point):
 
 @inlined
 def _bounds(words, base, query):
-    """Return lower bounds (float32x8) of the squared distances to a node's children, in the scene's scale.
+    """Return lower bounds (float32x8) of squared distances to a node's children, in the scene's scale.
 
     *query*: see `_query_in`. Unused lanes give inf, or NaN in a part that is too small for bounds.
     """
@@ -62,15 +69,15 @@ def _bounds(words, base, query):
 
 @inlined
 def _prune_bound(target_sq):
-    """Return the float32 limit, at or above *target_sq*, for bounds of subtrees to open."""
+    """Return the float32 limit for bounds of subtrees to open. It is not below *target_sq*."""
     return min(np.float32(target_sq * (1.0 + 2.0**-22)), LARGEST_BOUND)
 
 
 @inlined
 def _target_sq(best, tolerance):
-    """Return the squared distance at which the search ends: a little below the best found.
+    """Return the squared distance at which the search ends. It is a little below the best one found.
 
-    *tolerance*: permitted relative error of the distance, 0 for an exact search, and a length (scene's scaled
+    *tolerance*: permitted relative error of the distance, 0 for an exact search; and a length (scene's scaled
     frame) within which the search is exact.
     """
     best_sq, best_slot = best
@@ -86,14 +93,14 @@ def _target_sq(best, tolerance):
 
 @inlined
 def factor_of(frames, part):
-    """Return the factor from squared local lengths of *part* to the scene's scale: a power of two."""
+    """Return the factor from squared local lengths of *part* to the scene's scale. It is a power of two."""
     ratio = frames[len(frames) - 1].scale / frames[part].scale
     return ratio * ratio
 
 
 @inlined
 def known_sq(model, part, slot, point):
-    """Return the squared distance from a point of the scene's frame to one triangle, in the scene's scale."""
+    """Return the squared distance from a point in the scene's frame to one triangle, in the scene's scale."""
     reals, _, frames, parts = model
     px, py, pz = to_local(frames, parts, part, point[0], point[1], point[2])
     return slot_distance_sq(reals, slot, px, py, pz) * factor_of(frames, part)
@@ -101,7 +108,10 @@ def known_sq(model, part, slot, point):
 
 @inlined
 def best_known(model, part, slot, point):
-    """Return the same to the nearest triangle of the slot's block, and its slot."""
+    """Return the squared distance to the nearest triangle in the block of *slot*, and its slot.
+
+    The distance is that of `known_sq`.
+    """
     reals, _, frames, parts = model
     px, py, pz = to_local(frames, parts, part, point[0], point[1], point[2])
     best_sq, slot = best_of_block(reals, slot, px, py, pz)
@@ -110,7 +120,7 @@ def best_known(model, part, slot, point):
 
 @inlined
 def _nearer_in_leaf(reals, reference, query, best):
-    """Update *best* like `nearer_in_block`, with squared distances in the scene's scaled frame."""
+    """Return the result of `nearer_in_block`, but with squared distances in the scene's scaled frame."""
     px, py, pz, factor, _ = query
     lanes = splat(px), splat(py), splat(pz)
     found_sq, slot = nearer_in_block(reals, ~reference, lanes, best[0] / factor, best[1])
@@ -119,9 +129,10 @@ def _nearer_in_leaf(reals, reference, query, best):
 
 @inlined
 def _bounds_with_slabs(words, parts, reference, query, above):
-    """Return the greatest of three bounds of a node's children: `_bounds`, its own bound *above*, slabs.
+    """Return the tightest lower bounds of the squared distances to a node's children.
 
-    This order keeps NaN and inf in unused lanes.
+    They are the maximum of the box bounds (`_bounds`), the slab bounds, and the node's own bound *above*. The
+    order of the operations keeps NaN and inf in unused lanes.
     """
     bounds = maximum(splat32(above), _bounds(words, NODE_STRIDE * reference, query))
     # Nodes of the trees over parts follow those of the parts, and have no slabs.
@@ -138,13 +149,13 @@ _walk = best_first(_query_in, _bounds, _bounds_with_slabs, _nearer_in_leaf, _tar
 
 @inlined
 def nearest_with_budget(model, start, part, point, best, tolerance, budget, workspace):
-    """Find the nearest surface of a subtree to a point of the scene's frame, within *budget* steps.
+    """Find the surface of a subtree that is nearest to a point in the scene's frame, within *budget* steps.
 
-    *point*: (x, y, z). *start*: first reference, in the frame of *part* (the scene's row: the tree over
-    parts). *best*: initial squared distance (scene's scaled frame) and slot; farther triangles are pruned.
-    *tolerance*: see `_target_sq`. Returns the smallest squared distance found, its slot, a lower bound of the
-    squared distance (after a complete search that of the best, or less by the tolerance), and the steps
-    taken.
+    *point*: (x, y, z). *start*: first reference, in the frame of *part*, which is the scene's row for the
+    tree over parts. *best*: initial squared distance (scene's scaled frame) and slot; farther triangles are
+    pruned. *tolerance*: see `_target_sq`. Return the smallest squared distance found, its slot, a lower bound
+    of the squared distance, and the number of steps. After a complete search, the lower bound is the distance
+    found, or less by the tolerance.
     """
     (best_sq, slot), lower_sq, work = _walk(model, start, part, point, best, tolerance, budget, workspace)
     return best_sq, slot, lower_sq, work

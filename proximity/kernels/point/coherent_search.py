@@ -1,18 +1,19 @@
-"""Closest surface of a point that moved a little, searched from the last answer.
+"""Search for the closest surface to a point that has moved a little, starting from the last answer.
 
-A search ends at a *frontier*: opened nodes, whose children are unopened nodes or leaves. For each of these
-children a plane is stored that separates it from the query, perpendicular to the connection between its
-nearest point and the query at the time the plane was made. The distance to the plane is a lower bound and,
-after a small move, a tight one: the neglected terms are of second order. The next search tests eight planes
-at a time and opens the children that may be nearer than the previous nearest face. Not all planes are tested:
-the least excess of a node's planes over the reach gives the displacement at which they must be tested again.
+A search ends at a *frontier*. It consists of opened nodes, whose children are unopened nodes or leaves. For
+each of these children a plane is stored that separates it from the query. The plane is perpendicular to the
+connection between the query and the nearest point of the child at the time the plane was made. The distance
+to the plane is a lower bound and, after a small move, a tight one: the neglected terms are of second order.
+The next search tests eight planes at a time and opens the children that may be nearer than the previous
+nearest face. Not all planes are tested: the least excess of a node's planes over the reach gives the
+displacement at which they must be tested again.
 
-Five recorded fingers near a bumpy ring of 90 k even triangles take 10 steps a tick instead of 199 (p50), half
-the time; ten near a gear of 118 bodies 55 instead of 243, which is no faster. Near plane faces a walk takes 7
-steps a finger and is as fast; parts with separate frames are walked, without gain.
+Five recorded fingers near a bumpy ring of 90 k even triangles take 10 steps a tick instead of 199 (p50), and
+half the time. Ten fingers near a gear of 118 bodies take 55 steps instead of 243, which is no faster. Near
+plane faces a walk takes 7 steps a finger and is as fast. Parts with separate frames are walked, without gain.
 
-Tried and dropped (2026-11): distances less the displacement since, instead of planes. Being of first order,
-they opened twice as many nodes near plane faces as a walk from the root.
+Tried and dropped (2026-11): distances reduced by the displacement since, instead of planes. Being of first
+order, they opened twice as many nodes near plane faces as a walk from the root.
 
 Sources: Li & Chen 1998, "Incremental 3D collision detection with hierarchical data structures" (the
 frontier). Supporting planes as lower bounds of the distance to a convex set are textbook.
@@ -47,47 +48,57 @@ from proximity.native.simd import (
 )
 
 FRONTIER_CAPACITY = 112
-"""Maximum nodes of a frontier; beyond it the search restarts at the root."""
+"""Maximum number of nodes of a frontier. If more are needed, the search starts again at the root."""
 DUE_WORD = FRONTIER_CAPACITY // 2
-"""Nodes per word of due bits."""
+"""Number of nodes per word of due bits."""
 FRONTIER_GROUP = 4 * LANES
-"""Numbers per node, stored first: its children's planes, x, y, z of the direction and offset."""
+"""Numbers per node for the planes of its children: x, y, z of the direction, and offset.
+
+They are stored first.
+"""
 FRONTIER_X, FRONTIER_Y, FRONTIER_Z, FRONTIER_OFFSET = 0, LANES, 2 * LANES, 3 * LANES
 FRONTIER_DUE = FRONTIER_GROUP * FRONTIER_CAPACITY
-"""One number per node: the displacement up to which the planes of its unopened children are out of reach."""
+"""Offset of one number per node, the displacement at which its planes must be tested again.
+
+Up to this displacement, the planes of its unopened children are out of reach.
+"""
 FRONTIER_NODES = FRONTIER_DUE + FRONTIER_CAPACITY
-"""One number per node: the node's."""
+"""Offset of one number per node, which is the number of the node."""
 FRONTIER_TRAVEL = FRONTIER_NODES + FRONTIER_CAPACITY
-"""Accumulated displacement of the point since the frontier began; then its last position. In the tree's
-frame."""
+"""Offset of the point's accumulated displacement since the frontier began, and of its last position.
+
+Both are in the frame of the tree.
+"""
 FRONTIER_LIMIT = FRONTIER_TRAVEL + 4
-"""Nodes at which the frontier is rebuilt, to stay small."""
+"""Offset of the number of nodes at which the frontier is rebuilt, so that it stays small."""
 FRONTIER_SIZE = FRONTIER_LIMIT + 1
 FRONTIER_BEGINS = -1
-"""Count of a frontier not yet built."""
+"""Count of a frontier that has not been built yet."""
 LONG_WALK = 20
-"""Steps: a shorter walk is as fast as testing a frontier."""
+"""Number of steps below which a walk is as fast as testing a frontier."""
 MOST_NODES = 2**24
-"""Maximum node number, up to which float32 represents integers exactly."""
+"""Maximum number of a node, up to which float32 represents integers exactly."""
 FARTHEST_POINT = 1e3
-"""Part sizes: from farther away float32 cannot distinguish the planes."""
+"""Distance, in part sizes, beyond which float32 cannot distinguish the planes."""
 MOST_TRAVEL = np.float32(2.0)
-"""Part sizes: displacement after which the frontier is rebuilt, since it may no longer pay."""
+"""Displacement, in part sizes, after which the frontier is rebuilt because it may no longer save time."""
 FLOAT32_ROUNDING = 2.0**-19
-"""Rounding error of float32 results, several times over: relative, and in part sizes."""
+"""Several times the rounding error of float32 results, both relative and in part sizes."""
 SMALLEST_LENGTH_SQ = np.float32(1e-30)
 """Squared lengths below this have no usable direction."""
 NONE, ONE, INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 BEHIND_NONE = np.float32(-np.inf)
-"""Plane offset of a child that is a node of the frontier: always out of reach."""
+"""Plane offset of a child that is a node of the frontier. Such a plane is always out of reach."""
 CLOSING_SHARE = np.float32(0.49)
-"""Share of a plane's excess over the reach that the point may move: half, since the nearest face may recede
-as the plane approaches, less the rounding of the sum."""
+"""Share of a plane's excess over the reach that the point may move before the plane is tested again.
+
+It is half, because the nearest face may recede as the plane approaches, less the rounding of the sum.
+"""
 
 
 @inlined
 def _plane_of_block(reals, base, px, py, pz):
-    """Return a plane with all triangles of a block behind it, at nearly their distance from *p*."""
+    """Return a plane that has all triangles of a block behind it, at nearly their distance from *p*."""
     wide_x, wide_y, wide_z = splat(px), splat(py), splat(pz)
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners_of_block(reals, base)
     to_a = dot(wide_x - ax, wide_y - ay, wide_z - az, wide_x - ax, wide_y - ay, wide_z - az)
@@ -119,7 +130,10 @@ def _plane_of_block(reals, base, px, py, pz):
 
 @inlined
 def _plane_of_box(words, position, qx, qy, qz):
-    """Return the plane of one child's box seen from *q*: direction and offset; and the box's distance."""
+    """Return the plane of a child's box as seen from *q*, and the distance of the box.
+
+    The plane is given by its direction and offset.
+    """
     at_x = min(max(qx, lower_at(words, position, 0)), upper_at(words, position, 0))
     at_y = min(max(qy, lower_at(words, position, 1)), upper_at(words, position, 1))
     at_z = min(max(qz, lower_at(words, position, 2)), upper_at(words, position, 2))
@@ -134,13 +148,13 @@ def _plane_of_box(words, position, qx, qy, qz):
 
 @inlined
 def _reach(best_sq, slack):
-    """Return the largest computed plane distance at which a child may be as near as the best."""
+    """Return the largest computed distance of a plane whose child may be as near as the best face."""
     return np.float32(sqrt(best_sq) * (1.0 + FLOAT32_ROUNDING) + slack)
 
 
 @inlined
 def _keep_node(words, node, frontier, count, vx, vy, vz):
-    """Append a node to a frontier: the planes of its children's boxes."""
+    """Append a node to a frontier, with the planes of the boxes of its children."""
     base, at = NODE_STRIDE * node, FRONTIER_GROUP * count
     at_x, at_y, at_z = nearest_in_boxes(words, base, vx, vy, vz)
     gap_x, gap_y, gap_z = vx - at_x, vy - at_y, vz - at_z
@@ -157,21 +171,21 @@ def _keep_node(words, node, frontier, count, vx, vy, vz):
 
 @inlined
 def _keep_plane(frontier, at, plane):
-    """Store the plane of one child: direction and offset."""
+    """Store the direction and the offset of the plane of one child."""
     frontier[at + FRONTIER_X], frontier[at + FRONTIER_Y] = plane[0], plane[1]
     frontier[at + FRONTIER_Z], frontier[at + FRONTIER_OFFSET] = plane[2], plane[3]
 
 
 @inlined
 def _keep_point(frontier, travel, qx, qy, qz):
-    """Store the point's position and its accumulated displacement."""
+    """Store the position of the point and its accumulated displacement."""
     frontier[FRONTIER_TRAVEL], frontier[FRONTIER_TRAVEL + 1] = travel, qx
     frontier[FRONTIER_TRAVEL + 2], frontier[FRONTIER_TRAVEL + 3] = qy, qz
 
 
 @inlined
 def _travel_since(frontier, qx, qy, qz, slack):
-    """Return an upper bound of the point's accumulated displacement since the frontier began."""
+    """Return an upper bound of the displacement that the point has accumulated since the frontier began."""
     sx, sy, sz = (
         qx - frontier[FRONTIER_TRAVEL + 1],
         qy - frontier[FRONTIER_TRAVEL + 2],
@@ -183,7 +197,7 @@ def _travel_since(frontier, qx, qy, qz, slack):
 
 @inlined
 def _begin_frontier(words, root, frontier, vx, vy, vz):
-    """Build a frontier of only the root."""
+    """Build a frontier that has only the root."""
     for k in range(0, FRONTIER_CAPACITY, LANES):
         store(frontier, FRONTIER_DUE + k, splat32(INFINITE))
     _keep_node(words, root, frontier, 0, vx, vy, vz)
@@ -191,7 +205,7 @@ def _begin_frontier(words, root, frontier, vx, vy, vz):
 
 @inlined
 def _due_nodes(frontier, count, travel):
-    """Return the mask of nodes that are due, in two words, the first for `DUE_WORD` nodes."""
+    """Return a mask of the nodes that are due. It has two words, the first of them for `DUE_WORD` nodes."""
     due, also_due = np.int64(0), np.int64(0)
     if travel <= MOST_TRAVEL:
         for k in range(0, min(count, DUE_WORD), LANES):
@@ -203,9 +217,9 @@ def _due_nodes(frontier, count, travel):
 
 @inlined
 def _next_due(due, also_due, fresh):
-    """Return the next node to test: one that is due, or else *fresh*, the next new one.
+    """Return the next node to test, and the updated arguments.
 
-    Returns it and the updated three arguments.
+    It is a node that is due or, if there is none, the next new node *fresh*.
     """
     if due:
         return np.int64(trailing_zeros(due)), due & (due - 1), also_due, fresh
@@ -216,7 +230,10 @@ def _next_due(due, also_due, fresh):
 
 @inlined
 def _away(frontier, node, vx, vy, vz):
-    """Return distances to the planes of a node's children; inf for a child that is in the frontier itself."""
+    """Return the distances to the planes of a node's children.
+
+    They are inf for children in the frontier itself.
+    """
     at = FRONTIER_GROUP * node
     away = fma(load(frontier, at + FRONTIER_Z), vz, -load(frontier, at + FRONTIER_OFFSET))
     return fma(load(frontier, at + FRONTIER_X), vx, fma(load(frontier, at + FRONTIER_Y), vy, away))
@@ -224,7 +241,10 @@ def _away(frontier, node, vx, vy, vz):
 
 @inlined
 def _better_plane(reals, block, p, plane):
-    """Return the plane of a block if it is farther from *p* than *plane*, that of its box; else *plane*."""
+    """Return the plane of a block or the plane of its box, whichever is farther from *p*.
+
+    *plane*: the plane of the box.
+    """
     px, py, pz = p
     gx, gy, gz, offset = _plane_of_block(reals, block, px, py, pz)
     length = gx * px + gy * py + gz * pz - offset
@@ -235,7 +255,10 @@ def _better_plane(reals, block, p, plane):
 
 @inlined
 def _look_into_leaf(reals, reference, seen, p, best_sq, slot, plane):
-    """Update the best like `nearer_in_block`, unless the block is *seen*; also return the plane to store."""
+    """Update the best face in the same way as `nearer_in_block`. Return also the plane to store.
+
+    A block that is *seen* is not searched again.
+    """
     px, py, pz = p
     if reference != seen:
         lanes = splat(px), splat(py), splat(pz)
@@ -248,14 +271,16 @@ def _look_into_leaf(reals, reference, seen, p, best_sq, slot, plane):
 
 @kernel
 def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, workspace):
-    """Find the nearest surface of the whole scene to a point of its frame, exactly or not at all.
+    """Find the nearest surface of the whole scene to a point, starting from the last answer.
 
-    *model*: its four arrays; *point*: (x, y, z). *part*, *slot*: a face, ideally the previous nearest one.
-    *frontier* (`FRONTIER_SIZE`,): of the last search, with *count* nodes, or `FRONTIER_BEGINS`. The scene
-    must not have changed since, except for the pose of a single part. Returns the squared distance (scene's
-    scaled frame), part and slot of the nearest found; whether it is exact, False if *budget* steps did not
-    suffice; the frontier's count, 0 if it is to be discarded even after an exact answer; and the steps taken,
-    at most *budget* + 1.
+    *model*: its four arrays. *point*: (x, y, z), scene's frame. *part*, *slot*: a face, ideally the previous
+    nearest one. *frontier*: (`FRONTIER_SIZE`,), that of the last search, with *count* nodes, or
+    `FRONTIER_BEGINS`. The scene must not have changed since, except for the pose of a single part.
+
+    Return the squared distance (scene's scaled frame), the part and the slot of the nearest face found. Then
+    return whether it is exact, which is False if *budget* steps did not suffice; the count of the frontier,
+    which is 0 if it must be discarded even after an exact answer; and the number of steps, at most *budget* +
+    1.
     """
     reals, words, frames, parts = model
     walk_row = np.int64(0) if is_alone(parts) else len(parts) - 1

@@ -1,11 +1,11 @@
-"""Closest-point walk over one part, and over a whole scene.
+"""Search for the closest point of one part, or of a whole scene.
 
-The answer is the smallest computed squared distance, and among ties the lowest slot; a box is pruned only if
+The answer is the smallest computed squared distance, and in a tie the lowest slot. A box is pruned only if
 its bound exceeds the best. So the answer depends neither on the order of the walk nor on the initial bound.
 
-Boxes of a scene's tree are in the scene's scaled frame, stored in the last row of ``frames`` and ``parts``;
-squared distances are compared in it, and all scales are powers of two, so that changing frames does not
-round.
+Boxes of a scene's tree are in the scene's scaled frame, which is stored in the last row of ``frames`` and
+``parts``. Squared distances are compared in this frame. All scales are powers of two, so that changing frames
+does not round.
 
 Tried and dropped (2026-11, AVX-512): a store that compresses into memory instead of a register (1.4 times the
 time: microcode); one division for the four of a triangle (no change); always the first open child instead of
@@ -36,9 +36,10 @@ NOTHING_SEEN = 0
 
 @inlined
 def nearer_in_block(reals, block, p, best_sq, best_slot):
-    """Return squared distance and slot of *best* or of a better triangle of *block*.
+    """Return the squared distance and the slot of the best triangle so far, after a search in *block*.
 
-    *p*: the point, (x, y, z) of float64x8. Better: nearer, or as near with a lower slot.
+    *p*: the point, (x, y, z) of float64x8. A triangle is better if it is nearer, or as near with a lower
+    slot.
     """
     distances = point_block_distance_sq(reals, BLOCK_STRIDE * block, p)
     is_better = distances <= splat(best_sq)
@@ -52,9 +53,10 @@ def nearer_in_block(reals, block, p, best_sq, best_slot):
 
 @inlined
 def best_of_block(reals, slot, px, py, pz):
-    """Return the squared distance from *p*, local, to the nearest triangle of the slot's block; and its slot.
+    """Return the squared distance from a local point to the nearest triangle of a block, and its slot.
 
-    Faster than one triangle alone, and a walk that starts from the result can skip the block.
+    *slot*: any slot of the block. This is faster than for one triangle alone, and a walk that starts from the
+    result can skip the block.
     """
     p = splat(px), splat(py), splat(pz)
     return nearer_in_block(reals, slot // LANES, p, np.inf, np.int64(NO_SLOT))
@@ -62,7 +64,10 @@ def best_of_block(reals, slot, px, py, pz):
 
 @inlined
 def slot_distance_sq(reals, slot, px, py, pz):
-    """Return the squared distance from *p* to the triangle at *slot*: bit-identical to the walk's."""
+    """Return the squared distance from *p* to the triangle at *slot*.
+
+    It is bit-identical to that of the walk.
+    """
     return point_triangle_distance_sq((px, py, pz), *corners_at(reals, offset_of(slot)))
 
 
@@ -83,9 +88,10 @@ def _nearer_in_leaf(reals, reference, query, best):
 
 @inlined
 def _boxes_of(model, row, p, offset):
-    """Return whether a walk of *row* tests oriented boxes, words, their offset, and the point in float32.
+    """Return what a walk of *row* needs to test oriented boxes.
 
-    They give no bound for a far point, see `far_offset_sq`.
+    It is whether they are tested, the words, the offset of the boxes, and the point in float32. They give no
+    bound for a far point, see `far_offset_sq`.
     """
     (x, y, z), is_asked = p, model.parts[row].is_oblique != 0 and offset <= 0.0
     return is_asked, model.words, model.parts[row].block_boxes, (np.float32(x), np.float32(y), np.float32(z))
@@ -93,7 +99,7 @@ def _boxes_of(model, row, p, offset):
 
 @inlined
 def _is_box_beyond(boxes, block, best_sq):
-    """Test whether a block's oriented box is farther than the best."""
+    """Test whether the oriented box of a block is farther away than the best."""
     is_asked, words, first, (x, y, z) = boxes
     at = first + ORIENTED_STRIDE * block
     return is_asked and oriented_box_distance_sq(words, at, x, y, z) > reach_into_boxes(best_sq)
@@ -104,10 +110,11 @@ _walk_part = depth_first(_open_children, in_blocks(_nearer_in_leaf, fetch_ahead)
 
 @inlined
 def closest_in_part(model, part, start, p, best_sq, best_slot, seen, stacks):
-    """Find the triangle nearest to *p*, (x, y, z), local; return squared distance and slot.
+    """Find the triangle of a part that is nearest to a local point. Return its squared distance and its slot.
 
-    *start*: first reference, the part's root for all of it. *best_sq* and *best_slot*: initial best; farther
-    triangles are pruned. *seen*: the block already searched for it, or `NOTHING_SEEN`.
+    *p*: (x, y, z). *start*: the first reference, which is the part's root for the whole part. *best_sq*,
+    *best_slot*: the initial best; farther triangles are pruned. *seen*: the block already searched for it, or
+    `NOTHING_SEEN`.
     """
     lanes = lanes_of_point(p[0], p[1], p[2])
     best = bound_of(best_sq, lanes[2]), best_sq, best_slot
@@ -118,7 +125,7 @@ def closest_in_part(model, part, start, p, best_sq, best_slot, seen, stacks):
 
 @inlined
 def _nearer_in_part(model, part, start, query, best, stacks):
-    """Update *best* with the subtree *start* of a part with a separate frame."""
+    """Update *best* by the subtree *start* of a part with a separate frame."""
     _, _, frames, parts = model
     (_, _, offset), seen, (x, y, z), _ = query
     _, best_sq, best_slot = best
@@ -135,10 +142,11 @@ _walk_scene = depth_first(_open_children, in_blocks_and_parts(_nearer_in_leaf, _
 
 @inlined
 def nearest_in_scene(model, point, best_sq, best_part, best_slot, seen, stacks):
-    """Return squared distance (scene's scaled frame), part and slot of the surface nearest to (x, y, z).
+    """Find the surface of a scene that is nearest to a point in its frame.
 
-    The initial best is the last answer, or with `NO_PART` a limit. *seen*: as in `closest_in_part`. Ties go
-    to the lower part, then to the lower slot.
+    Return its squared distance (scene's scaled frame), part and slot. The initial best is the last answer, or
+    a limit with `NO_PART`. *seen*: as in `closest_in_part`. Ties go to the lower part, then to the lower
+    slot.
     """
     _, words, frames, parts = model
     x, y, z = point
@@ -158,7 +166,7 @@ def nearest_in_scene(model, point, best_sq, best_part, best_slot, seen, stacks):
 
 @inlined
 def nearest_from_block(model, point, limit_sq, part, slot, stacks):
-    """Find the nearest surface like `nearest_in_scene`, starting from the previous answer's block."""
+    """Return the result of `nearest_in_scene`, searched from the block of the previous answer on."""
     reals, _, frames, parts = model
     x, y, z = point
     best_sq, seen = limit_sq, np.int64(NOTHING_SEEN)

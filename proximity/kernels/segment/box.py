@@ -1,14 +1,14 @@
 """Lower bounds of the distance from a planned segment to eight boxes.
 
-A bound is the largest of several gaps along unit vectors, each a valid bound:
+A bound is the largest of several gaps along unit vectors, each of which is a valid bound:
 
-- x, y and z together: the gap between the box and the segment's own box;
-- each of them with the vector perpendicular to it and to the segment: tight for long segments;
-- from the box's centre to the nearest point of the segment: tight for distant boxes.
+- along x, y and z together, the gap between the box and the segment's own box;
+- along each vector perpendicular to the segment and to x, y or z: it is tight for long segments;
+- from the centre of the box to the nearest point of the segment: it is tight for distant boxes.
 
-Boxes that the segment may touch are ordered by the earliest fraction at which it may reach them: this
-fraction times `TOUCHING` is added to the bound. The first of several crossings is then found first and ends
-the traversal.
+Boxes that the segment may touch are ordered by the smallest fraction at which the segment may reach them.
+This fraction times `TOUCHING` is added to the bound. Then the first of several crossings is found first and
+ends the traversal.
 
 Source: Gottschalk, Lin, Manocha 1996, "OBBTree" (separating axes).
 """
@@ -26,7 +26,10 @@ from proximity.native import inlined, kernel
 from proximity.native.simd import absolute, fma, load, maximum, minimum, narrow, select, splat
 
 SEGMENT_SHRINK_FAR = 1.0 - 2.0**-44
-"""Factor on squared float64 bounds, for their rounding and that of the distances compared with them."""
+"""Factor on squared float64 bounds.
+
+It covers their rounding, and that of the distances compared with them.
+"""
 
 
 @inlined
@@ -44,7 +47,10 @@ def _side_gap(lower, upper, probe, axis):
 
 @inlined
 def _axis_gap(sum_j, sum_k, width_j, width_k, probe, axis):
-    """Return the gap between boxes and the segment along a perpendicular; 0 for NaN, of unused lanes."""
+    """Return the gap between boxes and the segment along a vector perpendicular to the segment.
+
+    It is 0 instead of NaN in unused lanes.
+    """
     n_j, n_k = _of(probe.first, axis), _of(probe.second, axis)
     apart = absolute(fma(n_j, sum_j, n_k * sum_k) - _of(probe.middle, axis))
     within = fma(absolute(n_j), width_j, fma(absolute(n_k), width_k, _of(probe.spread, axis)))
@@ -53,7 +59,10 @@ def _axis_gap(sum_j, sum_k, width_j, width_k, probe, axis):
 
 @inlined
 def _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, probe):
-    """Return squared gaps from box centres to the segment, or NaN, and the first fractions in the boxes."""
+    """Return squared gaps from the centres of boxes to the segment, and the first fractions inside the boxes.
+
+    A gap may be NaN.
+    """
     zero, half, one = _of(probe.zero, 0), _of(probe.half, 0), _of(probe.one, 0)
     slack, inverse_sq = _of(probe.slack, 0), _of(probe.inverse_sq, 0)
     dx, dy, dz = load_points(probe.direction, 0)
@@ -75,7 +84,10 @@ def _middle_gap_sq(sum_x, sum_y, sum_z, wide_x, wide_y, wide_z, probe):
 
 @inlined
 def _bounds_sq(lx, ly, lz, ux, uy, uz, probe):
-    """Return squared bounds to boxes, and first fractions times `TOUCHING`; inf and 0 in unused lanes."""
+    """Return squared bounds of the distances to boxes, and the first fractions times `TOUCHING`.
+
+    They are inf and 0 in unused lanes.
+    """
     sum_x, sum_y, sum_z = lx + ux, ly + uy, lz + uz
     wide_x, wide_y, wide_z = ux - lx, uy - ly, uz - lz
     gap_x = _side_gap(lx, ux, probe, 0)
@@ -94,7 +106,7 @@ def _bounds_sq(lx, ly, lz, ux, uy, uz, probe):
 
 @inlined
 def segment_boxes_distance_sq(nodes, base, probe):
-    """Return float32 bounds from the segment to the boxes of the node at *base*: see `node_bounds_sq`."""
+    """Return float32 bounds from the segment to the boxes of the node at *base*. See `node_bounds_sq`."""
     lower, upper = boxes_of(nodes, base)
     bounds, early = _bounds_sq(*lower, *upper, probe)
     return bounds + early
@@ -102,7 +114,10 @@ def segment_boxes_distance_sq(nodes, base, probe):
 
 @inlined
 def far_segment_boxes_distance_sq(nodes, base, plan):
-    """Return the bounds in float64 less the plan's offset: see `geometry.box.far_point_boxes_distance_sq`."""
+    """Return bounds computed in float64 and reduced by the plan's offset, for a segment far from the part.
+
+    See `geometry.box.far_point_boxes_distance_sq`.
+    """
     lower, upper = wide_boxes_of(nodes, base)
     bounds, early = _bounds_sq(*lower, *upper, plan)
     rest = maximum(bounds * splat(SEGMENT_SHRINK_FAR) - splat(plan.offset), splat(0.0)) + early
@@ -112,7 +127,7 @@ def far_segment_boxes_distance_sq(nodes, base, plan):
 
 @inlined
 def node_bounds_sq(words, base, plan, probe, is_far):
-    """Return float32 bounds of a node's children; those up to `open_bound` must be visited."""
+    """Return float32 bounds of a node's children. Those with bounds up to `open_bound` must be visited."""
     if is_far:
         return far_segment_boxes_distance_sq(words, base, plan)
     return segment_boxes_distance_sq(words, base, probe)
@@ -122,7 +137,7 @@ def node_bounds_sq(words, base, plan, probe, is_far):
 def open_bound(plan, best_sq, best_fraction):
     """Return the float32 limit of bounds, given the best squared distance and its fraction.
 
-    The fraction is of the whole segment and only used if the distance is 0.
+    The fraction is relative to the whole segment, and is only used if the distance is 0.
     """
     if best_sq > 0.0:
         return max(bound_of(best_sq, plan.offset), np.float32(1.001 * TOUCHING))

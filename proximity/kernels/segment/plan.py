@@ -1,8 +1,8 @@
-"""The *plan* of a segment: its precomputed values for a traversal, in the local frame of one part.
+"""The *plan* of a segment, which has its precomputed values for a traversal in the local frame of one part.
 
 The segment is clipped to the range that can contain the nearest point, and the values for bounds and
-distances are broadcast to eight lanes. Two records are filled once for a segment and part: ``plan`` and, for
-near segments, ``probe``.
+distances are broadcast to eight lanes. Two records are filled once for each segment and part: ``plan`` and,
+for near segments, ``probe``.
 """
 
 from math import sqrt
@@ -19,7 +19,7 @@ from proximity.native.simd import fma, splat, splat32, store
 
 
 def _probe_fields(number):
-    """Return the fields for bounds, eight lanes each, of numbers of one type."""
+    """Return the fields of values for bounds, which have eight lanes each. *number*: their type."""
     return {
         "lower": f"({3 * LANES},){number}",  # box of the segment
         "upper": f"({3 * LANES},){number}",
@@ -39,7 +39,7 @@ def _probe_fields(number):
 
 
 PROBE = record("Probe", **_probe_fields("f4"))
-"""Values for the bounds of a segment near the part."""
+"""Values for bounds of a segment that is near the part."""
 PLAN = record(
     "Plan",
     start="(3,)f8",  # of the clipped segment, local
@@ -58,22 +58,31 @@ PLAN = record(
 stack_plans, stack_probes = stack_arrays_of(PLAN)[0], stack_arrays_of(PROBE)[0]
 
 NEAR_REACH = 8.0
-"""A segment within this distance (part sizes) is compared with boxes in float32."""
+"""Distance, in part sizes, up to which a segment is compared with boxes in float32."""
 CUBE_RADIUS = 1.7320509
 """Slightly more than the distance from the centre of the local cube [-1, 1]³ to its corners."""
 AXIS_SHRINK = 1.0 - 2.0**-22
-"""Factor on the vectors, which keeps their length at most 1."""
+"""Factor on unit vectors that keeps their length at most 1."""
 TOUCHING = 1e-37
-"""Factor on fractions along the segment when added to squared bounds: below any significant distance."""
+"""Factor on fractions along the segment that are added to squared bounds.
+
+It is below any significant distance.
+"""
 SEGMENT_ROUNDING = 2.0**-24 * 64.0
-"""Bound of the rounding of a position along a vector in float32: a few dozen roundings of numbers up to 1. It
-grows in proportion to the segment's reach. `SEGMENT_ROUNDING_FAR` is the bound in float64."""
+"""Bound of the rounding of a position along a vector in float32.
+
+It is a few dozen roundings of numbers up to 1, and grows in proportion to the segment's reach.
+`SEGMENT_ROUNDING_FAR` is the bound in float64.
+"""
 SEGMENT_ROUNDING_FAR = 2.0**-53 * 64.0
 
 
 @inlined
 def _point_along(start, end, fraction):
-    """Return start + fraction · (end - start), rounded once: the ends may be millions of part sizes away."""
+    """Return start + fraction · (end - start) with one rounding.
+
+    The ends may be millions of part sizes away.
+    """
     if fraction <= 0.0:
         return start
     if fraction >= 1.0:
@@ -96,11 +105,11 @@ def _largest(x, y, z):
 
 @kernel
 def _clip(plan, sx, sy, sz, ex, ey, ez):
-    """Clip the segment: fill start, end, low, high and offset of *plan*.
+    """Clip the segment, and write the result to the fields start, end, low, high and offset of *plan*.
 
     Let r be the distance from the centre of the cube to the segment. The surface is within √3 of the centre,
-    so the distance is at most r + √3, and its point on the segment is within r + 2 √3 of the centre: at most
-    √(4 √3 r + 12) along the segment from the point nearest to the centre.
+    so the distance is at most r + √3, and its point on the segment is within r + 2 √3 of the centre. This is
+    at most √(4 √3 r + 12) along the segment from the point nearest to the centre.
     """
     plan.start[0], plan.start[1], plan.start[2] = sx, sy, sz
     plan.end[0], plan.end[1], plan.end[2] = ex, ey, ez
@@ -128,7 +137,10 @@ def _clip(plan, sx, sy, sz, ex, ey, ez):
 
 @inlined
 def _order_axes(plan):
-    """Fill the values for distances; a segment without length has slopes of nan, and no crossings."""
+    """Write the values for distances to *plan*.
+
+    A segment without length has slopes of nan, and no crossings.
+    """
     dx, dy, dz = (
         plan.end[0] - plan.start[0],
         plan.end[1] - plan.start[1],
@@ -145,16 +157,16 @@ def _order_axes(plan):
 
 @inlined
 def ordered_axes(plan):
-    """Return the three axes in cyclic order, the last being the one along which the segment is longest."""
+    """Return the three axes in cyclic order. The segment is longest along the last one."""
     first = plan.axis_x
     return first, (first + 1) % 3, (first + 2) % 3
 
 
 @inlined
 def _perpendicular(plan, j, k):
-    """Return half the unit vector (two components) perpendicular to an axis and the segment; 0 if undefined.
+    """Return half the unit vector that is perpendicular to an axis and to the segment, or 0 without one.
 
-    Half, because it is multiplied by the sum of a box's ends.
+    It has two components. It is halved because it is multiplied by the sum of a box's ends.
     """
     step_j, step_k = plan.end[j] - plan.start[j], plan.end[k] - plan.start[k]
     length = sqrt(step_j * step_j + step_k * step_k)
@@ -165,7 +177,7 @@ def _perpendicular(plan, j, k):
 
 @inlined
 def _extent_along(plan, n_j, n_k, j, k):
-    """Return centre and half width of the segment along a vector, which is given by its half."""
+    """Return the centre and the half width of the segment along a vector. The vector is given by its half."""
     start = 2.0 * (n_j * plan.start[j] + n_k * plan.start[k])
     end = 2.0 * (n_j * plan.end[j] + n_k * plan.end[k])
     return 0.5 * (start + end), 0.5 * abs(end - start)
@@ -173,7 +185,7 @@ def _extent_along(plan, n_j, n_k, j, k):
 
 @inlined
 def _inverse_sq(plan):
-    """Return 1 / length² for bounds: 0 if it exceeds float32."""
+    """Return 1 / length² for bounds, or 0 if this exceeds float32."""
     return plan.per_length_sq if plan.per_length_sq < 1e30 else 0.0
 
 
@@ -198,7 +210,7 @@ def _unchanged(value):
 
 
 def _aiming(put, below, above, component):
-    """Return a kernel that fills a probe, or a plan's own, for bounds of one precision."""
+    """Return a kernel that writes the values for bounds to a probe, or to a plan, in one precision."""
 
     @kernel
     def aim(plan, probe, rounding):
@@ -233,7 +245,7 @@ _aim_far = _aiming(_put, _unchanged, _unchanged, _unchanged)
 
 @kernel
 def make_plan(plan, probe, sx, sy, sz, ex, ey, ez):
-    """Fill *plan* and *probe* for a segment in a part's local frame."""
+    """Compute *plan* and *probe* for a segment in the local frame of a part."""
     _clip(plan, sx, sy, sz, ex, ey, ez)
     _order_axes(plan)
     reach = max(_largest(*vector(plan.start)), _largest(*vector(plan.end)))

@@ -1,10 +1,10 @@
-"""Distance between a segment and triangles, and the witness points of the nearest one.
+"""Distance between a segment and triangles, and the witness points of the nearest triangle.
 
-The squared distance to a triangle is the smallest of: both ends to the plane if their foot is inside, and for
-each edge, both ends to the edge, its corner to the segment, and the two lines at their common perpendicular.
-All parameters are clamped, so every candidate is the distance of two existing points; for nearly parallel
-lines the perpendicular is inaccurate, but ends and corners are exact. The distance is zero if the segment
-crosses.
+The squared distance to a triangle is the smallest of several candidates: from both ends to the plane, if
+their foot is inside; and for each edge, from both ends to the edge, from its corner to the segment, and
+between the two lines at their common perpendicular. All parameters are clamped, so every candidate is the
+distance of two existing points. For nearly parallel lines the perpendicular is inaccurate, but ends and
+corners are exact. The distance is zero if the segment crosses the triangle.
 
 The axes of the coordinates may be permuted: z is the one along which the segment is longest.
 
@@ -35,18 +35,18 @@ WITNESS = record(
     solid_weights="(3,)f8",  # barycentric
     **CLOSEST_FIELDS,  # of the triangle, and of an end of the segment; last, so that it is not a subtype
 )
-"""Result for a segment and a triangle, local."""
+"""Nearest points of a segment and a triangle, in the local frame."""
 stack_witness, _ = stack_arrays_of(WITNESS)
 
 
 @inlined
 def segment_triangle_crossing(a, b, c, slope_x, slope_y, span):
-    """Test whether the segment from the origin to (slope_x, slope_y, 1) · span crosses *abc*.
+    """Test whether the segment from the origin to (slope_x, slope_y, 1) · span crosses triangle *abc*.
 
-    Returns the truth, numerator and denominator of the fraction along the segment, the weights of the three
-    corners and their sum. Corners are sheared until the segment is parallel to z: the signs of the weights
-    are then exact, and faces that share an edge or a corner leave no gap. Closed: edges and ends count. A
-    face seen edge-on is not crossed, but its neighbours are.
+    Return also the numerator and the denominator of the fraction along the segment, the weights of the three
+    corners and their sum. Corners are sheared until the segment is parallel to z. The signs of the weights
+    are then exact, and faces that share an edge or a corner leave no gap. The edges and ends belong to the
+    segment and the triangle. A face seen edge-on is not crossed, but its neighbours are.
     """
     ax, ay, az = a
     bx, by, bz = b
@@ -82,9 +82,10 @@ def _clamp(t):
 
 @inlined
 def segment_edge_distance_sq(a, e, d, inverse_sq):
-    """Return the squared distance from the segment, origin to *d*, to the half-open edge from *a* to a + e.
+    """Return the squared distance from a segment to a half-open edge of a triangle.
 
-    (x, y, z) each; *inverse_sq* is 1 / |d|². The end a + e is the next edge's start.
+    The segment is from the origin to *d*, the edge is from *a* to a + e; (x, y, z) each. The end a + e is the
+    start of the next edge. *inverse_sq*: 1 / |d|².
     """
     ax, ay, az = a
     ex, ey, ez = e
@@ -115,9 +116,9 @@ def segment_edge_distance_sq(a, e, d, inverse_sq):
 
 @inlined
 def _foot_distance_sq(p, r, ab, ac, bc, normal, inverse_sq):
-    """Test whether the foot of a point is inside the triangle; return also its squared distance to the plane.
+    """Test whether the foot of a point is inside the triangle. Return also its squared distance to the plane.
 
-    *p* and *r* are the point relative to corners a and b: every side is computed from its own corner, as in
+    *p*, *r*: the point relative to corners a and b. Every side is computed from its own corner, as in
     `point_triangle_distance_sq`. *inverse_sq*: 1 / |normal|².
     """
     px, py, pz = p
@@ -142,10 +143,10 @@ def _foot_distance_sq(p, r, ab, ac, bc, normal, inverse_sq):
 
 @inlined
 def segment_triangle_distance_sq(a, b, c, d, slope_x, slope_y, inverse_sq):
-    """Return the squared distance from the segment, origin to *d*, to triangle *abc*.
+    """Return the squared distance from the segment between the origin and *d* to triangle *abc*.
 
-    (x, y, z) each, scalars or vectors of eight. *slope_x*, *slope_y*: dx / dz, dy / dz. *inverse_sq*: 1 /
-    |d|².
+    *a*, *b*, *c*, *d*: (x, y, z) each, scalars or vectors of eight. *slope_x*, *slope_y*: dx / dz, dy / dz.
+    *inverse_sq*: 1 / |d|².
     """
     ax, ay, az = a
     bx, by, bz = b
@@ -177,7 +178,7 @@ def segment_triangle_distance_sq(a, b, c, d, slope_x, slope_y, inverse_sq):
 
 @kernel
 def _take_end(end, fraction, witness):
-    """Update the witness with the point of the triangle nearest to an end of the segment."""
+    """Update the witness by an end of the segment and the point of the triangle nearest to that end."""
     closest_on_triangle(end[0], end[1], end[2], witness)
     if witness.length < witness.gap:
         witness.gap, witness.fraction = witness.length, fraction
@@ -189,7 +190,7 @@ def _take_end(end, fraction, witness):
 
 @inlined
 def _from_nearer_end(start, end, fraction):
-    """Return a point between two as the nearer end and the step from it."""
+    """Return a point between two others as the nearer of them and the step from it."""
     if fraction <= 0.5:
         return start, fraction * (end - start)
     return end, (fraction - 1.0) * (end - start)
@@ -197,7 +198,10 @@ def _from_nearer_end(start, end, fraction):
 
 @inlined
 def _take_passing(plan, corner, t, u, witness):
-    """Update the witness with the points at *t* along the segment, and *u* along the edge from *corner*."""
+    """Update the witness by two points if they are nearer than its own.
+
+    One is at *t* along the segment, the other at *u* along the edge from *corner*.
+    """
     px, wx = _from_nearer_end(plan.start[0], plan.end[0], t)
     py, wy = _from_nearer_end(plan.start[1], plan.end[1], t)
     pz, wz = _from_nearer_end(plan.start[2], plan.end[2], t)
@@ -219,7 +223,7 @@ def _take_passing(plan, corner, t, u, witness):
 
 @inlined
 def _take_edge(plan, corner, witness):
-    """Update the witness with the edge from *corner*: its corner, and the common perpendicular."""
+    """Update the witness by the edge from *corner*: by its corner, and by the common perpendicular."""
     (sx, sy, sz), (tx, ty, tz) = vector(plan.start), vector(plan.end)
     (ax, ay, az), (bx, by, bz) = corner_of(witness, corner), corner_of(witness, (corner + 1) % 3)
     dx, dy, dz, ex, ey, ez = tx - sx, ty - sy, tz - sz, bx - ax, by - ay, bz - az
@@ -240,7 +244,10 @@ def _take_edge(plan, corner, witness):
 
 @inlined
 def _take_crossing(plan, witness):
-    """Fill the witness with the crossing, if any, consistent with `segment_triangle_distance_sq`."""
+    """Write the crossing to the witness, if there is one, and return whether there is.
+
+    It is consistent with `segment_triangle_distance_sq`.
+    """
     i, j, k = ordered_axes(plan)
     px, py, pz = plan.start[i], plan.start[j], plan.start[k]
     corners = witness.corners
@@ -266,10 +273,10 @@ def _take_crossing(plan, witness):
 
 @kernel
 def segment_on_triangle(plan, witness):
-    """Fill *witness* with the nearest points of the planned segment and of its triangle.
+    """Write the nearest points of the planned segment and of a triangle to *witness*.
 
-    Ties: the first along the segment. Degenerate: see `closest_on_triangle`; a segment without length gives
-    its start.
+    The corners of the triangle are already in *witness*. Ties: the first along the segment. Degenerate: see
+    `closest_on_triangle`; a segment without length gives its start.
     """
     witness.gap = inf
     if _take_crossing(plan, witness):

@@ -1,9 +1,9 @@
-"""Segment traversal of one part, and of a scene: the smallest distance to the triangles.
+"""Traversal of one part, or of a scene, for the smallest distance from a segment to the triangles.
 
-The same as the traversal for a point (see `point.walk`), with a bound for segments. The result is the
-smallest computed squared distance, ties going to the lowest slot; among crossings, the first along the
-segment, and once one is known only earlier ones are searched. The result does not depend on the order of
-traversal.
+It is the same as the traversal for a point (see `point.walk`), with a bound for segments. The result is the
+smallest computed squared distance. In a tie the lowest slot is chosen. Among crossings the first along the
+segment is chosen, and once one is known only earlier ones are searched. The result does not depend on the
+order of traversal.
 """
 
 import numpy as np
@@ -50,10 +50,10 @@ def segment_block_distance_sq(reals, base, plan):
 
 @kernel
 def segment_in_block(reals, block, plan, best_sq, best_fraction, best_slot, witness):
-    """Return squared distance (local), fraction and slot of the nearest of *block* and the known triangle.
+    """Return the nearest of the triangles of a block and the one known before.
 
-    The fraction is of the whole segment; it is inf, on input and output, unless the distance is 0. *witness*:
-    scratch.
+    It is given by its squared distance (local), its fraction and its slot. The fraction is relative to the
+    whole segment; it is inf, on input and output, unless the distance is 0. *witness*: scratch memory.
     """
     distances = segment_block_distance_sq(reals, BLOCK_STRIDE * block, plan)
     is_better = distances <= splat(best_sq)
@@ -99,7 +99,7 @@ _walk_part = depth_first(_open_children, in_blocks(_nearer_in_leaf))
 
 @kernel
 def segment_in_part(reals, words, start, plan, probe, best_sq, best_fraction, best_slot, witness, stacks):
-    """Apply `segment_in_block` to all blocks below *start*.
+    """Return the result of `segment_in_block` for all blocks below *start*.
 
     *start*, *best_sq*, *best_slot*: as for `point.walk.closest_in_part`. *plan*, *probe*: from
     `plan.make_plan`.
@@ -112,7 +112,10 @@ def segment_in_part(reals, words, start, plan, probe, best_sq, best_fraction, be
 
 @kernel
 def plan_in_part(frames, parts, part, segment, plan, probe):
-    """Fill the plan of a segment (six coordinates, scene's frame) in the frame of *part*, if not done."""
+    """Compute the plan of a segment in the frame of *part*, unless it is already known.
+
+    *segment*: six coordinates in the scene's frame.
+    """
     if plan.part == part:
         return
     sx, sy, sz = to_local(frames, parts, part, segment[0], segment[1], segment[2])
@@ -123,7 +126,7 @@ def plan_in_part(frames, parts, part, segment, plan, probe):
 
 @inlined
 def _nearer_in_part(model, part, start, query, best, stacks):
-    """Return the best result, including the blocks below *start* in a part with a separate frame."""
+    """Update the best result by the blocks below *start* in a part with a separate frame, and return it."""
     reals, words, frames, parts = model
     scene_plan, _, _, witness, (segment, plan, probe) = query
     _, best_sq, fraction, slot = best
@@ -141,12 +144,12 @@ _walk_scene = depth_first(_open_children, in_blocks_and_parts(_nearer_in_leaf, _
 
 @kernel
 def segment_in_scene(model, segment, best_sq, known_slot, plans, probes, witness, stacks):
-    """Return squared distance (scene's scaled frame), part and slot of the surface nearest to a segment.
+    """Find the surface of a scene that is nearest to a segment.
 
-    *best_sq* is the limit. *known_slot*, or `NO_SLOT`: a triangle that may be near; it changes the cost, not
-    the result. Ties go to the lower part, then to the lower slot; of crossings the first along the segment
-    counts. Scratch: *plans* (2,) records, whose first is left as the plan of some part, *probes* (2,),
-    *witness*, *stacks*.
+    Return its squared distance (scene's scaled frame), part and slot. *best_sq* is the limit. *known_slot*: a
+    triangle that may be near, or `NO_SLOT`; it changes the cost, not the result. Ties go to the lower part,
+    then to the lower slot; the first of several crossings along the segment counts. Scratch memory: *plans*
+    (2,) records, whose first is left as the plan of some part, *probes* (2,), *witness*, *stacks*.
     """
     reals, words, frames, parts = model
     scene = len(parts) - 1

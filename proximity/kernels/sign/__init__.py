@@ -1,1 +1,1 @@
-"""Inside or outside of one part: winding number, pseudo-normals, and a grid of classified cells."""
+"""Decision between inside and outside of one part, by winding numbers, pseudo-normals or a grid of cells."""

@@ -1,6 +1,6 @@
-"""Folded faces: slivers that overlap their neighbours and face backwards.
+"""Detection of folded faces, which are slivers that overlap their neighbours and face backwards.
 
-A surface with such a sliver is closed, and every edge has two faces, but over the sliver the nearest face
+A surface with such a sliver is closed, and every edge has two faces. But over the sliver, the nearest face
 gives the wrong sign. The winding number decides it there.
 """
 
@@ -15,24 +15,30 @@ from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import allocating_kernel, kernel
 
 SHARPEST_COSINE = -0.9
-"""Cosine between the normals of two faces across an edge below which both are tested: an edge of 26 degrees.
-Folded faces have -1; few edges of real parts are this sharp."""
+"""Cosine between the normals of two faces across an edge below which both faces are tested.
+
+It is an edge of 26 degrees. Folded faces have -1; few edges of real parts are this sharp.
+"""
 NEAR_CORNER = 0.8
 """Weight of a corner at the sample points of a face, in addition to its centroid."""
 MOST_STEP, STEP_SHARE = 1e-6, 1e-3
-"""Distance of samples to either side, local: at most this, and this share of the root of the face's area."""
+"""Limits of the distance of samples to either side of a face, in the local frame.
+
+The second is relative to the root of the area of the face.
+"""
 MOST_LOOKED_AT = 4096
-"""Maximum number of faces tested in a part; further ones count as folded."""
+"""Maximum number of faces that are tested in a part. Further sharp faces count as folded."""
 
 
 @allocating_kernel
 def folded_faces(corners, faces, neighbors, slot_faces, reals, words, root, moments):
-    """Return the slots whose faces are folded, or adjacent to a folded one, one bit each: (blocks,) uint8.
+    """Return a mask of the slots whose faces are folded, or adjacent to a folded face, (blocks,) uint8.
 
-    A fold has at least two layers, and layers in one plane are equally near.
+    Adjacent faces are included because a fold has at least two layers, and layers in one plane are equally
+    near.
 
-    *corners* (K, 3), *faces* (F, 3): local frame. *neighbors* (F, 3): the face across each edge, or negative.
-    *reals*, *words*, *root*, *moments*: the part's tree.
+    *corners*: (K, 3), *faces*: (F, 3), in the local frame. *neighbors*: (F, 3), the face across each edge, or
+    negative. *reals*, *words*, *root*, *moments*: the part's tree.
     """
     is_over = np.zeros(len(faces), np.bool_)
     looked_at = 0
@@ -47,11 +53,12 @@ def folded_faces(corners, faces, neighbors, slot_faces, reals, words, root, mome
 
 @allocating_kernel
 def beside_thin_faces(corners, faces, slot_faces, height):
-    """Return the slots whose faces are degenerate, or share a corner with one, one bit each: (blocks,) uint8.
+    """Return a mask of the slots whose faces are thin, or share a corner with a thin face, (blocks,) uint8.
 
-    Degenerate: no higher than *height* above the longest side. The normal of such a face is dominated by
-    rounding, and so are the pseudo-normals of its edges and corners: the winding number decides the sign
-    there. Tessellation closes a surface with such faces if two adjacent sides were meshed separately.
+    A face is thin if it is at most *height* high over its longest side. The normal of such a face is
+    dominated by rounding, and so are the pseudo-normals of its edges and corners: the winding number decides
+    the sign there. Tessellation closes a surface with such faces if two adjacent sides were meshed
+    separately.
     """
     marks, is_beside = thin_faces(corners, faces, height), np.zeros(len(corners), np.bool_)
     for face in range(len(faces)):
@@ -64,7 +71,7 @@ def beside_thin_faces(corners, faces, slot_faces, height):
 
 @allocating_kernel
 def slots_of(marks, slot_faces):
-    """Return the slots whose faces are marked, one bit each: (blocks,) uint8."""
+    """Return a mask of the slots whose faces are marked, (blocks,) uint8."""
     slots = np.zeros(len(slot_faces) // LANES, np.uint8)
     for slot in range(len(slot_faces)):
         if slot_faces[slot] >= 0 and marks[slot_faces[slot]]:
@@ -74,7 +81,7 @@ def slots_of(marks, slot_faces):
 
 @allocating_kernel
 def marked_slots(marks, neighbors, slot_faces):
-    """Return the slots whose faces are marked, or adjacent to a marked one, one bit each: (blocks,) uint8."""
+    """Return a mask of the slots whose faces are marked, or adjacent to a marked face, (blocks,) uint8."""
     wider = np.empty(len(marks), np.bool_)
     for face in range(len(marks)):
         wider[face] = marks[face] or _is_beside(marks, neighbors, face)
@@ -83,7 +90,7 @@ def marked_slots(marks, neighbors, slot_faces):
 
 @kernel
 def _is_beside(marks, neighbors, face):
-    """Test whether a face across some edge is marked."""
+    """Test whether a face across one of the edges is marked."""
     for k in range(3):
         other = neighbors[face, k]
         if other >= 0 and marks[other]:
@@ -93,7 +100,7 @@ def _is_beside(marks, neighbors, face):
 
 @kernel
 def _is_sharp(corners, faces, neighbors, face):
-    """Test whether one of a face's edges is below `SHARPEST_COSINE`."""
+    """Test whether a face has an edge at which the cosine of the normals is below `SHARPEST_COSINE`."""
     nx, ny, nz = face_normal(corners, faces, face)
     own_sq = dot(nx, ny, nz, nx, ny, nz)
     for k in range(3):
@@ -108,7 +115,7 @@ def _is_sharp(corners, faces, neighbors, face):
 
 @kernel
 def faces_wrong(corners, faces, face, reals, words, root, moments):
-    """Test whether some sample above a face is inside the part, or some sample below it is not."""
+    """Test whether a sample above a face is inside the part, or a sample below it is not."""
     nx, ny, nz = face_normal(corners, faces, face)
     length = sqrt(dot(nx, ny, nz, nx, ny, nz))
     if not length > 0.0:

@@ -1,8 +1,8 @@
 """A coarse grid of cells that are entirely inside, entirely outside, or crossed by the surface.
 
-A scene tests many parts for containment, usually by one lookup in this grid. It is in the part's local frame
-and moves with it. Two bits per cell, sixteen cells per word. Only for parts whose winding number is an
-integer: there inside and outside change at faces only.
+A scene tests many parts for containment, usually by one lookup in this grid. The grid is in the local frame
+of the part and moves with it. It has two bits per cell, so sixteen cells per word. Only parts whose winding
+number is an integer have a grid: in other parts, inside and outside may also change away from faces.
 """
 
 import numpy as np
@@ -21,17 +21,20 @@ from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
 
 CELL_SLACK = 1e-6
-"""Cells. A face this close to a cell counts as crossing it: larger than all rounding of a lookup."""
+"""Distance, in cells, up to which a face counts as crossing a cell.
+
+It is larger than all rounding of a lookup.
+"""
 SAMPLE_PITCH = 2.0
-"""Cells. Distance of the samples of a face in `uncertain_points`, along its longest side and across."""
+"""Distance, in cells, of the samples of a face in `uncertain_points`, along its longest side and across."""
 SAMPLE_CLEARANCE = 1.0 + 4.0 * CELL_SLACK
-"""Distance of samples from a face, in cell widths along its normal: the face does not cross their cells."""
+"""Distance of samples from a face, in cells along its normal. The face does not cross the cells there."""
 MOST_POINTS = 1024
-"""Maximum number of points returned by `uncertain_points`; even."""
+"""Maximum number of points that `uncertain_points` returns. It must be even."""
 CELLS_PER_FACE = 64
 FEWEST_CELLS = 512
 LARGEST_GRID = 2**18
-"""Approximate maximum of a grid's cells."""
+"""Approximate maximum number of cells of a grid."""
 LARGEST_ASPECT = 64.0
 """Maximum aspect ratio of the box for which a grid is sized."""
 ORIGIN = 0.0, 0.0, 0.0
@@ -39,9 +42,9 @@ ORIGIN = 0.0, 0.0, 0.0
 
 @entry("float64[:], int -> float, int, int, int")
 def grid_size(extent, wanted):
-    """Return cells per unit of length, and the number of cells along x, y and z, of a grid over a box.
+    """Return the cells per unit of length of a grid over a box, and the numbers of cells along x, y and z.
 
-    *extent* (3,): sides of the box. *wanted*: approximate total number of cells.
+    *extent*: (3,), sides of the box. *wanted*: approximate total number of cells.
     """
     least = max(extent[0], extent[1], extent[2]) / LARGEST_ASPECT
     volume = max(extent[0], least) * max(extent[1], least) * max(extent[2], least)
@@ -58,20 +61,20 @@ def grid_size(extent, wanted):
 
 @inlined
 def grid_words(part):
-    """Return the number of words of a part's grid, 0 without one."""
+    """Return the number of words of a part's grid, or 0 if it has none."""
     cells = part.grid_x * part.grid_y * part.grid_z
     return (cells + CELLS_PER_WORD - 1) // CELLS_PER_WORD if part.grid != NO_GRID else np.int64(0)
 
 
 @kernel
 def cells_wanted(face_count):
-    """Return the approximate number of cells of a part's grid."""
+    """Return the approximate number of cells that a part's grid should have."""
     return min(max(CELLS_PER_FACE * face_count, FEWEST_CELLS), LARGEST_GRID)
 
 
 @inlined
 def cell_state(words, at, lower, rate, counts, p):
-    """Return the state of the cell that contains *p*; `CELL_OUTSIDE` beyond the grid."""
+    """Return the state of the cell that contains *p*, or `CELL_OUTSIDE` if the point is beyond the grid."""
     nx, ny, nz = counts
     fx, fy, fz = (p[0] - lower[0]) * rate, (p[1] - lower[1]) * rate, (p[2] - lower[2]) * rate
     if not (fx >= 0.0 and fy >= 0.0 and fz >= 0.0 and fx < nx and fy < ny and fz < nz):
@@ -82,7 +85,10 @@ def cell_state(words, at, lower, rate, counts, p):
 
 @inlined
 def _reach(states, neighbor, state, stack, waiting):
-    """Set the state of a cell if unknown and push it on the *stack*; return the stack's size."""
+    """Set the state of a cell and push it on the *stack*, if its state is unknown.
+
+    Return the size of the stack.
+    """
     if states[neighbor] == CELL_UNKNOWN:
         states[neighbor] = state
         stack[waiting] = neighbor
@@ -92,7 +98,7 @@ def _reach(states, neighbor, state, stack, waiting):
 
 @kernel
 def _spread(states, seed, state, nx, ny, nz, stack):
-    """Flood-fill *state* from a cell through adjacent cells that are not crossed."""
+    """Set the state of a cell and of all cells that are connected to it without crossed cells between."""
     states[seed] = state
     stack[0] = seed
     waiting = 1
@@ -120,9 +126,10 @@ def _spread(states, seed, state, nx, ny, nz, stack):
     makes_arrays=True,
 )
 def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, moments):
-    """Return the packed states (uint32) of *nx ny nz* cells of size 1/*rate* from *lower*.
+    """Return the packed states of a grid of cells, uint32.
 
-    *corners* (V, 3), *faces* (F, 3): local frame. *reals*, *words*, *root*, *moments*: the part's tree.
+    There are *nx ny nz* cells of size 1/*rate* from *lower* on. *corners*: (V, 3), *faces*: (F, 3), in the
+    local frame. *reals*, *words*, *root*, *moments*: the part's tree.
     """
     states = np.full(nx * ny * nz, np.uint8(CELL_UNKNOWN))
     cell = np.empty(6, np.int64)
@@ -184,12 +191,13 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
     makes_arrays=True,
 )
 def uncertain_points(corners, faces, lower, rate, nx, ny, nz, grid):
-    """Return points that a face and the grid put on different sides, and the faces that are clear.
+    """Return points that a face and the grid classify differently, and the faces that are clear.
 
     Each face is sampled every `SAMPLE_PITCH` cells on both sides, at a distance at which it crosses no
-    sampled cell. Points (N, 3), local, at most `MOST_POINTS`, spread evenly, and whether the grid classifies
-    them as inside, (N,) bool: a difference is correct if another face is in between. Clear, (F,) bool: on
-    each side some sampled cell is not crossed. *grid*: from `build_grid`, with the same other arguments.
+    sampled cell. The points are (N, 3), local, at most `MOST_POINTS` and spread evenly. A second array, (N,)
+    bool, states whether the grid classifies them as inside; a difference is correct if another face is in
+    between. The third array, (F,) bool, marks clear faces, which have on each side a sampled cell that is not
+    crossed. *grid*: from `build_grid`, with the same other arguments.
     """
     points, is_inside = np.empty((MOST_POINTS, 3)), np.empty(MOST_POINTS, np.bool_)
     is_clear = np.zeros(len(faces), np.bool_)

@@ -1,4 +1,4 @@
-"""Inside or outside of one part, decided by its nearest triangle."""
+"""Decision between inside and outside of one part, by the nearest triangle."""
 
 from math import sqrt
 
@@ -27,16 +27,19 @@ from proximity.native import inlined
 from proximity.native.simd import load_int
 
 LEAST_SIDE_SINE = 1e-6
-"""Minimum sine of the angle between the direction to the closest point and the plane across the
-pseudo-normal. Rounding rotates that direction by 1e-7 at a point 1e-9 part sizes away; below the minimum the
-winding number decides the sign."""
+"""Minimum sine of the angle between the direction to the closest point and a plane.
+
+The plane is perpendicular to the pseudo-normal. Below the minimum, the winding number decides the sign:
+rounding rotates that direction by 1e-7 at a point 1e-9 part sizes away.
+"""
 
 
 @inlined
 def is_inside_by_winding(model, part, p):
-    """Test whether *p*, local, has a winding number above one half; return also the nodes and leaves visited.
+    """Test whether a local point has a winding number above one half.
 
-    For a part with holes the number is expanded, and no steps are counted.
+    Return also how many nodes and leaves were visited. For a part with holes the number is computed by
+    expansion, and no steps are counted.
     """
     reals, words, _, parts = model
     (px, py, pz), root = p, parts[part].root
@@ -49,20 +52,20 @@ def is_inside_by_winding(model, part, p):
 
 @inlined
 def is_beyond(p):
-    """Test whether *p* is outside the local cube, from where both sides of a part may be equally near."""
+    """Test whether *p* is outside the local cube. From there, both sides of a part may be equally near."""
     return max(abs(p[0]), abs(p[1]), abs(p[2])) > 1.0
 
 
 @inlined
 def has_normals(words, parts, part, slot):
-    """Test whether normals decide the sign of the face at *slot*, which is not marked as folded."""
+    """Test whether normals decide the sign of the face at *slot*. The face must not be marked as folded."""
     notes, mark = parts[part].block_notes + slot // LANES, FOLDED_AT + slot % LANES
     return parts[part].sign == SIGN_PSEUDONORMAL and not (load_int(words, notes) >> mark) & 1
 
 
 @inlined
 def _add_face_normal(reals, words, corners_at, face_at, closest):
-    """Add the unit normal of the face at word *face_at* to the pseudo-normal."""
+    """Add the unit normal of a face to the pseudo-normal. *face_at*: the word at which the face is stored."""
     a = corners_at + 3 * load_int(words, face_at)
     b = corners_at + 3 * load_int(words, face_at + 1)
     c = corners_at + 3 * load_int(words, face_at + 2)
@@ -78,7 +81,7 @@ def _add_face_normal(reals, words, corners_at, face_at, closest):
 
 @inlined
 def pseudo_normal(model, part, face, feature, which, closest):
-    """Replace the face's unit normal in *closest* by the pseudo-normal of the feature, which gives the sign.
+    """Replace the unit normal in *closest* by the pseudo-normal of the closest feature, which gives the sign.
 
     Source: Bærentzen & Aanæs 2005, "Signed distance computation using the angle weighted pseudonormal".
     """
@@ -100,7 +103,10 @@ def pseudo_normal(model, part, face, feature, which, closest):
 
 @inlined
 def closest_of_slot(model, part, slot, p, closest):
-    """Fill *closest* for a triangle; return face, feature and whether *p* is inside the part."""
+    """Fill *closest* for the triangle at *slot*.
+
+    Return its face, the feature, and whether *p* is inside the part.
+    """
     read_corners(model.reals, slot, closest)
     face = load_int(model.words, model.parts[part].slot_faces + slot)
     feature, which = closest_on_triangle(p[0], p[1], p[2], closest)
@@ -110,7 +116,10 @@ def closest_of_slot(model, part, slot, p, closest):
 
 @inlined
 def closest_of_lane(model, part, slot, p, table, k, closest):
-    """Apply `closest_of_slot` to column *k* of a *table* filled by `closest_lanes.closest_of_lanes`."""
+    """Return the results of `closest_of_slot`, taken from column *k* of a *table*.
+
+    `closest_lanes.closest_of_lanes` has filled the table.
+    """
     feature, which = read_row(table, len(table) // LANES_COLUMNS, k, closest)
     face = load_int(model.words, model.parts[part].slot_faces + slot)
     pseudo_normal(model, part, face, feature, which, closest)
@@ -119,7 +128,7 @@ def closest_of_lane(model, part, slot, p, table, k, closest):
 
 @inlined
 def _is_inside(model, part, slot, p, closest):
-    """Test whether *p* is inside the part, given its closest feature; on the surface: outside."""
+    """Test whether *p* is inside the part, given its closest feature. A point on the surface is outside."""
     sign = model.parts[part].sign
     length = closest.length
     if sign == SIGN_NONE or length == 0.0 or is_beyond(p):
@@ -134,7 +143,7 @@ def _is_inside(model, part, slot, p, closest):
 
 @inlined
 def signed_of_slot(model, part, slot, p, closest):
-    """Return the signed local distance to a triangle, as `closest_of_slot` gives it."""
+    """Return the signed local distance from *p* to a triangle. It equals that of `closest_of_slot`."""
     read_corners(model.reals, slot, closest)
     if has_normals(model.words, model.parts, part, slot):
         is_over, height = over_face(closest, p[0], p[1], p[2])

@@ -1,10 +1,10 @@
-"""Inside or outside of a closed part, by the faces that a ray along an axis crosses.
+"""Decision between inside and outside of a closed part, by the faces that a ray along an axis crosses.
 
-The ray goes to the nearest side of the part's box. The winding number is the count of faces through which it
-leaves, less those through which it enters. The traversal takes a few steps where the expansion of
-`winding_number` takes a hundred, and a tenth of its steps among fans of long thin triangles. The number is
-exact, up to rounding, for every point off the surface: the projected edge contributes bit-identical values of
-opposite sign to its two faces, so that no ray passes between them.
+The ray goes to the nearest side of the part's box. The winding number is the number of faces through which
+the ray leaves, minus the number of faces through which it enters. The traversal takes a few steps where the
+expansion of `winding_number` takes a hundred, and a tenth of its steps among fans of long thin triangles. The
+result is exact, up to rounding, for every point off the surface: a projected edge contributes bit-identical
+values of opposite sign to its two faces, so that no ray passes between them.
 
 Source: the half-open rule for edges of Haines 1994, "Point in polygon strategies".
 """
@@ -32,7 +32,7 @@ from proximity.native.simd import (
 
 @kernel
 def _turns_of_block(reals, base, ray):
-    """Return the number of a block's faces by which the ray leaves, less those by which it enters."""
+    """Return how many faces of a block the ray leaves through, minus how many it enters through."""
     axis, u_axis, v_axis, sign, along, across_u, across_v = ray
     zero, to_sign = splat(0.0), splat(sign)
     u, v = base + LANES * u_axis, base + LANES * v_axis
@@ -59,7 +59,7 @@ def _turns_of_block(reals, base, ray):
 
 @inlined
 def _turn_of_edge(av, bv, cross):
-    """Return 1 if an edge passes the origin upwards on its right, -1 if it does downwards, else 0."""
+    """Return 1 if an edge passes the origin upwards on its right, -1 if it passes downwards, otherwise 0."""
     zero, one = splat(0.0), splat(1.0)
     is_up = (av <= zero) & (bv > zero) & (cross > zero)
     is_down = (av > zero) & (bv <= zero) & (cross < zero)
@@ -68,7 +68,7 @@ def _turn_of_edge(av, bv, cross):
 
 @inlined
 def _open_children(words, node, ray, total):
-    """Return the children that the ray may intersect, and count a step."""
+    """Return the children of a node that the ray may intersect, and count one step."""
     axis, u_axis, v_axis, sign, along, across_u, across_v = ray
     base = NODE_STRIDE * node
     far = widen(upper_along(words, base, axis) if sign > 0.0 else lower_along(words, base, axis))
@@ -90,7 +90,10 @@ _walk_ahead = through_all(_open_children, _turn_by_leaf)
 
 @kernel
 def _turns_ahead(reals, words, root, axis, sign, px, py, pz):
-    """Return the winding number along the ray from *p*, on an axis towards *sign*, and the steps."""
+    """Return the winding number along a ray from *p* and the number of steps.
+
+    The ray is parallel to an axis, with the direction *sign*.
+    """
     u_axis, v_axis = (axis + 1) % 3, (axis + 2) % 3
     own = px if axis == 0 else (py if axis == 1 else pz)
     across_u = px if u_axis == 0 else (py if u_axis == 1 else pz)
@@ -101,7 +104,10 @@ def _turns_ahead(reals, words, root, axis, sign, px, py, pz):
 
 @inlined
 def winding_along_ray(reals, words, root, px, py, pz):
-    """Return the winding number of a closed part around *p*, local, and the nodes and leaves visited."""
+    """Return the winding number of a closed part around a local point.
+
+    Return also how many nodes and leaves were visited.
+    """
     base = NODE_STRIDE * root
     is_used = used_lanes(words, base)
     none = splat32(np.float32(np.inf))

@@ -1,17 +1,18 @@
 """The generalized winding number of one part, computed with its tree.
 
-A distant cluster of faces is approximated by one dipole and one quadrupole; near clusters are opened, and the
+A distant cluster of faces is approximated by one dipole and one quadrupole. Near clusters are opened, and the
 triangles of near leaves are summed exactly. For a closed part the sum is 1 inside and 0 outside, within a few
 hundredths.
 
 Tried and dropped (2026-11): dipoles alone, from three radii on. The two sides of a thin wall cancel in a
-dipole: an error of 0.18 inside a hollow ball, 0.5 inside nested ones; and slower by a third. One arc tangent
-per triangle: it tripled the time of a traversal near a gear, and doubled it near a plate.
+dipole: the error was 0.18 inside a hollow ball and 0.5 inside nested ones, and the time was longer by a
+third. One arc tangent per triangle: it tripled the time of a traversal near a gear, and doubled it near a
+plate.
 
-``moments``: `MOMENT_STRIDE` words per node: for its eight children the centre x, y, z (weighted by area), the
-sum of the area normals x, y, z, the squared distance beyond which the child is approximated, and the first
-moment of the area normals about the centre: xx, yy, xy, xz, yz of its symmetric traceless part; then two
-words of `normal_slab`.
+``moments`` has `MOMENT_STRIDE` words per node, with eight lanes for its children: the centre x, y, z
+(weighted by area); the sum of the area normals x, y, z; the squared distance beyond which the child is
+approximated; and the first moment of the area normals about the centre, as xx, yy, xy, xz, yz of its
+symmetric traceless part. Two words of `normal_slab` follow.
 
 Source: Jacobson, Kavan, Sorkine-Hornung 2013, "Robust inside-outside segmentation using generalized winding
 numbers"; Barill et al. 2018, "Fast winding numbers for soups and clouds" (here with terms of the first two
@@ -66,18 +67,18 @@ from proximity.native.simd import (
 OPENING = 2.5
 """Ratio of distance to radius beyond which a cluster is approximated."""
 ROUND = 2 * LANES
-"""Lanes twice in a row, so that each is followed by the others in cyclic order."""
+"""Number of lanes twice in a row, so that each lane is followed by the others in cyclic order."""
 SMALLEST_PRODUCT, LARGEST_PRODUCT = 1e-300, 1e300
-"""Range of a product with a usable direction. Beyond it features are below 1e-100 local."""
+"""Range of products whose direction is usable. Outside it features are below 1e-100 in the local frame."""
 
 
 @entry("float32[:], float64[:], int, float32[:]", makes_arrays=True)
 def fill_moments(words, reals, node_count, moments):
-    """Fill the moments of a tree that starts at word 0 with blocks at real 0.
+    """Compute the moments of a tree that starts at word 0 and has its blocks from real 0 on.
 
-    Nodes are processed from the last to the first, since a child's number is above its parent's.
+    Nodes are processed from the last to the first, because the number of a child is above its parent's.
     """
-    # Per node: area; area times centre; area normal; area normal times position, nine numbers.
+    # Per node: area; area times centre; area normal; area normal times position (nine numbers).
     sums = np.zeros((node_count, 16))
     own = np.empty(16)
     for node in range(node_count - 1, -1, -1):
@@ -112,7 +113,10 @@ def fill_moments(words, reals, node_count, moments):
 
 @kernel
 def _write_spread(sums, moments, at):
-    """Write the first moment about the centre, the leading term for a thin wall, whose two sides cancel."""
+    """Write the first moment about the centre.
+
+    It is the leading term for a thin wall, whose two sides cancel.
+    """
     x, y, z = sums[1] / sums[0], sums[2] / sums[0], sums[3] / sums[0]
     xx, yy, zz = sums[7] - sums[4] * x, sums[11] - sums[5] * y, sums[15] - sums[6] * z
     trace = xx + yy + zz
@@ -125,7 +129,7 @@ def _write_spread(sums, moments, at):
 
 @kernel
 def _add_triangle(reals, position, sums):
-    """Add a triangle to the sums of `fill_moments`; NaN is ignored."""
+    """Add a triangle to the sums of `fill_moments`, unless it is NaN."""
     a, b, c = corners_at(reals, position)
     if a[0] != a[0]:
         return
@@ -148,12 +152,13 @@ def _add_triangle(reals, position, sums):
 
 @kernel
 def turned(cosine, sine, turns, below, volume):
-    """Rotate angles, ``atan2(sine, cosine)`` and full *turns*, by ``atan2(volume, below)``.
+    """Add angles of ``atan2(volume, below)`` to angles that are stored as *cosine*, *sine* and full *turns*.
 
-    Vectors or plain numbers. The product of two complex numbers, scaled by its larger component; a product
-    without a direction, as for unused lanes, leaves the angle unchanged. The angle is above minus half a turn
-    and at most half a turn; a sine of minus zero counts as zero. The sum of two non-negative angles, or of
-    two negative ones, has passed half a turn if it has the opposite sign or has come round to the start.
+    The arguments are vectors or plain numbers. The sum is the product of two complex numbers, scaled by its
+    larger component. A product without a direction, as for unused lanes, leaves the angle unchanged. The
+    stored angle is above minus half a turn and at most half a turn; a sine of minus zero counts as zero. The
+    sum of two non-negative angles, or of two negative ones, has passed half a turn if it has the opposite
+    sign or has come round to the start.
     """
     zero, one = like(0.0, cosine), like(1.0, cosine)
     is_up, is_down = (sine >= zero) & (volume >= zero), (sine < zero) & (volume < zero)
@@ -173,7 +178,7 @@ def turned(cosine, sine, turns, below, volume):
 
 @kernel
 def _turned_by_block(reals, base, x, y, z, cosine, sine, turns):
-    """Rotate each lane's angle by half the solid angle of a block's triangle, seen from *p*."""
+    """Add to each lane's angle half the solid angle of a block's triangle, as seen from (x, y, z)."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners_of_block(reals, base)
     ax, ay, az = ax - x, ay - y, az - z
     bx, by, bz = bx - x, by - y, bz - z
@@ -199,7 +204,10 @@ def _turned_by_block(reals, base, x, y, z, cosine, sine, turns):
 
 @kernel
 def _sum_of_angles(cosine, sine, turns):
-    """Return the sum of all lanes' angles, by cyclic shifts of four, two and one lanes."""
+    """Return the sum of the angles of all lanes.
+
+    They are added by cyclic shifts of four, two and one lanes.
+    """
     twice = stack_f64(ROUND), stack_f64(ROUND), stack_f64(ROUND)
     for step in (4, 2, 1):
         for at in (0, LANES):
@@ -214,7 +222,7 @@ def _sum_of_angles(cosine, sine, turns):
 
 @kernel
 def _flux(words, at, dx, dy, dz, distance_sq):
-    """Return the solid angle of the children of the node with moments *at*, by their expansion."""
+    """Return the solid angles of the children of a node by their expansion. *at*: moments of the node."""
     nx, ny, nz = load_points(words, at + MOMENT_AREA_NORMAL)
     flux = dot(dx, dy, dz, widen(nx), widen(ny), widen(nz))
     spread = at + MOMENT_SPREAD
@@ -233,7 +241,7 @@ def _flux(words, at, dx, dy, dz, distance_sq):
 
 @inlined
 def _open_children(words, node, query, total):
-    """Add the flux of the far children; return the near ones as open."""
+    """Add the flux of the far children of a node, and return the near ones to be opened."""
     (x, y, z), moments = query
     cosine, sine, turns, fluxes = total
     base, at = NODE_STRIDE * node, moments + MOMENT_STRIDE * node
@@ -260,7 +268,10 @@ _walk_near = through_all(_open_children, _turn_by_leaf)
 
 @kernel
 def winding_number(reals, words, root, moments, px, py, pz):
-    """Return the winding number of the part around *p*, local: about 1 inside a closed part, 0 outside."""
+    """Return the winding number of the part around a local point.
+
+    It is about 1 inside a closed part and 0 outside.
+    """
     query = (splat(px), splat(py), splat(pz)), moments
     total = splat(1.0), splat(0.0), splat(0.0), splat(0.0)
     cosine, sine, turns, fluxes = _walk_near(reals, words, root, query, total, stack_f32(STACK_SIZE))
@@ -272,7 +283,7 @@ def winding_number(reals, words, root, moments, px, py, pz):
 
 @entry("float64[:], float32[:], int, int, float64[:, 3], float64[:]")
 def winding_numbers(reals, words, root, moments, points, turns):
-    """Fill the winding numbers around points (N, 3), local: *turns* (N,)."""
+    """Write the winding numbers of the part around local points (N, 3) to *turns* (N,)."""
     for row in range(len(points)):
         turns[row] = winding_number(
             reals, words, root, moments, points[row, 0], points[row, 1], points[row, 2]

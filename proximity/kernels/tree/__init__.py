@@ -1,1 +1,1 @@
-"""Eight-wide tree over boxes: building, refitting and bounds."""
+"""Trees of eight children per node over boxes: building, refitting and bounds."""

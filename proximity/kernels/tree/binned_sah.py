@@ -1,11 +1,11 @@
-"""Binary tree over boxes by binned surface area heuristic.
+"""Building of a binary tree over boxes by the binned surface area heuristic.
 
 A box is *packed* into eight float32: its lower x, y, z, a zero, its negated upper x, y, z, a zero. The box
 around two others is their lane-wise minimum.
 
-Boxes are moved along with the numbers of their faces, so that every pass reads memory sequentially. A run
-takes two passes: one assigns its boxes to bins by centre, one partitions it; the boxes of both sides come
-from the bins.
+Boxes are moved along with the numbers of their faces, so that every pass reads memory sequentially. Each run
+of boxes takes two passes. One assigns its boxes to bins by their centres, the other partitions it; the boxes
+of both sides come from the bins.
 
 Source: Wald 2007, "On fast construction of SAH-based bounding volume hierarchies" (bins).
 """
@@ -18,17 +18,24 @@ from proximity.native import allocating_kernel, inlined, kernel
 from proximity.native.simd import halves_swapped, lane, load, minimum, splat32, store
 
 LINK_LEFT = 0
-"""Columns of a binary tree's links (int32): its children, or -1 in a leaf; a leaf's first face, in the order
-of faces, and face count."""
+"""Columns of the links of a binary tree (int32).
+
+They are the two children of a node, or -1 in a leaf; and the first face and the number of faces of a leaf, in
+the order of faces.
+"""
 LINK_RIGHT = 1
 LINK_FIRST = 2
 LINK_COUNT = 3
 NO_CHILD = -1
 BIN_COUNT = 16
 HALVED_DEPTH = 64
-"""From this level on runs are halved by count: any mesh ends 28 levels later."""
+"""Level from which on runs are halved by count. The tree of any mesh then ends at most 28 levels later."""
 LARGEST_WAITING = 64
-"""The larger side waits, which bounds the entries by the number of halvings of 2^31 faces."""
+"""Length of the stack of runs.
+
+The larger side of a run is pushed first, so that the entries are at most the number of halvings of 2^31
+faces.
+"""
 
 # Offsets of a split's results for both sides: packed boxes, and doubled centres.
 _LEFT_BOX, _LEFT_MIDDLES, _RIGHT_BOX, _RIGHT_MIDDLES = 0, 8, 16, 24
@@ -43,7 +50,7 @@ def _sides(box):
 
 @inlined
 def half_area(box):
-    """Return half the surface area of a packed box."""
+    """Return half of the surface area of a packed box."""
     dx, dy, dz = _sides(box)
     return dx * (dy + dz) + dy * dz
 
@@ -57,26 +64,26 @@ def thickness(box):
 
 @inlined
 def unpack(record, box):
-    """Write a packed box as lower and upper corner, (6,)."""
+    """Write a packed box to *box* (6,), as its lower and upper corner."""
     for axis in range(3):
         box[axis], box[axis + 3] = lane(record, axis), -lane(record, axis + 4)
 
 
 @inlined
 def _middles(box):
-    """Return the packed box of another's doubled centre: a point."""
+    """Return a packed box that has only one point, which is twice the centre of *box*."""
     return box - halves_swapped(box)
 
 
 @inlined
 def _nowhere():
-    """Return an empty packed box."""
+    """Return a packed box that is empty."""
     return splat32(np.float32(np.inf))
 
 
 @kernel
 def _measure(boxes, first, count, sides, at):
-    """Store the box of a run, and that of its doubled centres, in *sides*."""
+    """Write the box of a run, and the box of its doubled centres, to *sides*."""
     box, middles = _nowhere(), _nowhere()
     for position in range(first, first + count):
         record = load(boxes, BOX_STRIDE * position)
@@ -87,7 +94,7 @@ def _measure(boxes, first, count, sides, at):
 
 @inlined
 def _bins_for(count):
-    """Return the number of bins for a run along an axis."""
+    """Return the number of bins along an axis for a run."""
     return min(BIN_COUNT, 2 * count)
 
 
@@ -100,14 +107,14 @@ def _bin_rate(middles, at, axis, bin_count):
 
 @inlined
 def _bin(boxes, position, axis, start, rate, bin_count):
-    """Return the bin of the box at *position*."""
+    """Return the number of the bin for the box at *position*."""
     at = BOX_STRIDE * position + axis
     return min(np.int64((boxes[at] - boxes[at + 4] - start) * rate), bin_count - 1)
 
 
 @kernel
 def _fill_bins(boxes, first, count, middles, at, bins, bin_counts):
-    """Assign the boxes of a run to bins along each axis."""
+    """Assign the boxes of a run to bins along each of the three axes."""
     used = _bins_for(count)
     for axis in range(3):
         for b in range(BIN_COUNT * axis, BIN_COUNT * axis + used):
@@ -131,10 +138,10 @@ def _fill_bins(boxes, first, count, middles, at, bins, bin_counts):
 
 @kernel
 def _best_plane(bins, bin_counts, used, leaf_shift, right_costs):
-    """Return the last bin, over all axes, on the left side of the best plane; -1 if no plane separates boxes.
+    """Return the last bin on the left side of the best plane of all axes, or -1 if no plane separates boxes.
 
-    The first *used* bins of each axis are filled. The cost of a side is its surface area times its number of
-    leaves.
+    Only the first *used* bins of each axis are filled. The cost of a side is its surface area times its
+    number of leaves.
     """
     round_up = (1 << leaf_shift) - 1
     best_cost, best = np.float32(np.inf), -1
@@ -160,7 +167,7 @@ def _best_plane(bins, bin_counts, used, leaf_shift, right_costs):
 
 @kernel
 def _divide(boxes, order, first, count, middles, at, bins, plane, sides):
-    """Move the boxes up to a plane to the front; return their number, and fill *sides*."""
+    """Partition the boxes of a run by a plane. Return how many are on its left, and fill *sides*."""
     axis, last, used = plane // BIN_COUNT, plane % BIN_COUNT, _bins_for(count)
     start, rate = middles[at + axis], _bin_rate(middles, at, axis, used)
     left_middles, right_middles = _nowhere(), _nowhere()
@@ -192,17 +199,17 @@ def _divide(boxes, order, first, count, middles, at, bins, plane, sides):
 
 @inlined
 def _write_leaf(links, node, first, count):
-    """Write a node of the binary tree that has faces and no children yet."""
+    """Write a node of the binary tree that has faces, and no children yet."""
     links[node, LINK_LEFT], links[node, LINK_RIGHT] = NO_CHILD, NO_CHILD
     links[node, LINK_FIRST], links[node, LINK_COUNT] = first, count
 
 
 @allocating_kernel
 def halve(boxes, order, leaf_shift):
-    """Return the boxes (N * `BOX_STRIDE`) and the links (N, 4) of a binary tree; node 0 is its root.
+    """Return the boxes (N * `BOX_STRIDE`) and the links (N, 4) of a binary tree, whose root is node 0.
 
-    *boxes*: (F * `BOX_STRIDE`,) float32, of the faces, F >= 1; *order*: numbers of the faces. Both are sorted
-    into the tree's order. *leaf_shift*: a leaf has at most ``2 ** leaf_shift`` faces.
+    *boxes*: (F * `BOX_STRIDE`,) float32, the boxes of the faces, F >= 1. *order*: the numbers of the faces.
+    Both are sorted into the order of the tree. *leaf_shift*: a leaf has at most ``2 ** leaf_shift`` faces.
     """
     capacity = max(64, len(order) >> leaf_shift << 1)
     nodes = np.empty(capacity * BOX_STRIDE, np.float32)

@@ -1,4 +1,4 @@
-"""Eight-wide bounding volume hierarchy over boxes.
+"""Building of an eight-wide bounding volume hierarchy over boxes.
 
 Runs of faces are split down to the size of a leaf (`binned_sah`), large subtrees are reinserted
 (`reinsertion`), and the binary tree is collapsed to an eight-wide one (`collapse`).
@@ -16,7 +16,10 @@ from proximity.native import entry
 
 @entry("float64[:, 3], int32[:, 3], float32[:]")
 def face_boxes(vertices, faces, boxes):
-    """Fill the padded, packed boxes (see `binned_sah`), float32, of each face."""
+    """Write the packed box of each face, float32, with padding.
+
+    See `binned_sah` for the form of a packed box.
+    """
     for face in range(len(faces)):
         at = BOX_STRIDE * face
         boxes[at + 3], boxes[at + 7] = 0.0, 0.0
@@ -30,24 +33,27 @@ def face_boxes(vertices, faces, boxes):
 
 @entry("float32[:], int -> float32[:], int32[:], int32[:]", makes_arrays=True)
 def build_tree(boxes, leaf_shift):
-    """Return nodes (float32, flat), the order of faces (int32) and each leaf's first position in it (int32).
+    """Build an eight-wide tree over boxes.
 
-    *boxes*: (F * `BOX_STRIDE`,) float32, F >= 1; they are reordered. A leaf has at most ``2 ** leaf_shift``.
-    Child references are int32 bits in the nodes; see `layout`. Leaves are numbered in the order of faces.
+    Return the nodes (float32, flat), the order of faces (int32), and the first position of each leaf in it
+    (int32). *boxes*: (F * `BOX_STRIDE`,) float32, F >= 1; they are reordered. A leaf has at most ``2 **
+    leaf_shift`` faces. Child references are int32 bits in the nodes, see `layout`. Leaves are numbered in the
+    order of faces.
     """
     order = np.empty(len(boxes) // BOX_STRIDE, np.int32)
     for face in range(len(order)):
         order[face] = face
     tree, links = halve(boxes, order, leaf_shift)
     if leaf_shift != ENTRIES_SHIFT:
-        # Trees over entries are built at run time: saves 2 % of the steps, but takes a third of the time.
+        # Not for trees over entries, which are built at run time: it saves 2 % of the steps, but takes a
+        # third of the time.
         improve(tree, links)
     return widen_tree(tree, links, order)
 
 
 @entry("float64[:, 3], int32[:, 3], int32[:], int32[:], float64[:], int32[:]")
 def fill_blocks(vertices, faces, order, block_first, blocks, face_of_slot):
-    """Copy the corners of every leaf's faces into eight-lane blocks; unused lanes are NaN."""
+    """Copy the corners of the faces of each leaf into a block of eight lanes. Unused lanes are NaN."""
     for block in range(len(block_first) - 1):
         first = block_first[block]
         number = block_first[block + 1] - first

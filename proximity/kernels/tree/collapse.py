@@ -1,8 +1,8 @@
-"""Collapse of a binary tree to nodes of eight children with the least total surface area.
+"""Conversion of a binary tree to nodes of eight children with the least total surface area.
 
 A node of the binary tree either becomes a wide node or is removed, with its descendants attached to the wide
-node above. The cost of a subtree in one to eight lanes of that node is computed bottom-up from those of its
-two halves; the expected number of visits is proportional to the surface area of the nodes.
+node above. The cost of a subtree that takes one to eight lanes of that node is computed bottom-up from the
+costs of its two halves. The expected number of visits is proportional to the surface area of the nodes.
 
 Source: Wald, Benthin, Boulos 2008, "Getting rid of packets" (wide trees from binary ones); Ylitie, Karras,
 Laine 2017, "Efficient incoherent ray traversal on GPUs through compressed wide BVHs" (optimal collapse).
@@ -25,18 +25,26 @@ from proximity.native import allocating_kernel, entry, inlined, kernel
 from proximity.native.simd import horizontal_min, load, minimum, splat32, store
 
 EVEN_DEPTH = MAX_DEPTH // 2 - 10
-"""From this level on leaves are distributed by count, independent of the binary tree, which ends ten levels
-later at most. So the trees of a scene and of a part below it fit the stack together. Real parts end
-before."""
+"""Level from which on leaves are distributed by count, independent of the binary tree.
+
+The tree then ends at most ten levels later. So the trees of a scene and of a part below it together fit the
+stack. Trees of real parts end before.
+"""
 NOT_WIDER = 0
-"""Split of a subtree that gains no benefit from one more lane."""
+"""Split of a subtree to which one more lane brings no benefit."""
 NO_REFERENCE = -1
-"""Offset of the reference to the root, which has none; the binary node of consecutive leaves."""
+"""Represents the offset of the reference to the root, which has none.
+
+It also represents the binary node of consecutive leaves.
+"""
 
 
 @inlined
 def write_lane(words, base, lane, box, reference):
-    """Write a child of the node at word *base*: its box, lower and upper, and its reference."""
+    """Write the box and the reference of a child into one lane of the node at word *base*.
+
+    *box*: lower and upper corner.
+    """
     for axis in range(3):
         words[base + LANES * axis + lane] = box[axis]
         words[base + NODE_UPPER + LANES * axis + lane] = box[axis + 3]
@@ -54,7 +62,7 @@ def clear_node(words, node):
 
 @kernel
 def node_box(words, node, box):
-    """Fill the box around all children of a node; unused lanes are ignored."""
+    """Write the box around all children of a node to *box*. Unused lanes are ignored."""
     base = NODE_STRIDE * node
     for axis in range(3):
         box[axis] = horizontal_min(lower_along(words, base, axis))
@@ -70,7 +78,7 @@ def clear_box(box):
 
 @allocating_kernel
 def _levels(links):
-    """Return the nodes of a binary tree, parents first, and for each its first leaf and leaf count."""
+    """Return the nodes of a binary tree with parents first, and the first leaf and leaf count of each."""
     count = len(links)
     nodes, starts, numbers = np.empty(count, np.int32), np.zeros(count, np.int32), np.ones(count, np.int32)
     nodes[0] = 0
@@ -94,9 +102,10 @@ def _levels(links):
 
 @kernel
 def _share_out(boxes, links, nodes, costs, splits):
-    """Fill the least cost of each subtree in 1 to 8 lanes, and the number of lanes of its left half.
+    """Compute the least cost of each subtree in 1 to 8 lanes, and how its two halves share these lanes.
 
-    The first split is that of all eight lanes of the subtree's wide node; others may be `NOT_WIDER`.
+    *splits* receives the number of lanes of the left half. The first split is that of all eight lanes of the
+    wide node of the subtree. The others may be `NOT_WIDER`.
     """
     for i in range(len(nodes) - 1, -1, -1):
         node = nodes[i]
@@ -121,7 +130,10 @@ def _share_out(boxes, links, nodes, costs, splits):
 
 @kernel
 def _children(links, splits, node, children, waiting):
-    """Write the children of the wide node of *node* to *children*, in order; return their number."""
+    """Write the children of a wide node to *children* in order, and return their number.
+
+    *node*: the binary node from which the wide node is made.
+    """
     if links[node, LINK_LEFT] < 0:
         children[0] = node
         return 1
@@ -147,13 +159,13 @@ def _children(links, splits, node, children, waiting):
 
 @kernel
 def _give_lanes(boxes, children, count, lanes):
-    """Fill the lane of each child: the thinnest first, ties in order.
+    """Choose the lane of each child: thinner boxes come first, and equally thin ones keep their order.
 
-    Among equally near boxes, such as those containing a point or sharing a corner, a walk takes the first. A
-    thin one is likelier to have near faces throughout. Near a gear box of 119 bodies, a single point visits 7
-    % fewer nodes and 12 % fewer blocks than in any order; one that starts from a neighbour's answer 2 and 4
-    %. Least surface area first is as good there; but far from a plate it opens 3 % more blocks, and this 3 %
-    fewer.
+    Among equally near boxes, such as those containing a point or sharing a corner, a walk takes the first. In
+    a thin one, near faces are likelier everywhere. Near a gear box of 119 bodies, a single point visits 7 %
+    fewer nodes and 12 % fewer blocks than in any order; a point that starts from a neighbour's answer visits
+    2 % and 4 % fewer. With the least surface area first, the result is as good there, but far from a plate
+    that order opens 3 % more blocks, and this order 3 % fewer.
     """
     for k in range(count):
         own = thickness(load(boxes, BOX_STRIDE * children[k]))
@@ -167,9 +179,9 @@ def _give_lanes(boxes, children, count, lanes):
 
 @allocating_kernel
 def _leaves_in_order(links, starts, leaf_count, order):
-    """Return the leaf nodes in order, the faces in that order, and each leaf's first position there.
+    """Return the leaf nodes in order, the faces in the same order, and the first position of each leaf.
 
-    One more position, after the last leaf's, is the end.
+    The last of these positions is the end of the last leaf.
     """
     leaves = np.empty(leaf_count, np.int32)
     for node in range(len(links)):
@@ -189,7 +201,7 @@ def _leaves_in_order(links, starts, leaf_count, order):
 
 @inlined
 def _join_leaves(boxes, leaves, first, count):
-    """Return the packed box around consecutive leaves."""
+    """Return the packed box around some consecutive leaves."""
     box = load(boxes, BOX_STRIDE * leaves[first])
     for i in range(first + 1, first + count):
         box = minimum(box, load(boxes, BOX_STRIDE * leaves[i]))
@@ -198,16 +210,17 @@ def _join_leaves(boxes, leaves, first, count):
 
 @inlined
 def _wait(waiting, at, node, first, number, depth, reference_at):
-    """Push a future wide node; see `widen_tree`."""
+    """Push an entry for a future wide node on the stack of `widen_tree`."""
     waiting[at, 0], waiting[at, 1], waiting[at, 2] = node, first, number
     waiting[at, 3], waiting[at, 4] = depth, reference_at
 
 
 @allocating_kernel
 def widen_tree(boxes, links, order):
-    """Return the wide nodes, the order of faces, and each leaf's first position in it.
+    """Convert a binary tree to wide nodes.
 
-    *boxes*: (N * `BOX_STRIDE`,) float32. *links*: (N, 4); from `binned_sah.halve`, possibly rearranged since.
+    Return the nodes, the order of faces, and the first position of each leaf in it. *boxes*: (N *
+    `BOX_STRIDE`,) float32. *links*: (N, 4). Both are from `binned_sah.halve`, possibly rearranged since.
     """
     topological, starts, numbers = _levels(links)
     leaf_count = np.int64(numbers[0])

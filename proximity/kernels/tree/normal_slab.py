@@ -1,12 +1,12 @@
-"""Normal slabs: bounds of a node's faces along their mean normal, tight where boxes are not.
+"""Normal slabs, which bound the faces of a node along their mean normal and are tight where boxes are not.
 
-The box of a tilted or curved patch is nearer to a point than the patch, by about the patch's size: from the
-centre of a ball all boxes appear too near. The slab between two planes perpendicular to the patch's area
-normal errs only by the patch's sagitta, which decreases with the square of its size.
+The box of a tilted or curved patch is nearer to a point than the patch, by about the size of the patch: from
+the centre of a ball, all boxes appear too near. The slab between two planes perpendicular to the area normal
+of the patch errs only by the sagitta of the patch, which decreases with the square of its size.
 
-The two numbers of each child, the least and largest scalar product of a corner with the child's area normal,
-are in ``moments`` after those of `winding_number`. They need a second memory access per node, and are read
-only by walks that take long.
+Each child has two numbers, the least and the largest scalar product of a corner with the area normal of the
+child. They are in ``moments`` after those of `winding_number`. They need a second memory access per node, and
+are read only by walks that take long.
 """
 
 import numpy as np
@@ -37,19 +37,20 @@ from proximity.native.simd import (
 )
 
 SLAB_ROUNDING = 1e-12
-"""Bound of the rounding of scalar products of local coordinates, in lengths of the normal."""
+"""Bound of the rounding of scalar products of local coordinates, relative to the length of the normal."""
 SHRINK_SLAB = 1.0 - 2.0**-22
-"""Covers the rounding of a computed float32 bound."""
+"""Factor that covers the rounding of a computed float32 bound."""
 SMALLEST_BOUND = 2.0**-96
-"""Bounds below this count as 0: denormal float32 numbers have few bits, and rounding may raise them."""
+"""Smaller bounds count as 0. Denormal float32 numbers have few bits, and rounding may raise them."""
 
 
 @entry("float32[:], float64[:], int, int, float32[:], int", makes_arrays=True)
 def fill_slabs(words, reals, root, node_count, moments, moments_at):
-    """Fill the slabs of a tree of *node_count* nodes from *root* on, whose moments are known.
+    """Compute the slabs of a tree whose moments are known.
 
-    *moments*, *moments_at*: the array of moments, and the offset in it of node 0. A child's number is above
-    its parent's; the leaves below a node are numbered consecutively.
+    The tree has *node_count* nodes from *root* on. *moments*, *moments_at*: the array of moments, and the
+    offset in it of node 0. The number of a child is above its parent's; the leaves below a node are numbered
+    consecutively.
     """
     ends = np.empty((node_count, 2), np.int64)
     for node in range(root + node_count - 1, root - 1, -1):
@@ -73,7 +74,10 @@ def fill_slabs(words, reals, root, node_count, moments, moments_at):
 
 @kernel
 def _extent(reals, first, last, nx, ny, nz):
-    """Return least and largest scalar product of *n* with a corner in the blocks from *first* to *last*."""
+    """Return the least and the largest scalar product of *n* with the corners of some blocks.
+
+    *first*, *last*: the first and the last block.
+    """
     x, y, z = splat(nx), splat(ny), splat(nz)
     least, largest = splat(np.inf), splat(-np.inf)
     for block in range(first, last + 1):
@@ -87,9 +91,10 @@ def _extent(reals, first, last, nx, ny, nz):
 
 @inlined
 def slabs_distance_sq(words, at, x, y, z, factor):
-    """Return lower bounds (float32x8) of squared distances to a node's children, times *factor*.
+    """Return lower bounds (float32x8) of squared distances from a point to a node's children, times *factor*.
 
-    *at*: the node's moments. *x y z*: float64x8 splats of the point. A child without a mean normal gives 0.
+    *at*: the moments of the node. *x y z*: float64x8 splats of the point. A child without a mean normal gives
+    0.
     """
     nx, ny, nz = load_points(words, at + MOMENT_AREA_NORMAL)
     nx, ny, nz = widen(nx), widen(ny), widen(nz)

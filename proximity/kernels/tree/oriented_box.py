@@ -1,11 +1,11 @@
-"""Oriented boxes of leaf blocks, which let a point query skip blocks.
+"""Oriented boxes of leaf blocks, by which a point query can skip blocks.
 
-An axis-aligned box is nearer to a point than a tilted or curved patch of faces, by about the patch's size. A
-box along the patch's axes - its mean normal, its longest edge, and their cross product - errs only by the
-sagitta. In float32 it is one cache line; the block is nine, and takes five times the work.
+An axis-aligned box is nearer to a point than a tilted or curved patch of faces, by about the size of the
+patch. A box along the axes of the patch - its mean normal, its longest edge, and their cross product - errs
+only by the sagitta. In float32 it is one cache line; the block is nine, and takes five times the work.
 
-`ORIENTED_STRIDE` words per block: x of the three axes, y, z; the least scalar product of a corner with each
-axis, and the largest; 0.
+A block has `ORIENTED_STRIDE` words: x of the three axes, then y, then z; the least scalar product of a corner
+with each axis, then the largest; and 0.
 
 **Rounding.** For a point within `FAR` and a corner, both in the local frame, a computed gap exceeds the true
 one by at most 12 x 2^-24: five from the sum, four from the difference, two from rounding the point, one from
@@ -38,7 +38,7 @@ from proximity.native.simd import (
 BOX_ROUNDING = 2.0**-19
 BOX_SLACK = 1.0 + 2.0**-18
 LEAST, LARGEST = 9, 12
-"""Offsets of the intervals."""
+"""Offsets of the least and of the largest scalar products in a box."""
 
 
 @inlined
@@ -51,9 +51,9 @@ def _gap_sq(words, at, axis, x, y, z):
 
 @inlined
 def oriented_box_distance_sq(words, at, x, y, z):
-    """Return the squared distance from a point, float32, to the box at *at*; see `reach_into_boxes`.
+    """Return the squared distance from a point to the box at *at*, in float32.
 
-    The point is within `FAR`.
+    The point must be within `FAR`. Compare the result with the limit of `reach_into_boxes`.
     """
     first, second = _gap_sq(words, at, 0, x, y, z), _gap_sq(words, at, 1, x, y, z)
     return first + second + _gap_sq(words, at, 2, x, y, z)
@@ -61,14 +61,20 @@ def oriented_box_distance_sq(words, at, x, y, z):
 
 @inlined
 def reach_into_boxes(best_sq):
-    """Return the limit for computed squared distances to boxes: blocks beyond it can be skipped."""
+    """Return the limit for computed squared distances to boxes.
+
+    Blocks whose box is beyond it can be skipped.
+    """
     reach = sqrt(best_sq) + BOX_ROUNDING
     return np.float32(reach * reach * BOX_SLACK)
 
 
 @kernel
 def fill_oriented_boxes(blocks, boxes):
-    """Fill the boxes of all *blocks*; return their surface area relative to that of axis-aligned boxes."""
+    """Compute the oriented box of each block.
+
+    Return their surface area relative to that of axis-aligned boxes.
+    """
     oriented, along_axes = 0.0, 0.0
     for block in range(len(blocks) // BLOCK_STRIDE):
         base = BLOCK_STRIDE * block
@@ -90,7 +96,7 @@ def fill_oriented_boxes(blocks, boxes):
 
 @inlined
 def _surface(x, y, z):
-    """Return half the surface area of a box with these sides."""
+    """Return half the surface area of a box with the given sides."""
     return np.float64(x) * y + np.float64(y) * z + np.float64(z) * x
 
 
@@ -106,9 +112,9 @@ def _extent(a, b, c, axis):
 
 @inlined
 def write_oriented_box(words, at, a, b, c, normals):
-    """Write the oriented box of a block's triangles *a b c* at *at*.
+    """Write the oriented box of the triangles *a b c* of a block to *at*.
 
-    *normals*: any multiple of their area normals, 0 in unused lanes.
+    *normals*: any multiple of the area normals of the triangles, 0 in unused lanes.
     """
     zero = splat(0.0)
     sums = lane_sums(normals[0], normals[1], normals[2], zero, zero, zero, zero, zero)
@@ -136,7 +142,7 @@ def _between(start, end):
 
 @inlined
 def _unit(x, y, z, other_x, other_y, other_z):
-    """Return the direction of (x, y, z), or the other one for a zero vector."""
+    """Return the unit vector along (x, y, z), or the other vector if this one is zero."""
     length_sq = x * x + y * y + z * z
     if length_sq > TINY:
         share = 1.0 / sqrt(length_sq)
@@ -146,7 +152,7 @@ def _unit(x, y, z, other_x, other_y, other_z):
 
 @inlined
 def _across(x, y, z):
-    """Return a direction perpendicular to a unit vector."""
+    """Return a unit vector that is perpendicular to a given one."""
     if abs(x) < 0.6:
         return _unit(0.0, z, -y, 1.0, 0.0, 0.0)
     return _unit(-z, 0.0, x, 0.0, 1.0, 0.0)
@@ -173,9 +179,10 @@ def _longest_edge(a, b, c):
 
 @inlined
 def _write_axis(words, at, axis, x, y, z, a, b, c):
-    """Write an axis; return eight triangles' least products with the stored axis, and negated largest.
+    """Write an axis.
 
-    Infinite in unused lanes.
+    Return the least scalar products of eight triangles with it, and the negated largest ones. They are
+    infinite in unused lanes.
     """
     words[at + axis], words[at + 3 + axis], words[at + 6 + axis] = x, y, z
     x, y, z = (

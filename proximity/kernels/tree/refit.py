@@ -1,12 +1,13 @@
 """Refit of a part's tree, normals and moments to new vertex positions.
 
-One pass over the nodes, from last to first, does all of it: the eight triangles of a leaf are loaded once,
-and contribute their block, box, corner normals and moments while in registers. A child's number is above its
-parent's, so children are complete before their parent. Boxes are rounded and padded as in `builder`; normals
-are those of `mesh.faces`, moments those of `winding_number`, except for the order of summation.
+One pass over the nodes, from last to first, computes all of it. The eight triangles of a leaf are loaded
+once, and contribute to their block, box, corner normals and moments while they are in registers. The number
+of a child is above its parent's, so children are complete before their parent. Boxes are rounded and padded
+as in `builder`. Normals equal those of `mesh.faces`, and moments those of `winding_number`, except for the
+order of summation.
 
-Tried and dropped (2026-11): loading and adding single numbers instead of rows, 18 ms instead of 12 for 300 k
-faces.
+Tried and dropped (2026-11): loading and adding single numbers instead of rows took 18 ms instead of 12 for
+300 k faces.
 """
 
 from math import pi, sqrt
@@ -57,27 +58,30 @@ from proximity.native.simd import (
 )
 
 RESULT_SUMS = 16
-"""Sums of a subtree: area; area times centre; area normal; area normal times position, nine."""
+"""Number of sums of a subtree.
+
+They are its area; area times centre, three; area normal, three; and area normal times position, nine.
+"""
 RESULT_STRIDE = 24
-"""Numbers stored for a subtree: its sums, then its box: lower xyz, upper xyz negated, two unused."""
+"""Numbers stored for a subtree: its sums, the lower xyz and the negated upper xyz of its box, two unused."""
 CORNER_ROW = 8
-"""Numbers stored for a corner, a cache line: its coordinates and its normal, in rows of four."""
+"""Numbers stored for a corner, in a cache line. They are its coordinates and its normal, in rows of four."""
 CORNER_NORMAL = 4
 BLOCK_CORNERS = 3 * LANES
-"""Corners of a block."""
+"""Number of corners of a block."""
 ULP = np.float32(1.2e-7)
 SMALLEST_STEP = np.float32(1e-38)
 EIGHTH_TANGENT = 0.41421356237309503
-"""Tangent of pi / 8: above it an arc is measured from pi / 4."""
+"""Tangent of pi / 8. Above it, the arc is computed from its difference to pi / 4."""
 
 
 @entry("float64[:, 3], int32[:], float, float64[:, 3], float64[:] -> int")
 def survey_vertices(vertices, leaders, largest, kept, box):
-    """Copy *vertices* (V, 3) to *kept*, fill *box* (6,), lower and upper; return the first invalid row.
+    """Copy *vertices* (V, 3) to *kept*, and write their box to *box* (6,). Return the first invalid row.
 
-    *leaders* (V,) int32: the first vertex at the same position, its own row or a lower one, or `UNUSED`. A
-    row is invalid if it is not finite, exceeds *largest*, or differs from its leader. `NO_ROW`: all are
-    valid.
+    *leaders*: (V,) int32, the first vertex at the same position, its own row or a lower one, or `UNUSED`. A
+    row is invalid if it is not finite, exceeds *largest*, or differs from its leader. `NO_ROW` is returned if
+    all are valid. *box*: lower and upper corner.
     """
     bad = np.int64(NO_ROW)
     low_x, low_y, low_z = np.inf, np.inf, np.inf
@@ -102,9 +106,10 @@ def survey_vertices(vertices, leaders, largest, kept, box):
 
 @entry(ModelArrays, "int, float64[:, 3], int32[:] -> float, float", makes_arrays=True)
 def refit_part(model, part, vertices, leaders):
-    """Write valid *vertices* (V, 3), m, into a part, whose frame is set and contains them.
+    """Write new vertices into a part.
 
-    Returns area and three times the enclosed volume, local.
+    Return its area and three times its enclosed volume, in the local frame. *vertices*: (V, 3) m, valid. The
+    frame of the part must be set and contain them.
     """
     reals, words, frames, parts = model
     root, node_count = parts[part].root, parts[part].node_count
@@ -144,7 +149,7 @@ def refit_part(model, part, vertices, leaders):
 
 @kernel
 def _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows):
-    """Write local corners to the model and to *corner_rows*, with zero normals."""
+    """Write local corners to the model, and to *corner_rows* with normals of zero."""
     x, y, z = frames[part].centre[0], frames[part].centre[1], frames[part].centre[2]
     scale = frames[part].scale
     corner, corner_at = parts[part].corners, 0
@@ -165,7 +170,10 @@ def _write_corners(reals, frames, parts, part, vertices, leaders, corner_rows):
 
 @inlined
 def _find_corners(words, slot, faces, corner_count, ids, first, corner_rows):
-    """Fill *ids* from *first* on: offsets of the rows of corners a, then b, then c of eight slots."""
+    """Write the offsets of the rows of the corners of eight slots to *ids* from *first* on.
+
+    First come the offsets of all corners a, then of all corners b, then of all corners c.
+    """
     for i in range(LANES):
         face = load_int(words, slot + i)
         for k in range(3):
@@ -176,9 +184,10 @@ def _find_corners(words, slot, faces, corner_count, ids, first, corner_rows):
 
 @inlined
 def _arc(y, x):
-    """Return angles of directions (x, y) with y >= 0, float64x8: 0 to pi, to 1e-14; nan if both are zero.
+    """Return the angles of directions (x, y) with y >= 0, from 0 to pi, as float64x8.
 
-    The polynomial interpolates the arc tangent at Chebyshev points.
+    They are accurate to 1e-14, and nan if both x and y are zero. The polynomial interpolates the arc tangent
+    at Chebyshev points.
     """
     across = absolute(x)
     low, high = minimum(across, y), maximum(across, y)
@@ -200,7 +209,7 @@ def _arc(y, x):
 
 @inlined
 def _refit_block(model, boxes, block, corner_rows, ids, first, results, at):
-    """Write a block and its box, add its triangles to the normals of their corners, and fill its result."""
+    """Write a block and its boxes. Add its triangles to the normals of their corners and to its result."""
     reals, base = model.reals, BLOCK_STRIDE * block
     ax, ay, az, _ = load_rows(corner_rows, ids, first, 0)
     bx, by, bz, _ = load_rows(corner_rows, ids, first + LANES, 0)
@@ -229,7 +238,7 @@ def _refit_block(model, boxes, block, corner_rows, ids, first, results, at):
     bcx, bcy, bcz = cx - bx, cy - by, cz - bz
     nx, ny, nz = cross(abx, aby, abz, acx, acy, acz)
     length = square_root(dot(nx, ny, nz, nx, ny, nz))
-    # A face without area has no normal and weight.
+    # A face without area has neither a normal nor a weight.
     has_area = length > zero
     inverse = splat(1.0) / length
     a = select(has_area, _arc(length, dot(abx, aby, abz, acx, acy, acz)) * inverse, zero)
@@ -255,7 +264,7 @@ def _refit_block(model, boxes, block, corner_rows, ids, first, results, at):
 
 @inlined
 def _refit_node(words, base, moments, results, below, at):
-    """Write boxes and moments of the node at *base* from the results of its children, and fill its result."""
+    """Write the boxes, moments and result of the node at *base* from the results of its children."""
     # Each lane is a child: area; area times centre; area normal n; n times position, xy for nx times y.
     area, x, y, z = load_rows(results, below, 0, 0)
     nx, ny, nz, xx = load_rows(results, below, 0, 4)
@@ -299,7 +308,7 @@ def _refit_node(words, base, moments, results, below, at):
 
 @kernel
 def _write_normals(reals, first, count, corner_rows):
-    """Write the normals of *count* corners from real *first* on, of length 1 or 0."""
+    """Write the normals of *count* corners from real *first* on. Their length is 1, or 0 without an area."""
     for corner in range(count):
         corner_at, at = CORNER_ROW * corner + CORNER_NORMAL, first + 3 * corner
         x, y, z = corner_rows[corner_at], corner_rows[corner_at + 1], corner_rows[corner_at + 2]

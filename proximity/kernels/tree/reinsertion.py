@@ -1,9 +1,9 @@
-"""Improvement of a binary tree: large subtrees are reinserted where they add the least surface area.
+"""Improvement of a binary tree by moving large subtrees to positions where they add the least surface area.
 
-Top-down splitting considers one run at a time and cannot move faces elsewhere later. A subtree is removed
-with its parent, which the sibling replaces; the decrease in surface area of all ancestors is the gain. The
-best position is found by a search from the root in order of added area, ending when no position can be
-better.
+Top-down splitting considers one run at a time and cannot move faces elsewhere later. Here, a subtree is
+removed with its parent, which is replaced by the sibling. The gain is the decrease in surface area of all
+ancestors. The best position is found by a search from the root in the order of added area, which ends when no
+position can be better.
 
 Source: Bittner, Hapala, Havran 2013, "Fast insertion-based optimization of bounding volume hierarchies".
 """
@@ -16,22 +16,22 @@ from proximity.native import allocating_kernel, inlined, kernel
 from proximity.native.simd import load, minimum, store
 
 LARGEST_SEARCH = 1024
-"""Maximum number of waiting positions; beyond it the search uses the best one found."""
+"""Maximum number of positions that wait in a search. If there are more, the best one found is used."""
 REINSERTION_RATIO = 4
-"""Divisor of the number of subtrees giving the number reinserted: the largest, which matter most."""
+"""One of this many subtrees is reinserted. The largest ones are chosen, as they matter most."""
 FEWEST_REINSERTIONS = 4096
 """Minimum number of reinsertions, if the tree is large enough."""
 
 
 @inlined
 def _joint_area(boxes, one, box):
-    """Return half the surface area of the box around node *one* and *box*."""
+    """Return half the surface area of the box around a node and another box."""
     return half_area(minimum(load(boxes, BOX_STRIDE * one), box))
 
 
 @inlined
 def _mend_upward(boxes, links, parents, node):
-    """Update the boxes from *node* up to fit their children."""
+    """Update the boxes of *node* and all its ancestors so that they fit their children."""
     while node >= 0:
         left, right = np.int64(links[node, LINK_LEFT]), np.int64(links[node, LINK_RIGHT])
         store(
@@ -42,7 +42,7 @@ def _mend_upward(boxes, links, parents, node):
 
 @inlined
 def _replace_child(links, parents, old, new):
-    """Replace *old* by *new* as the child of its parent."""
+    """Make *new* a child of the parent of *old*, in the place of *old*."""
     parent = np.int64(parents[old])
     links[parent, LINK_LEFT if links[parent, LINK_LEFT] == old else LINK_RIGHT] = new
     parents[new] = parent
@@ -60,7 +60,7 @@ def _wait(keys, nodes, count, key, node):
 
 @inlined
 def _take_least(keys, nodes, count):
-    """Remove the least entry, already read, from a heap of *count*."""
+    """Remove the least entry from a heap of *count* entries."""
     key, node = keys[count - 1], nodes[count - 1]
     at = 0
     while True:
@@ -78,7 +78,7 @@ def _take_least(keys, nodes, count):
 def _best_position(boxes, links, parents, moved, beside, keys, nodes):
     """Return the node next to which the removed subtree *moved* adds the least surface area.
 
-    *beside*: its former sibling. *keys*, *nodes*: (`LARGEST_SEARCH`,) scratch.
+    *beside*: its former sibling. *keys*, *nodes*: (`LARGEST_SEARCH`,), scratch memory.
     """
     box = load(boxes, BOX_STRIDE * moved)
     own = half_area(box)
@@ -109,9 +109,9 @@ def _best_position(boxes, links, parents, moved, beside, keys, nodes):
 
 @allocating_kernel
 def _at_rank(values, rank):
-    """Return the *rank*-th smallest of *values* (N,), float32 and not negative (radix select).
+    """Return the number of a given rank among *values* (N,), float32 and not negative, by radix selection.
 
-    Such numbers are ordered like their bits: eight bits per pass, from the highest on.
+    Such numbers have the order of their bits. Each pass selects by eight bits, from the highest on.
     """
     keys = values.view(np.uint32)
     counts = np.empty(256, np.int64)
@@ -134,9 +134,10 @@ def _at_rank(values, rank):
 
 @allocating_kernel
 def improve(boxes, links):
-    """Reinsert the largest subtrees of a binary tree where they add least; see `binned_sah.halve`.
+    """Move the largest subtrees of a binary tree to where they add the least surface area.
 
-    Children may then precede their parents. The root stays node 0.
+    The tree is from `binned_sah.halve`. Afterwards, children may precede their parents. The root stays node
+    0.
     """
     count = len(links)
     parents = np.full(count, NO_CHILD, np.int32)

@@ -1,15 +1,15 @@
-"""Eight-lane vectors for numba: a kernel reads like its formula and runs as vector instructions.
+"""Eight-lane vectors for numba. A kernel reads like its formula and runs as vector instructions.
 
-Three types: ``f32x8``, ``f64x8`` and ``mask8``. They exist only in registers: a kernel loads them from
-one-dimensional arrays, computes with ``+ - * /``, comparisons, ``& | ~`` and the functions below, and
+There are three types: ``f32x8``, ``f64x8`` and ``mask8``. They exist only in registers: a kernel loads them
+from one-dimensional arrays, computes with ``+ - * /``, comparisons, ``& | ~`` and the functions below, and
 extracts lanes or bits. LLVM maps them to AVX-512, AVX2, SSE or NEON. Most functions also take plain floats,
 so that one formula serves eight triangles or one.
 
-Every operation rounds once, as written: none is contracted or reordered; a fused multiply-add is explicit
-(`fma`). NaN makes every comparison false.
+Every operation rounds once. The compiler neither contracts nor reorders operations; a fused multiply-add must
+be written as `fma`. Comparisons with NaN are false.
 
 Under ``NUMBA_DISABLE_JIT=1`` the same names work on NumPy arrays of eight, so that a kernel can be stepped
-through. There `fma` is exact before rounding, too.
+through. There, too, `fma` is exact before rounding.
 """
 
 from proximity.native import IS_JIT

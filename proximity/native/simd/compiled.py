@@ -1,4 +1,4 @@
-"""Vector functions as compiled code: each a few LLVM instructions, inlined into the caller.
+"""Vector functions as compiled code. Each is a few LLVM instructions that are inlined into the caller.
 
 Functions that also take plain floats let one formula serve eight triangles or one.
 """
@@ -60,7 +60,10 @@ _ROW = ir.VectorType(ir.DoubleType(), 4)
 
 
 def _row_pointers(context, builder, array_types, arrays, at, shift):
-    """Yield the addresses of eight rows of four float64: offsets from *at* on, plus *shift*."""
+    """Yield the addresses of eight rows of four float64.
+
+    The rows start at eight consecutive offsets, from position *at* on, plus *shift*.
+    """
     offsets = context.make_array(array_types[1])(context, builder, arrays[1]).data
     for i in range(LANES):
         offset = builder.load(builder.gep(offsets, [builder.add(at, ir.Constant(at.type, i))]))
@@ -139,14 +142,17 @@ def prefetch(typingctx, array, offset):
 
 
 def _constant(builder, name, value):
-    """Return the address of a constant of the module; the linker merges equal ones."""
+    """Return the address of a constant of the module. The linker merges equal constants."""
     constant = cgutils.global_constant(builder.module, builder.module.get_unique_name(name), value)
     constant.unnamed_addr = True
     return constant
 
 
 def _lanes_of_bits():
-    """Return the lanes of each eight-bit mask, lowest first, as bytes of an int64, then arbitrary ones."""
+    """Return a table that lists, for each mask of eight bits, the lanes that are set in ascending order.
+
+    An entry is an int64 with one lane in each byte; the bytes after the last lane are arbitrary.
+    """
     chosen = [[k for k in range(LANES) if mask >> k & 1] for mask in range(1 << LANES)]
     words = [sum(k << 8 * position for position, k in enumerate(lanes)) for lanes in chosen]
     return ir.Constant(ir.ArrayType(ir.IntType(64), len(words)), words)
@@ -200,7 +206,10 @@ def like(typingctx, value, example):
 
 
 def _converting(convert, vectors, scalars):
-    """Return a conversion between the two float types; *vectors*, *scalars*: (source, target)."""
+    """Return a function that converts between the float types of vectors or of plain numbers.
+
+    *vectors*, *scalars*: source type and target type.
+    """
 
     @intrinsic
     def function(typingctx, value):
@@ -232,7 +241,7 @@ def fma(typingctx, a, b, c):
 
 
 def _common_type(*arguments):
-    """Return the common float type of an operation; integers and literals count as float64."""
+    """Return the common float type of the operands. Integers and literals count as float64."""
     vectors = {ty for ty in arguments if isinstance(ty, Vector)}
     if vectors:
         (ty,) = vectors
@@ -383,7 +392,10 @@ def count_bits(typingctx, value):
 
 
 def _each(combine):
-    """Return an intrinsic of eight vectors: lane i is the reduction by *combine* of the i-th."""
+    """Return a function of eight vectors that reduces each by *combine*.
+
+    Lane i of the result is from the i-th vector.
+    """
 
     @intrinsic
     def function(typingctx, a, b, c, d, e, f, g, h):

@@ -1,4 +1,4 @@
-"""Vector functions on NumPy arrays of eight, for stepping through kernels, with bit-identical answers."""
+"""Vector functions on NumPy arrays of eight, with bit-identical results, for stepping through kernels."""
 
 from fractions import Fraction
 
@@ -76,7 +76,7 @@ def fma(a, b, c):
 
 
 def _rounded_to_odd(result, exact):
-    """Return the float64 next to *exact* with an odd last bit, which rounds to float32 as *exact* does."""
+    """Return the float64 next to *exact* whose last bit is odd. It rounds to the same float32 as *exact*."""
     other = np.nextafter(result, np.inf if exact > Fraction(result) else -np.inf)
     return result if np.float64(result).view(np.int64) & 1 else float(other)
 

@@ -1,4 +1,4 @@
-"""Vector types of numba, and their operators.
+"""Vector types of numba and their operators.
 
 Their values are LLVM vectors in registers; arrays hold only scalars.
 """
@@ -14,7 +14,7 @@ from proximity.native.signature import LANES
 
 
 class Vector(types.Type):
-    """Eight lanes of one scalar type, or of booleans (*element* boolean)."""
+    """Eight lanes of one scalar type, which is boolean for a mask."""
 
     def __init__(self, name, element):
         self.element = element
@@ -40,7 +40,7 @@ class _VectorModel(models.PrimitiveModel):
 
 
 def suffix(ty):
-    """Return the type's spelling in LLVM's intrinsics."""
+    """Return the name of a type as used in LLVM's intrinsics."""
     return {f32x8: "v8f32", f64x8: "v8f64", types.float32: "f32", types.float64: "f64"}[ty]
 
 

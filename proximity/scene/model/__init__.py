@@ -1,1 +1,1 @@
-"""Arrays that the kernels read: the tree of a part, the parts of a scene, copies for a moving scene."""
+"""Arrays that the kernels read: trees of parts, scenes of parts, and copies for scenes whose parts move."""

@@ -1,7 +1,7 @@
-"""Assembly of solids and scenes into the arrays that kernels take.
+"""Assembly of the arrays that kernels read, from solids and scenes.
 
-The arrays of a part are made once, numbered from zero. A model concatenates those of its parts and renumbers
-tree references; the solids of a scene's parts have views of the scene's arrays, not copies.
+The arrays of a part are made once, numbered from zero. A model concatenates the arrays of its parts and
+renumbers the references of trees. The solids of a scene's parts have views of the scene's arrays, not copies.
 """
 
 from collections.abc import Collection
@@ -28,15 +28,18 @@ from proximity.mesh.part_memory import aligned_empty
 from proximity.pose import ROUNDING, Pose
 
 EXACT_ENOUGH = 2.0 * ROUNDING
-"""Rotation error up to which a matrix is used unchanged: any `Pose` is below it, in any summation order."""
+"""Rotation error up to which a matrix is used unchanged.
+
+Every `Pose` is below it, in any order of summation.
+"""
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class Model:
-    """Parts with poses as four arrays.
+    """The parts of a scene with their poses, as four arrays.
 
-    A reader of a scene's arrays must keep a reference to the model: once the model is garbage-collected, some
-    of them are overwritten for a later one.
+    A reader of a scene's arrays must keep a reference to the model. Once the model is garbage-collected, some
+    of its arrays are overwritten for a later model.
     """
 
     reals: np.ndarray  # float64
@@ -52,11 +55,11 @@ class Model:
 
     @property
     def memory_bytes(self) -> int:
-        """Bytes of all arrays."""
+        """Number of bytes of all arrays."""
         return self.reals.nbytes + self.words.nbytes + self.frames.nbytes + self.parts.nbytes
 
     def part_alone(self, row: int) -> "Model":
-        """Return a model of one part at the identity pose, in this model's memory."""
+        """Return a model of one part at the identity pose, which shares the memory of this model."""
         frames, parts = self.frames[[row, row]], self.parts[[row, row]]
         layout.columns_of(frames)[:, layout.field_at(layout.FRAME, "velocity") :] = 0.0
         parts["is_dynamic"] = parts["is_hidden"] = 0
@@ -66,7 +69,7 @@ class Model:
         return finished(self.reals, self.words, frames, parts)
 
     def folded_faces(self, row: int) -> np.ndarray:
-        """Return the faces of a part near which the sign comes from the winding number, (K,) int32."""
+        """Return the faces of a part near which the winding number gives the sign, (K,) int32."""
         part = self.parts[row]
         first, count = part["first_block"], part["block_count"]
         notes = self.words[part["block_notes"] + first :][:count].view(np.int32)
@@ -76,7 +79,7 @@ class Model:
         return folded
 
     def bvh(self, row: int) -> Bvh:
-        """Return a copy of a part's tree, numbered from zero."""
+        """Return a copy of a part's tree, with nodes and blocks numbered from zero."""
         part = self.parts[row]
         root, first_block, block_count = (int(part[name]) for name in ("root", "first_block", "block_count"))
         nodes = self.words[NODE_STRIDE * root :][: NODE_STRIDE * part["node_count"]].copy()
@@ -99,10 +102,10 @@ def assemble(
     epoch: int = 0,
     names: tuple[str, ...] = (),
 ) -> Model:
-    """Return the model of parts at poses, in new memory.
+    """Return a model of several parts at their poses, in new memory.
 
-    *sources*: at least one; models of one part each. *dynamic*, *hidden*: rows of parts that will move, and
-    of parts that queries ignore.
+    *sources*: at least one model, each of one part. *dynamic*, *hidden*: rows of the parts that will move,
+    and of the parts that queries ignore.
     """
     count = len(sources)
     parts, frames = np.zeros(count + 1, layout.PART), np.zeros(count + 1, layout.FRAME)
@@ -130,7 +133,7 @@ def assemble(
 
 
 def adopt(source: Model, pose: Pose, *, is_hidden: bool = False, name: str = "") -> Model:
-    """Return a model of the part of *source* at a pose; it takes over the memory of *source*."""
+    """Return a model of the part of *source* at another pose, and take over the memory of *source*."""
     frames, parts = source.frames.copy(), source.parts.copy()
     write_part_row(source.packed, 0, frames, parts, 0, pose.matrix, EXACT_ENOUGH)
     parts["is_hidden"][0] = is_hidden
@@ -142,7 +145,7 @@ def adopt(source: Model, pose: Pose, *, is_hidden: bool = False, name: str = "")
 
 
 def _refuse_frame(frames: np.ndarray) -> None:
-    """Raise a `MeshError`: the parts are too far apart for one frame."""
+    """Raise a `MeshError` that says that the parts are too far apart for one frame."""
     local_frame(frames["box_lower"][:-1].min(axis=0), frames["box_upper"][:-1].max(axis=0))
 
 
@@ -154,6 +157,6 @@ def finished(
     epoch: int = 0,
     names: tuple[str, ...] = (),
 ) -> Model:
-    """Return a model of complete arrays."""
+    """Return the model of arrays that are complete."""
     packed = native.packed(ModelArrays(reals, words, frames, parts))
     return Model(reals, words, frames, parts, packed, epoch, names)

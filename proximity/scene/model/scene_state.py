@@ -1,9 +1,9 @@
-"""Models of one scene while its parts move: readers keep theirs while the next is written.
+"""Models of one scene while its parts move. Readers keep their model while the next one is written.
 
-A `SceneState` has the present state. A request for a model brings the rows, boxes and dynamic nodes of a copy
-that no living model uses up to date, and that copy becomes the model. The static tree is copied without a
-part when that part moves for the first time or is hidden; it is rebuilt only when a static part is shown, or
-a part leaves the scene's frame.
+A `SceneState` has the present state. When a model is requested, a copy of the arrays that no living model
+uses becomes the model: its rows, boxes and dynamic nodes are brought up to date first. When a part moves for
+the first time or is hidden, the static tree is copied without this part. The static tree is rebuilt only when
+a static part is shown, or when a part leaves the scene's frame.
 """
 
 import weakref
@@ -30,16 +30,19 @@ from proximity.pose import ORTHONORMAL_TOLERANCE, Pose
 from proximity.scene.model.assembly import EXACT_ENOUGH, Model, finished
 
 FARTHEST_MOVE = LARGEST_COORDINATE / 4.0
-"""m; beyond it, sums of coordinates could leave the range of computation."""
+"""m. Sums of coordinates from farther moves could leave the range of computation."""
 FASTEST_MOVE = 1e9
-"""m/s, three times the speed of light, or rad/s: displacements and squares of more could overflow."""
+"""m/s, three times the speed of light, or rad/s. Displacements and squares of more could overflow."""
 UPDATES_BEFORE_SHRINKING = 1000
-"""A part that returned from far away leaves a frame that is too large. A new frame costs a new tree, which a
-part that oscillates must not cause at every tick."""
+"""Number of updates of a new frame of the scene before it may be made smaller.
+
+A part that returned from far away leaves a frame that is too large. A smaller frame requires a new tree,
+which a part that oscillates must not cause at every tick.
+"""
 
 
 def write_motion(frame: np.ndarray, velocity: np.ndarray, angular_velocity: np.ndarray) -> None:
-    """Write a part's velocities into its row of frames.
+    """Write the velocities of a part into its row of frames.
 
     *frame*: of `FRAME`; *velocity*, *angular_velocity*: (3,).
     """
@@ -47,7 +50,7 @@ def write_motion(frame: np.ndarray, velocity: np.ndarray, angular_velocity: np.n
 
 
 def write_surface(frame: np.ndarray, stiffness: float | None, damping: float) -> None:
-    """Write a part's surface, rigid or deformable, into its row of frames.
+    """Write the stiffness and damping of a part, rigid or deformable, into its row of frames.
 
     *frame*: of `FRAME`.
     """
@@ -62,7 +65,10 @@ _NEW = 2
 
 
 class _Copy:
-    """State of moving parts at some version: rows of a model's tables, and a region of its words."""
+    """A copy of the moving parts' state at some version.
+
+    It has rows of a model's tables and a region of its words.
+    """
 
     __slots__ = ("frames", "owner", "packed", "parts", "region", "static", "version")
 
@@ -75,7 +81,7 @@ class _Copy:
 
     @property
     def is_free(self) -> bool:
-        """Whether no living model uses it."""
+        """Whether no living model uses this copy."""
         return self.owner is None or self.owner() is None
 
 
@@ -116,7 +122,7 @@ class SceneState:
     def move(
         self, rows: np.ndarray, matrices: np.ndarray, velocities: np.ndarray, angular_velocities: np.ndarray
     ) -> None:
-        """Move parts; a part whose pose stays gets its velocities only.
+        """Move parts and set their velocities. A part whose pose does not change does not become dynamic.
 
         *matrices*: (K, 4, 4); *velocities*, *angular_velocities*: (K, 3).
         """
@@ -130,13 +136,13 @@ class SceneState:
         self._is_whole = True
 
     def set_surface(self, row: int, stiffness: float | None, damping: float) -> None:
-        """Set whether a part is rigid, else its stiffness and damping."""
+        """Set the stiffness and damping of a part. A stiffness of None makes it rigid."""
         self._begin(row)
         write_surface(self.frames[row], stiffness, damping)
         self._is_whole = True
 
     def set_hidden(self, row: int, is_hidden: bool) -> bool:
-        """Hide or show a part; return whether that is a change."""
+        """Hide or show a part. Return whether its visibility has changed."""
         if self.parts["is_hidden"][row] == is_hidden:
             return False
         self._begin(row)
@@ -148,12 +154,12 @@ class SceneState:
         return True
 
     def writable_model(self) -> Model:
-        """Return a model of the present state itself, for changing a part's shape."""
+        """Return a model that shares the arrays of the present state, for changing the shape of a part."""
         latest = self.latest
         return finished(latest.reals, latest.words, self.frames, self.parts, self.epoch, latest.names)
 
     def reshape(self, row: int) -> None:
-        """Record that the shape of a part has changed; from now on the part is dynamic."""
+        """Update the state after the shape of a part has changed. The part becomes dynamic."""
         self._begin(row)
         self.epoch += 1
         update_box(self.frames, self.parts, row)
@@ -164,11 +170,11 @@ class SceneState:
 
     @property
     def dynamic_rows(self) -> list[int]:
-        """Rows of the parts that have moved on their own."""
+        """Rows of the dynamic parts, which have been moved or deformed separately."""
         return [int(row) for row in np.flatnonzero(self.parts["is_dynamic"][:-1])]
 
     def values(self, row: int) -> dict[str, Any]:
-        """Return the present values of a part by names of fields."""
+        """Return the present values of the fields of a part by their names."""
         frame = self.frames[row]
         velocity, angular_velocity = frame["velocity"].copy(), frame["angular_velocity"].copy()
         velocity.flags.writeable = angular_velocity.flags.writeable = False
@@ -190,9 +196,9 @@ class SceneState:
             self._tree = max(self._tree, tree)
 
     def _begin(self, row: int | None = None) -> None:
-        """Begin a change of that row; until `_is_whole` is set again, derived arrays may be inconsistent.
+        """Begin a change of a row. Derived arrays may be inconsistent until `_is_whole` is set again.
 
-        A signal may arrive between any two steps, and its handler may raise: Ctrl-C does.
+        A signal may arrive between any two steps, and its handler may raise, as for Ctrl-C.
         """
         if not self._is_whole:
             self._start_over()
@@ -203,7 +209,7 @@ class SceneState:
             self.versions[row] = self.changes
 
     def _start_over(self) -> None:
-        """Recompute all that is derived from the rows, after an interrupted change."""
+        """Recompute everything that is derived from the rows, after a change was interrupted."""
         self.current = None
         self.changes += 1
         self.versions[:] = self.changes
@@ -219,7 +225,7 @@ class SceneState:
     # --- models ------------------------------------------------------------------------------------------
 
     def update(self) -> Model | None:
-        """Return a model of the present state; None if no copy or space is left to write it."""
+        """Return a model of the present state, or None if no copy or space is left to write it."""
         if not self._is_whole:
             self._start_over()
         self._is_whole = False
@@ -277,7 +283,7 @@ class SceneState:
         return float(reach)
 
     def _mend_tree(self) -> bool:
-        """Bring the static tree up to date in an unused copy; return False if there is no space."""
+        """Bring the static tree up to date in an unused copy. Return False if there is no space."""
         in_use = {copy.static for copy in self._copies if not copy.is_free}
         unused = [static for static in range(STATIC_COPIES) if static not in in_use]
         if not unused:
@@ -307,9 +313,10 @@ class SceneState:
 
 
 def first_unfit_move(matrices: np.ndarray, velocities: np.ndarray, angular_velocities: np.ndarray) -> int:
-    """Return the first row of a move that is not a rigid transform, or too far or too fast; -1 if none.
+    """Return the first row of an invalid move, or -1 if all are valid.
 
-    *matrices*: (K, 4, 4); *velocities*, *angular_velocities*: (K, 3).
+    A valid move is a rigid transform that is neither too far nor too fast. *matrices*: (K, 4, 4);
+    *velocities*, *angular_velocities*: (K, 3).
     """
     return int(
         first_unfit(
@@ -319,7 +326,7 @@ def first_unfit_move(matrices: np.ndarray, velocities: np.ndarray, angular_veloc
 
 
 def box_of_vertices(model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of the smallest box around all parts of a model, m, (3,) each."""
+    """Return the lower and upper corner, (3,) m, of the smallest box around all parts of a model."""
     frames = model.frames[:-1]
     lowers, uppers = frames["box_lower"].copy(), frames["box_upper"].copy()
     # The kernels' box of a rotated part encloses its rotated box, which is larger.

@@ -1,4 +1,7 @@
-"""Signed distance on a plane across a scene, and its colours: red inside, white at the surface, blue out."""
+"""Signed distance on a plane across a scene, and its colours.
+
+The colours are red inside, white at the surface and blue outside.
+"""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -13,8 +16,8 @@ if TYPE_CHECKING:
 
 AXES = "xyz"
 SHOWN_AXES = {"x": (1, 2), "y": (0, 2), "z": (0, 1)}
-"""Horizontal and vertical axis of the map of a plane across this axis."""
-MARGIN = 0.18  # of the longer side of the scene's box, around it
+"""Horizontal and vertical axis of the map of a plane, by the axis that is perpendicular to it."""
+MARGIN = 0.18  # around the scene's box, as a share of its longer side
 CELLS = 480  # along the longer side of the map
 MAP = "RdBu"
 TICKS = 9
@@ -23,7 +26,7 @@ SHARE_OF_RANGE = 0.12  # the smaller side of zero reaches at least to this share
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldSlice:
-    """Signed distances on a grid of points; rows go up, columns to the right."""
+    """Signed distances on a grid of points. Rows are ordered upwards, columns to the right."""
 
     axis: str  # of AXES, across the plane
     position: float  # m, where the plane cuts the axis
@@ -36,7 +39,7 @@ class FieldSlice:
     def of(
         cls, scene: "Scene", axis: str, position: float, *, unit: str = "m", metres: float = 1.0
     ) -> "FieldSlice":
-        """Return the slice of a scene, including a margin around its parts."""
+        """Return a slice of a scene that includes a margin around its parts."""
         if axis not in SHOWN_AXES:
             raise ArgumentError(f"a slice across {axis!r}, expected one of x, y, z")
         lower, upper = scene.bounds
@@ -61,7 +64,7 @@ class FieldSlice:
 
 
 def load_matplotlib() -> Any:
-    """Return matplotlib with the modules that a page uses."""
+    """Import and return matplotlib with the modules that a page uses."""
     with needed("pictures need", "picture"):
         import matplotlib
         import matplotlib.figure
@@ -75,9 +78,9 @@ def load_matplotlib() -> Any:
 class DistanceColors:
     """A colour map for the signed distances of one picture.
 
-    *signed_distance*: all that will be shown; values that are not finite are ignored. *metres*: metres in the
-    unit in which steps are round numbers. *is_even*: the bar is equally long on both sides of zero. *reach*:
-    fixed ends of the bar, m.
+    *signed_distance*: all distances that will be shown; values that are not finite are ignored. *metres*:
+    length of the unit in which the steps are round numbers. *is_even*: whether the bar is equally long on
+    both sides of zero. *reach*: the two ends of the bar, m, if they are fixed.
     """
 
     def __init__(
@@ -109,12 +112,15 @@ class DistanceColors:
         self.norm = matplotlib.colors.Normalize(self.levels[0], self.levels[-1])
 
     def share(self, signed_distance: np.ndarray) -> float:
-        """Return the share of distances, m, within the ends of the bar."""
+        """Return the share of distances, m, that are between the ends of the bar."""
         ends = self.levels[[0, -1]] * self.metres
         return float(np.mean((signed_distance >= ends[0]) & (signed_distance <= ends[1])))
 
     def __call__(self, signed_distance: np.ndarray) -> np.ndarray:
-        """Return colours, the shape of the distances (m) + (3,); nan is grey."""
+        """Return the colours of distances, m, in an array with one more axis of length 3.
+
+        The colour of nan is grey.
+        """
         share = self.norm(np.asarray(signed_distance) / self.metres)
         rows = np.nan_to_num(np.asarray(share) * len(self.table)).astype(np.intp)
         colors = self.table[np.clip(rows, 0, len(self.table) - 1)]

@@ -7,7 +7,7 @@ import numpy as np
 from proximity.scene.picture.distance_field import load_matplotlib
 from proximity.scene.picture.scene_view import INK, Camera, Connections
 
-SCALE_SHARE = 0.22  # of the width: the scale is the longest round length below
+SCALE_SHARE = 0.22  # of the width; the scale is the longest round length below it
 ROUND = (1.0, 2.0, 5.0, 10.0)
 ARROW = 0.055  # of the height
 
@@ -30,7 +30,7 @@ def draw_distances(axes: Any, camera: Camera, connections: Connections, unit: st
 
 
 def draw_scale(axes: Any, camera: Camera, unit: str, metres: float) -> None:
-    """Draw a bar of a round length in the lower right corner of the view."""
+    """Draw a bar whose length is a round number in the lower right corner of the view."""
     longest = SCALE_SHARE * camera.size[0] * camera.meters_per_pixel / metres
     power = 10.0 ** np.floor(np.log10(longest))
     length = power * max(value for value in ROUND if value * power <= longest * (1 + 1e-9))
@@ -66,10 +66,10 @@ def draw_axes(axes: Any, camera: Camera) -> None:
 
 
 def text_size() -> float:
-    """Return the size of the page's text, points."""
+    """Return the size of text on the page, in points."""
     return float(load_matplotlib().rcParams["font.size"])
 
 
 def halo() -> list[Any]:
-    """Return a white outline, for text over any background."""
+    """Return a white outline that keeps text readable on any background."""
     return [load_matplotlib().patheffects.withStroke(linewidth=3, foreground="white", alpha=0.85)]

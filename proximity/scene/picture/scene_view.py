@@ -1,7 +1,7 @@
-"""The view of the parts as an image: PyVista draws parts, points, connections and the plane of a slice.
+"""The view of a scene as an image. PyVista draws parts, points, connections and the plane of a slice.
 
-Its renderer computes in single precision: coordinates are relative to the middle of the view, in units of its
-size.
+Its renderer computes in single precision. Coordinates are therefore relative to the middle of the view, in
+units of its size.
 """
 
 import os
@@ -28,20 +28,20 @@ TO_VIEWER = {
     "top": (0.0, 0.0, 1.0),
     "bottom": (0.0, 0.0, -1.0),
 }
-"""Direction from the part to the viewer, in the scene's frame; z is up."""
-MARGIN = 0.10  # of the image, free on each side
-SMALLEST_EXTENT = 1e-9  # m: a single point fills no image
-SAMPLES = 2  # a side of a pixel
+"""Direction from the part to the viewer for each view, in the scene's frame; z is up."""
+MARGIN = 0.10  # share of the image that is left free on each side
+SMALLEST_EXTENT = 1e-9  # m; for a single point, which has no extent
+SAMPLES = 2  # per side of a pixel
 INK = "#17202a"
 SHARP_EDGE = 25.0  # degrees between faces: an edge is drawn, and the surface is not shaded across it
-LIGHTS = (  # towards the light: right, up, to the viewer; how bright
+LIGHTS = (  # direction to the light (right, up, to the viewer), and its brightness
     ((0.30, 0.55, 0.78), 0.70),
     ((-0.70, 0.10, 0.70), 0.30),
     ((0.0, 0.0, 1.0), 0.25),
 )
 SURFACE_LOOK = {"ambient": 0.20, "diffuse": 0.95, "specular": 0.12, "specular_power": 24.0}
 SHINE_THROUGH = 0.30  # opacity of queries behind or inside a part
-NEAREST_OFFSET = -66000.0  # offset in depth, in units that VTK calls so
+NEAREST_OFFSET = -66000.0  # offset in depth, in VTK's units for it
 SHEET_OPACITY = 0.5
 MAX_TUBES = 400  # connections; with more, only the points are drawn
 POINT_RADIUS, END_RADIUS, TUBE_RADIUS = 0.0125, 0.0055, 0.0026  # of the image's height
@@ -49,7 +49,7 @@ POINT_RADIUS, END_RADIUS, TUBE_RADIUS = 0.0125, 0.0055, 0.0026  # of the image's
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """Parallel projection: the viewer's direction, and metres per pixel."""
+    """A parallel projection, given by the viewer's direction and the metres per pixel."""
 
     screen_from_scene: np.ndarray  # (3, 3), rows: right, up, to the viewer
     center: np.ndarray  # (3,) m, scene's frame, in the middle of the image
@@ -58,7 +58,7 @@ class Camera:
 
     @classmethod
     def fitted(cls, view: str, points: np.ndarray, size: tuple[int, int]) -> "Camera":
-        """Return the camera that shows all points, (N, 3), m, as large as possible."""
+        """Return the camera that shows all points, (N, 3) m, as large as possible."""
         turn = rotation_of(view)
         seen = points @ turn.T
         lower, upper = seen.min(axis=0), seen.max(axis=0)
@@ -67,20 +67,20 @@ class Camera:
         return cls(turn, turn.T @ ((lower + upper) / 2), scale, size)
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """Return positions of points, (..., 3), m, in pixels right and down from the upper left corner."""
+        """Return the pixels of points, (..., 3) m, to the right and down from the upper left corner."""
         seen = (points - self.center) @ self.screen_from_scene[:2].T / self.meters_per_pixel
         pixels: np.ndarray = seen * [1.0, -1.0] + np.array(self.size) / 2
         return pixels
 
     def heights(self, points: np.ndarray) -> np.ndarray:
-        """Return points, (..., 3), m, relative to the middle of the image, in units of its height."""
+        """Return points, (..., 3) m, relative to the middle of the image, in units of its height."""
         turned: np.ndarray = (points - self.center) / (self.meters_per_pixel * self.size[1])
         return turned
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Connections:
-    """Points with the nearest points of the parts."""
+    """Points, and the points of the parts that are nearest to them."""
 
     points: np.ndarray  # (N, 3) m, scene's frame
     closest: np.ndarray  # (N, 3) m
@@ -88,7 +88,7 @@ class Connections:
 
 
 def rotation_of(view: str) -> np.ndarray:
-    """Return the rotation with the rows right, up and to the viewer."""
+    """Return the rotation matrix of a view. Its rows point right, up and to the viewer."""
     if view not in TO_VIEWER:
         raise ArgumentError(f"no view {view!r}, expected one of {', '.join(TO_VIEWER)}")
     back = np.array(TO_VIEWER[view]) / np.linalg.norm(TO_VIEWER[view])
@@ -99,7 +99,7 @@ def rotation_of(view: str) -> np.ndarray:
 
 
 def load_pyvista() -> Any:
-    """Return PyVista, set to draw without a screen."""
+    """Import PyVista, configured to draw without a screen, and return it."""
     if sys.platform == "linux":
         # VTK would try an X server first. Its check reports OSMesa where there is none, which ends in a
         # segmentation fault (9.7, 2026-11-25): only EGL is tried.
@@ -119,7 +119,10 @@ def draw_scene(
     camera: Camera,
     colors: tuple[DistanceColors, DistanceColors],
 ) -> np.ndarray:
-    """Return the image, (H, W, 3) uint8: parts in *tints*; *colors*: of *field*, of the points."""
+    """Return an image, (H, W, 3) uint8, of parts, connections and the plane of a slice.
+
+    *tints*: colours of the parts. *colors*: colour map of *field*, and colour map of the points.
+    """
     pyvista = load_pyvista()
     width, height = camera.size
     plotter = pyvista.Plotter(
@@ -179,7 +182,7 @@ def _add_parts(plotter: Any, parts: "Sequence[Part]", tints: Sequence[str], came
 
 
 def _add_sheet(plotter: Any, field: FieldSlice, camera: Camera, colors: DistanceColors) -> None:
-    """Draw the plane's colours and iso-distance lines, and its intersection with the surface."""
+    """Draw the colours and iso-distance lines of a plane, and the line in which it cuts the surface."""
     sheet = load_pyvista().StructuredGrid(*np.moveaxis(camera.heights(field.points)[..., None, :], -1, 0))
     sheet["colors"] = np.swapaxes(colors(field.signed_distance), 0, 1).reshape(-1, 3)
     sheet["distance"] = field.signed_distance.T.reshape(-1)  # in column order, as the points
@@ -193,7 +196,7 @@ def _add_sheet(plotter: Any, field: FieldSlice, camera: Camera, colors: Distance
 
 
 def _add_queries(plotter: Any, connections: Connections, camera: Camera, colors: DistanceColors) -> None:
-    """Draw points, connections and their ends; those behind the surface shine through."""
+    """Draw points, connections and their ends. Those behind the surface shine through."""
     pyvista = load_pyvista()
     count = len(connections.points)
     size = min(1.0, max(0.25, (60 / count) ** 0.5))

@@ -1,4 +1,4 @@
-"""The sheet of a picture: the parts, the slice's map, colour bar, scale and legend."""
+"""The page of a picture: the parts, the map of the slice, colour bars, a scale and a legend."""
 
 import io
 import os
@@ -34,11 +34,11 @@ HEAD, FOOT = 0.075, 0.085  # of the height
 class Picture:
     """Contents of a picture.
 
-    ``scene`` computes every number. ``title`` is at the top. ``points`` (N, 3), m, are joined with the
-    nearest points of the parts. ``cut`` is the axis across which a slice lies, and its position, m. ``unit``
-    is the name of the unit of lengths on the page, ``metres`` its length. ``view`` is one of `TO_VIEWER`,
-    ``size`` the width and height in pixels. ``reach``, m, are the ends of the colour bar of the points, the
-    first below 0; the share of the points between them is written below it.
+    ``scene`` computes every number. ``title`` is at the top. ``points`` (N, 3), m, are connected with the
+    nearest points of the parts. ``cut`` has the axis that is perpendicular to a slice, and the position of
+    the slice, m. ``unit`` is the name of the unit of lengths on the page, and ``metres`` is its length.
+    ``view`` is one of `TO_VIEWER`, ``size`` is the width and height in pixels. ``reach``, m, has the ends of
+    the colour bar of the points, the first below 0; the share of the points between them is written below it.
     """
 
     scene: "Scene"
@@ -53,14 +53,14 @@ class Picture:
 
 
 def write_picture(picture: Picture, path: str | os.PathLike[str]) -> None:
-    """Write a picture as a PNG file, atomically; an existing file is replaced."""
+    """Write a picture as a PNG file, atomically. An existing file is replaced."""
     content = draw(picture)
     with whole_file(path) as stream:
         stream.write(content)
 
 
 def draw(picture: Picture) -> bytes:
-    """Return a picture as the bytes of a PNG file."""
+    """Draw a picture and return the bytes of a PNG file."""
     width, height = picture.size
     if not all(SMALLEST <= side <= LARGEST for side in picture.size):
         raise ArgumentError(f"a picture of {width}x{height} pixels, expected {SMALLEST} to {LARGEST} a side")
@@ -84,13 +84,13 @@ def draw(picture: Picture) -> bytes:
 
 
 def load_renderer() -> None:
-    """Import PyVista and matplotlib, which takes a second; raise an error that names a missing one."""
+    """Import PyVista and matplotlib, which takes a second. Raise an error that names a missing one."""
     load_pyvista()
     load_matplotlib()
 
 
 def slice_box(size: tuple[int, int], field: FieldSlice) -> tuple[float, float, float, float]:
-    """Return left, bottom, width and height of the slice's map, as shares of the page.
+    """Return left, bottom, width and height of the map of a slice, as shares of the page.
 
     *field*: the contents of the map; it has the same scale in both directions.
     """
@@ -148,7 +148,7 @@ def _draw_view(
     colors: tuple[DistanceColors, DistanceColors],
     share: float,
 ) -> Camera:
-    """Draw the parts on the left of the page, with points and slice; return the camera."""
+    """Draw the parts, the points and the slice on the left of the page. Return the camera."""
     parts = [part for part in picture.scene.parts if not part.is_hidden]
     if not parts:
         raise ArgumentError("all parts of the scene are hidden: nothing can be drawn")
@@ -192,7 +192,7 @@ def _draw_legend(figure: Any, names: list[str], tints: list[str], connections: C
 
 
 def _draw_map(axes: Any, picture: Picture, field: FieldSlice, colors: DistanceColors) -> None:
-    """Draw the signed distance in the plane: colours, iso lines, the surface bold."""
+    """Draw the signed distance in a plane as colours and iso lines. The line at the surface is bold."""
     right, up = field.right / picture.metres, field.up / picture.metres
     distance = field.signed_distance / picture.metres
     extent = (right[0], right[-1], up[0], up[-1])
@@ -232,7 +232,10 @@ def _draw_bar(
     *,
     is_flat: bool = False,
 ) -> None:
-    """Draw a colour bar, of the points if *distances*, m, are given; it is flat next to a slice."""
+    """Draw a colour bar. It belongs to the points if their *distances*, m, are given, otherwise to the slice.
+
+    *is_flat*: the bar is horizontal, because the map of a slice is next to it.
+    """
     matplotlib = load_matplotlib()
     mappable = matplotlib.cm.ScalarMappable(colors.norm, colors.map)
     every = 2 if is_flat else 1  # keeps the tick at zero

@@ -1,1 +1,1 @@
-"""Compiled scenes: files that are mapped into memory and checked, not built again."""
+"""Compiled scenes: files that are mapped into memory and validated, without building trees again."""

@@ -1,15 +1,15 @@
-"""Archives: memory-mapped files of arrays, rejected if a bit has changed.
+"""Archives: files of arrays that are mapped into memory, and rejected if a bit has changed.
 
-This module knows files, arrays and JSON only; `compiled_scene` defines the contents. A file is a header of
-`HEADER` bytes, a JSON document, and the arrays, each starting on a page and padded with zeros::
+This module deals only with files, arrays and JSON; `compiled_scene` defines the contents. A file has a header
+of `HEADER` bytes, a JSON document, and the arrays, each starting on a page and padded with zeros::
 
     magic, byte order, format version, bytes of the file, bytes and checksum of the JSON part, own checksum
     JSON: layout of the arrays; their names, types, shapes, offsets and checksums; any other data
     page by page: the arrays
 
-The first 64 bytes keep their form in every version, so that any version can recognise any file. Checksums
-guard against damage (a cut, a flipped bit, a misplaced page), not against malice: `compiled_model` validates
-the contents of the arrays.
+The first 64 bytes have the same form in every version, so that any version can recognise any file. Checksums
+detect damage (a cut, a flipped bit, a misplaced page), not malice: `compiled_model` validates the contents of
+the arrays.
 """
 
 import json
@@ -52,7 +52,7 @@ SENTENCES = {
     stored_bytes.BAD_ARRAY: "it is damaged: the checksum of {name} differs",
     stored_bytes.BAD_END: "its table of arrays does not fit it (the end)",
 }
-"""Message of each kind of fault: {0} and {1} are numbers from the kernel, {name} the array."""
+"""Message for each kind of fault. {0} and {1} are numbers from the kernel, {name} is the array's name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +64,7 @@ class Contents:
 
 
 def check_extension(path: Any) -> None:
-    """Raise an error unless a name ends in ".prox": it could be that of a mesh."""
+    """Raise an error unless a file name ends in ".prox". Another name could be that of a mesh."""
     try:
         name = os.fsdecode(path)
     except TypeError:
@@ -79,10 +79,10 @@ def check_extension(path: Any) -> None:
 def write_archive(
     path: Any, metadata: dict[str, Any], arrays: dict[str, np.ndarray], layout: dict[str, int]
 ) -> None:
-    """Write a file atomically: until it is complete it has another name.
+    """Write a file atomically. Until it is complete it has another name.
 
-    *path*: an existing file is replaced; a process that has it mapped keeps the old one. *layout*: layout of
-    the arrays; a reader must give the same.
+    *path*: an existing file is replaced; a process that has mapped it keeps the old contents. *layout*:
+    numbers that define the layout of the arrays; a reader must give the same numbers.
     """
     head = _head(metadata, arrays, layout)
     with whole_file(path, takes_devices=False) as file:
@@ -90,7 +90,7 @@ def write_archive(
 
 
 def _head(metadata: dict[str, Any], arrays: dict[str, np.ndarray], layout: dict[str, int]) -> bytes:
-    """Return header and JSON, padded to whole pages."""
+    """Return the header and the JSON part, padded to whole pages."""
     table, offset = [], 0
     for name, array in arrays.items():
         entry = {"name": name, "dtype": array.dtype.name, "shape": list(array.shape), "offset": offset}
@@ -118,7 +118,7 @@ def _write_all(file: BinaryIO, head: bytes, arrays: dict[str, np.ndarray]) -> No
 
 
 def read_archive(path: Any, layout: dict[str, int]) -> Contents:
-    """Map a file, after verifying all of its checksums.
+    """Map a file into memory, after verifying all of its checksums.
 
     *path*: the file. It must not be changed in place while the arrays exist; `write_archive` never does.
 
@@ -148,7 +148,10 @@ def read_archive(path: Any, layout: dict[str, int]) -> Contents:
 
 
 def _checked_header(whole: np.ndarray) -> int:
-    """Return the bytes of the JSON part, if the file is whole and of this version and machine."""
+    """Return the number of bytes of the JSON part.
+
+    The file must be whole, and of this version and machine.
+    """
     fault = np.zeros(FAULT_SIZE, np.int64)
     _refuse(stored_bytes.fault_in_header(whole, fault), fault)
     return int(fault[0])
@@ -176,7 +179,7 @@ def _check_layout(document: dict[str, Any], expected: dict[str, int]) -> None:
 
 
 def _checked_arrays(data: np.ndarray, table: list[dict[str, Any]]) -> dict[str, np.ndarray]:
-    """Return the arrays, which must fill *data* and match their checksums."""
+    """Return the arrays by name, after checking that they fill *data* and match their checksums."""
     rows, fault = [], np.zeros(FAULT_SIZE, np.int64)
     for entry in table:
         dtype, shape = _TYPES.get(entry["dtype"]), entry["shape"]

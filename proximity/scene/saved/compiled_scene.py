@@ -1,7 +1,7 @@
 """Compiled scenes: saving a scene with its trees, and opening it without building them.
 
-The fields of scenes, parts and solids are listed here once, for writing and reading. All parts share a few
-long arrays in the file.
+This module lists the fields of scenes, parts and solids once, for writing and for reading. In the file, all
+parts share a few long arrays.
 """
 
 from collections.abc import Iterable
@@ -46,13 +46,15 @@ LAYOUT |= {
     for field in layout.PART.names or ()
 }
 LAYOUT["SCENE_GRID"] = LAYOUT["PART_GRID"]
-"""Numbers that define the layout of a model's arrays: a file with others is rejected. A change that no number
-shows, such as another meaning of a column, needs another `archive.FORMAT_VERSION`."""
+"""Numbers that define the layout of a model's arrays. A file with other numbers is rejected.
+
+A change that no number shows, such as another meaning of a column, needs another `archive.FORMAT_VERSION`.
+"""
 
 _FIELDS = (
     "name", "repairs", "velocity", "angular_velocity", "is_hidden", "stiffness", "damping",
 )  # fmt: skip
-"""Fields of a part that are stored as JSON. Solid, pose and source faces are arrays."""
+"""Fields of a part that are stored as JSON. The solid, the pose and the source faces are arrays."""
 
 
 _CONTRADICTIONS = (ValueError, TypeError, LookupError, ArithmeticError, MeshFormatError)
@@ -68,7 +70,7 @@ class CompiledScene:
 
 
 def write_scene(path: Any, model: Model, parts: Iterable[Any], report: Any) -> None:
-    """Write the contents of a scene."""
+    """Write the parts, the report and the arrays of a scene to a file."""
     parts = list(parts)
     # A solid in several parts is written once; its arrays are those of its first part.
     row_of: dict[int, int] = {}
@@ -102,7 +104,10 @@ def write_scene(path: Any, model: Model, parts: Iterable[Any], report: Any) -> N
 
 
 def read_scene(path: Any) -> CompiledScene:
-    """Return the scene that `write_scene` wrote; its arrays are mapped, and trees are not rebuilt."""
+    """Return the scene in a file of `write_scene`.
+
+    Its arrays are mapped into memory, and trees are not rebuilt.
+    """
     contents = read_archive(path, LAYOUT)
     try:
         return _scene(contents.metadata, contents.arrays)
@@ -170,7 +175,7 @@ def _scene(metadata: dict[str, Any], arrays: dict[str, np.ndarray]) -> CompiledS
 
 
 def _values(fields: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
-    """Return the fields of all parts by name, a list with one entry a part each."""
+    """Return the fields of all parts by name. Each is a list with one entry for each part."""
     count = len(names)
     stiffness, damping = surfaces_of(fields["stiffness"], fields["damping"], names)
     return {
@@ -185,7 +190,7 @@ def _values(fields: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _write_rows(frames: np.ndarray, rows: np.ndarray, poses: np.ndarray, values: dict[str, Any]) -> None:
-    """Overwrite the tables with the poses, velocities, surfaces and visibility from the metadata."""
+    """Overwrite poses, velocities, surfaces and visibility in the tables by those from the metadata."""
     count = len(poses)
     expect(count == len(values["name"]), f"there are {len(values['name'])} parts, but {count} poses")
     for table, what in ((rows, "the trees"), (frames, "frames")):
@@ -200,7 +205,7 @@ def _write_rows(frames: np.ndarray, rows: np.ndarray, poses: np.ndarray, values:
 def _solids(
     metadata: dict[str, Any], arrays: dict[str, np.ndarray], model: Model, names: tuple[str, ...]
 ) -> tuple[list[Solid], list[int]]:
-    """Return the solids, and the solid number of each part."""
+    """Return all solids, and a list with the number of each part's solid."""
     rows = model.parts
     reported = [solid_of(each, len(names)) for each in list_of(list, metadata["solids"], "solids")]
     solid_of_part = numbers_below(len(reported), metadata["solid_of_part"], "solid_of_part", len(names))
@@ -239,7 +244,7 @@ def _array(arrays: dict[str, np.ndarray], name: str, dtype: type, columns: int |
 
 
 def _slices(array: np.ndarray, counts: list[int]) -> list[np.ndarray]:
-    """Return *array* cut into runs of *counts* rows, read-only."""
+    """Cut an array into read-only runs of *counts* rows."""
     ends = np.cumsum([0, *counts]).tolist()
     expect(ends[-1] == len(array), f"there are {len(array)} rows, but {ends[-1]} are spoken of")
     array.flags.writeable = False

@@ -1,4 +1,4 @@
-"""The description in a compiled scene: types and ranges of its entries."""
+"""Validation of the description in a compiled scene: types and ranges of its entries."""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -31,9 +31,9 @@ def expect(is_right: Any, message: str) -> None:
 
 
 def list_of(kind: type, value: Any, what: str, count: int | None = None) -> list[Any]:
-    """Return *value* if it is a list of *kind*, of *count* entries if given.
+    """Return *value* if it is a list whose entries all have the type *kind*, otherwise raise an error.
 
-    *kind*: exact type of all entries: True is not a whole number.
+    *kind*: exact type, so that True is not a whole number. *count*: expected number of entries, if given.
     """
     expect(type(value) is list, f"{what} are {_shown(value)}, expected a list")
     expect(count is None or len(value) == count, f"there are {len(value)} {what}, expected {count}")
@@ -43,7 +43,10 @@ def list_of(kind: type, value: Any, what: str, count: int | None = None) -> list
 
 
 def numbers_below(limit: int, value: Any, what: str, count: int | None = None) -> list[int]:
-    """Return *value* if it is a list of whole numbers from 0 to *limit* - 1."""
+    """Return *value* if it is a list of whole numbers from 0 to *limit* - 1, otherwise raise an error.
+
+    *count*: expected number of entries, if given.
+    """
     numbers = list_of(int, value, what, count)
     bad = next((number for number in numbers if not 0 <= number < limit), None)
     expect(bad is None, f"{what} have {_shown(bad)}, expected 0 to {limit - 1}")
@@ -51,7 +54,7 @@ def numbers_below(limit: int, value: Any, what: str, count: int | None = None) -
 
 
 def names_of(value: Any) -> tuple[str, ...]:
-    """Return the names of parts, which must be unique."""
+    """Return the names of all parts, or raise an error if two are equal."""
     names = list_of(str, value, "names")
     expect(len(set(names)) == len(names), "two parts have one name")
     return tuple(names)
@@ -66,7 +69,7 @@ def repairs_of(value: Any) -> Repairs:
 
 
 def velocities_of(value: Any, what: str, count: int) -> np.ndarray:
-    """Return velocities, (P, 3) float64, read-only."""
+    """Return the velocities of all parts as a read-only array, (P, 3) float64."""
     rows = list_of(list, value, what, count)
     expect(all(len(row) == 3 and all(type(entry) is float for entry in row) for row in rows),
            f"{what} are not three numbers each")  # fmt: skip
@@ -81,7 +84,7 @@ def velocities_of(value: Any, what: str, count: int) -> np.ndarray:
 def surfaces_of(
     stiffness: Any, damping: Any, names: tuple[str, ...]
 ) -> tuple[list[float | None], list[float]]:
-    """Return stiffness and damping of all parts."""
+    """Return two lists with the stiffness and the damping of all parts."""
     expect(type(stiffness) is list and len(stiffness) == len(names), "stiffness is not a list, one a part")
     expect(all(one is None or type(one) is float for one in stiffness), "stiffness is no number of some part")
     dampings = list_of(float, damping, "damping", len(names))
@@ -93,7 +96,7 @@ def surfaces_of(
 
 
 def report_of(value: Any) -> dict[str, Any] | None:
-    """Return the fields of a report, or None."""
+    """Return the fields of a report, or None if there is none."""
     if value is None:
         return None
     expect(type(value) is dict, f"the report is {_shown(value)}")
@@ -106,7 +109,10 @@ def report_of(value: Any) -> dict[str, Any] | None:
 
 
 def solid_of(value: Any, part_count: int) -> tuple[int, str, SignMethod, str, bool]:
-    """Return a solid's fields: first part, name, sign method, reason, and whether it is watertight."""
+    """Return the five fields of a solid.
+
+    They are its first part, name, sign method, the reason for it, and whether the solid is watertight.
+    """
     expect(type(value) is list and len(value) == 5, f"a solid is {_shown(value)}")
     kinds: tuple[Callable[..., Any], ...] = (int, str, str, str, bool)
     expect(all(type(entry) is kind for entry, kind in zip(value, kinds, strict=True)),

@@ -1,6 +1,7 @@
-"""The model in a compiled scene, validated before any traversal; and messages for its faults.
+"""Validation of the model in a compiled scene before any traversal, with messages for its faults.
 
-Kernels check no bounds, so every stored position is compared with the arrays, see `kernels.scene.store`.
+Kernels check no bounds. So every stored position is compared with the lengths of the arrays, see
+`kernels.scene.store`.
 """
 
 import numpy as np
@@ -80,17 +81,19 @@ SENTENCES = {
     opened_model.BAD_ORDER: "the tree over the parts that have moved does not have each of them once",
     opened_model.BEYOND_FRAME: "its parts reach beyond the scene's frame",
 }
-"""Message of each kind of fault: {0} to {2} are numbers from the kernel, {3} and {4} the counts of nodes and
-blocks of the part."""
+"""Message for each kind of fault.
+
+{0} to {2} are numbers from the kernel; {3} and {4} are the counts of nodes and blocks of the part.
+"""
 MOVE_LIMITS = ORTHONORMAL_TOLERANCE, FARTHEST_MOVE, FASTEST_MOVE
 
 
 def complete_model(
     reals: np.ndarray, words: np.ndarray, frames: np.ndarray, parts: np.ndarray, names: tuple[str, ...]
 ) -> None:
-    """Validate a model, and recompute all that depends on poses and visibility.
+    """Validate a model, and recompute all values that depend on poses and visibility.
 
-    *frames*, *parts*: with the final poses, velocities, surfaces and visibility.
+    *frames*, *parts*: the tables, with the final poses, velocities, surfaces and visibility.
     """
     fault, columns = np.zeros(model_validation.FAULT_SIZE, np.int64), layout.columns_of(parts)
     kind = opened_model.complete_model(reals, words, frames, parts, columns, len(names), *MOVE_LIMITS, fault)
@@ -105,10 +108,10 @@ def check_mesh(
     faces: np.ndarray,
     names: tuple[str, ...],
 ) -> None:
-    """Check that a part's faces are those of a mesh.
+    """Check that the faces of a part are the faces of a mesh.
 
-    *words*, *parts*: of a model whose parts `check_parts` has validated. *vertices*: (V, 3) m;
-    *faces*: (F, 3).
+    *words*, *parts*: arrays of a model that `complete_model` has validated. *vertices*: (V, 3) m; *faces*:
+    (F, 3).
     """
     fault, corners = np.zeros(model_validation.FAULT_SIZE, np.int64), np.empty(len(vertices), np.int32)
     kind = model_validation.fault_in_mesh(
@@ -118,7 +121,7 @@ def check_mesh(
 
 
 def _raise_at(kind: int, fault: np.ndarray, parts: np.ndarray, names: tuple[str, ...]) -> None:
-    """Raise an error with the message of a kernel's fault, if any."""
+    """Raise an error with the message of a kernel's fault, unless there is none."""
     if kind == model_validation.SOUND:
         return
     part, *numbers = fault.tolist()
@@ -131,5 +134,5 @@ def _raise_at(kind: int, fault: np.ndarray, parts: np.ndarray, names: tuple[str,
 
 
 def named(part: int, names: tuple[str, ...]) -> str:
-    """Return the name of a part in messages."""
+    """Return the name of a part as used in messages."""
     return f"part {part} {names[part]!r}"

@@ -28,9 +28,7 @@ class Step(NamedTuple):
     verdict: Defect | None = None
     later: int = MS  # ns after the frame before
     sent: int = 0
-    header: Mapping[str, int] = MappingProxyType(
-        {}
-    )  # fields that differ from those of a valid frame
+    header: Mapping[str, int] = MappingProxyType({})  # fields that differ from those of a valid frame
     record: Mapping[str, object] = MappingProxyType({})  # fields of its second contact
     cut: int = 0  # missing bytes; negative: extra bytes
     flip: int = -1  # a byte with a flipped bit

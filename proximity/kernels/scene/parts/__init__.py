@@ -1,1 +1,1 @@
-"""Parts of a scene: poses, and the trees over the parts."""
+"""Parts of a scene: their poses, and the trees over the parts."""

@@ -1,6 +1,6 @@
 """Assembly of separate parts into the model of one scene.
 
-There are five steps, between which the caller allocates memory: `write_part_row` writes the rows of each
+There are five steps, between which the caller allocates memory. `write_part_row` writes the rows of each
 part, `copy_nodes` collects their nodes, `plan_scene` builds the tree over the parts and plans the layout,
 `copy_part` copies the arrays of each part, and `finish_scene` writes the remaining arrays.
 """
@@ -35,16 +35,25 @@ from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import allocating_kernel, entry, inlined, kernel
 
 SPARE = 1.25
-"""Capacity of the static tree, as a multiple of its first size: opening other parts may need more."""
+"""Capacity of the static tree, as a multiple of its first size.
+
+Opening other parts may need a larger tree.
+"""
 LINE_REALS, LINE_WORDS = 8, 16
-"""Numbers in a cache line, to which each array is aligned."""
+"""Number of reals and number of words in a cache line, to which each array is aligned."""
 CELLS_PER_PART = 64
-"""Cells per part in the grid over a scene. On 118 touching parts sixteen times this number brings no gain."""
+"""Number of cells per part in the grid over a scene.
+
+For 118 touching parts, 16 times as many bring no gain.
+"""
 MAX_CELLS = 2**18
 LONGEST = 4
-"""Maximum average of parts listed per cell; a scene with more gets fewer and larger cells."""
+"""Maximum average number of parts listed per cell.
+
+If a scene has more, the grid gets fewer and larger cells.
+"""
 CELLS_OF_ONE = 64
-"""Upper bound of the cells of a grid that was requested with one cell."""
+"""Upper bound of the number of cells in a grid for which one cell was requested."""
 
 
 @inlined
@@ -55,9 +64,9 @@ def _on_line(count, line):
 
 @entry(ModelArrays, "int, Frame[:], Part[:], int, float64[:, 4], float")
 def write_part_row(source, row, frames, parts, to, matrix, rounding):
-    """Copy a row of *source* to row *to* of a new model, at the pose *matrix* (4, 4). Call it in row order.
+    """Copy a row of *source* to row *to* of a new model, at another pose. Call it in the order of the rows.
 
-    *rounding*: error up to which a rotation is used as given.
+    *matrix*: (4, 4), the pose. *rounding*: error up to which a rotation is used as given.
     """
     frames[to], parts[to] = source.frames[row], source.parts[row]
     parts[to].root = parts[to - 1].root + parts[to - 1].node_count if to else 0
@@ -68,7 +77,7 @@ def write_part_row(source, row, frames, parts, to, matrix, rounding):
 
 @entry(ModelArrays, "int, float32[:], Part[:], int")
 def copy_nodes(source, row, nodes, parts, to):
-    """Copy the nodes of a row of *source*, renumbered, into the *nodes* of all parts."""
+    """Copy the nodes of a row of *source* into the *nodes* of all parts, and renumber them."""
     first, target, words = NODE_STRIDE * source.parts[row].root, NODE_STRIDE * parts[to].root, source.words
     numbers, copies = words.view(np.int32), nodes.view(np.int32)
     node_shift = parts[to].root - source.parts[row].root
@@ -86,10 +95,10 @@ def copy_nodes(source, row, nodes, parts, to):
 
 @entry("float32[:], Frame[:], Part[:] -> float32[:], int32[:, :], int, int", makes_arrays=True)
 def plan_scene(nodes, frames, parts):
-    """Return the tree over the parts (nodes, entries), and the numbers of reals and words of the model.
+    """Build the tree over the parts, and plan the layout of the model.
 
-    The number of reals is 0 if the parts are too far apart for one frame. Writes the scene's row and the
-    layout.
+    Return the nodes and the entries of the tree, and the numbers of reals and words of the model. The number
+    of reals is 0 if the parts are too far apart for one frame. The scene's row and the layout are written.
     """
     scene, largest, widest, oblique = len(parts) - 1, 0, -1.0, np.int64(0)
     node_count, block_count, face_count = np.int64(0), np.int64(0), np.int64(0)
@@ -122,7 +131,7 @@ def plan_scene(nodes, frames, parts):
 
 @allocating_kernel
 def _tree_over_all(nodes, frames, parts):
-    """Return the length of the nodes of a static tree over all parts; 0 if none is dynamic or hidden."""
+    """Return the length that the static tree would have over all parts, or 0 if none is dynamic or hidden."""
     scene, count = len(parts) - 1, 0
     flags = np.empty((scene, 2), np.int64)
     for part in range(scene):
@@ -137,9 +146,9 @@ def _tree_over_all(nodes, frames, parts):
 
 @kernel
 def lay_out(parts, node_end, list_space):
-    """Write the offsets of all arrays, after node *node_end*; return the numbers of reals and words.
+    """Write the offsets of all arrays that follow node *node_end*. Return the numbers of reals and words.
 
-    The arrays are in the order of `clear_gaps`, each aligned to a cache line.
+    The arrays have the order of `clear_gaps`, and each is aligned to a cache line.
     """
     scene = len(parts) - 1
     blocks = parts[scene - 1].first_block + parts[scene - 1].block_count
@@ -167,7 +176,7 @@ def lay_out(parts, node_end, list_space):
 
 @kernel
 def clear_gaps(model):
-    """Write zeros between the arrays placed by `lay_out`, so that equal models are equal in memory."""
+    """Write zeros between the arrays of `lay_out`, so that equal models have equal memory."""
     reals, words, _, parts = model
     scene = len(parts) - 1
     blocks = parts[scene - 1].first_block + parts[scene - 1].block_count
@@ -221,13 +230,13 @@ def _listed_count(parts):
 
 @inlined
 def _list_space(cells, count):
-    """Return the maximum number of entries in the lists of *count* parts."""
+    """Return the maximum number of entries in the lists of a grid over *count* parts."""
     return max(LONGEST * cells, CELLS_OF_ONE * count)
 
 
 @kernel
 def _plan_lists(frames, parts):
-    """Choose the grid over the parts that have an inside; return the maximum number of words of its lists."""
+    """Choose the grid over the parts that have an inside. Return the maximum number of words of its lists."""
     count = _listed_count(parts)
     cells = _choose_cells(frames, parts, min(CELLS_PER_PART * count, MAX_CELLS))
     return cells + 1 + _list_space(cells, count) if cells else cells
@@ -235,7 +244,10 @@ def _plan_lists(frames, parts):
 
 @kernel
 def _choose_cells(frames, parts, wanted):
-    """Write a grid of about *wanted* cells to the scene's row; return its cells, 0 if not needed."""
+    """Write a grid of about *wanted* cells to the scene's row.
+
+    Return its number of cells, or 0 if none is needed.
+    """
     scene = len(parts) - 1
     lower, extent, row = frames[scene].grid_lower, stack_f64(3), parts[scene]
     if scene == 1 or wanted == 0:
@@ -255,7 +267,7 @@ def _choose_cells(frames, parts, wanted):
 
 @allocating_kernel
 def _write_lists(words, frames, parts):
-    """Write the lists of the grid over the parts; return their end."""
+    """Write the lists of the grid over the parts, and return where they end."""
     scene, count = len(parts) - 1, _listed_count(parts)
     wanted = min(CELLS_PER_PART * count, MAX_CELLS)
     cell_count = _choose_cells(frames, parts, wanted)
@@ -289,7 +301,10 @@ def _write_lists(words, frames, parts):
 
 @allocating_kernel
 def _collect_cells(words, frames, parts, limit, listed, ends):
-    """Write the cells of each part in a row, and their ends; return whether they are within *limit*."""
+    """Write the cells of each part one after another, and the end of each part's cells.
+
+    Return whether their number is within *limit*.
+    """
     scene, total = len(parts) - 1, np.int64(0)
     lower = np.empty(3)
     for axis in range(3):
@@ -316,7 +331,7 @@ def _collect_cells(words, frames, parts, limit, listed, ends):
 
 @entry(ModelArrays, "int", ModelArrays, "int")
 def copy_part(source, row, target, to):
-    """Copy the arrays of a row of *source*, except its nodes, to their offsets in a planned model."""
+    """Copy the arrays of a row of *source*, except its nodes, to their places in a planned model."""
     old, new = source.parts[row], target.parts[to]
     blocks, slots = new.block_count, LANES * new.block_count
     copy_numbers(
@@ -354,7 +369,7 @@ def copy_part(source, row, target, to):
 
 @entry(ModelArrays, "float32[:], float32[:], int32[:, :]", makes_arrays=True)
 def finish_scene(model, nodes, static, entries):
-    """Write nodes, the trees over parts and the grid over them into a planned model.
+    """Write the nodes, the trees over the parts and the grid over them into a planned model.
 
     The gaps between arrays become 0.
     """

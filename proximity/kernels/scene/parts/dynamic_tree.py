@@ -1,9 +1,10 @@
-"""The tree over dynamic parts, those that move separately; rewritten at every move.
+"""The tree over dynamic parts, which move separately. It is rewritten at every move.
 
-If a part is dynamic, the scene's root is a *super node*: its first lane is the static tree over all other
-parts, which does not change; the other lanes are the dynamic tree. Its leaves are entries, one per part,
-stored after those of the static tree. Dynamic parts are in Morton order, which is updated a little at every
-move: nodes stay small wherever the parts move, and a move costs O(number of dynamic parts).
+If a part is dynamic, the root of the scene is a *super node*. Its first lane is the static tree over all
+other parts, which does not change; the other lanes are the dynamic tree. The leaves of the dynamic tree are
+entries, one per part, stored after those of the static tree. Dynamic parts are in Morton order, which is
+updated a little at every move. So nodes stay small wherever the parts move, and a move costs O(number of
+dynamic parts).
 """
 
 import numpy as np
@@ -15,7 +16,7 @@ from proximity.kernels.tree.collapse import clear_node, node_box, write_lane
 from proximity.native import entry, inlined, kernel
 
 CURVE_CELLS = 2**20
-"""Cells along each axis of the local cube, for the Morton order."""
+"""Number of cells along each axis of the local cube, for the Morton order."""
 
 
 @inlined
@@ -30,7 +31,7 @@ def _spread(cell):
 
 @kernel
 def _curve_key(box):
-    """Return the Morton code of a box's centre; empty boxes come last."""
+    """Return the Morton code of the centre of a box. Empty boxes come last."""
     key = np.int64(0)
     if not box[0] <= box[3]:
         return np.int64(2**62)
@@ -43,7 +44,10 @@ def _curve_key(box):
 
 @kernel
 def _mend_order(boxes, dynamic, order, keys, steps):
-    """Sort *order*, positions in *dynamic*, by Morton code: insertion sort with at most *steps* swaps."""
+    """Sort *order*, which has positions in *dynamic*, by Morton code.
+
+    It is an insertion sort with at most *steps* swaps.
+    """
     for i in range(len(dynamic)):
         keys[i] = _curve_key(boxes[dynamic[i]])
     for i in range(1, len(order)):
@@ -58,7 +62,10 @@ def _mend_order(boxes, dynamic, order, keys, steps):
 
 @kernel
 def _write_child(words, node, lane, i, below, boxes, dynamic, order, first_entry, box):
-    """Write child *i* of a level: a node from *below*, or a dynamic part if *below* is negative."""
+    """Write child *i* of a level of the dynamic tree.
+
+    It is node *below* + *i*, or a dynamic part if *below* is negative.
+    """
     if below >= 0:
         node_box(words, below + i, box)
         write_lane(words, NODE_STRIDE * node, lane, box, below + i)
@@ -70,9 +77,9 @@ def _write_child(words, node, lane, i, below, boxes, dynamic, order, first_entry
 
 @kernel
 def write_dynamic(words, region, static_root, boxes, dynamic, order, first_entry):
-    """Write the super node at node *region* and the dynamic tree after it.
+    """Write the super node at node *region*, and the dynamic tree after it.
 
-    *static_root*: a node, or -1. *dynamic* (L,): parts. *order* (L,): their positions in Morton order.
+    *static_root*: a node, or -1. *dynamic*: (L,), the parts. *order*: (L,), their positions in Morton order.
     """
     box = stack_f32(6)
     used, below, count = region + 1, -1, len(dynamic)
@@ -102,12 +109,12 @@ def write_dynamic(words, region, static_root, boxes, dynamic, order, first_entry
 def bring_up_to_date(
     words, frames, parts, versions, published, boxes, dynamic, steps, region, since, to_frames, to_parts
 ):
-    """Write a copy of the state that follows from the present poses; return the parts' reach.
+    """Update a copy of the state to the present poses. Return the reach of the parts.
 
-    With a reach above 1 they do not fit the scene's frame, and the copy is unchanged. *versions* (P + 1,)
-    int64: when each row changed. *boxes* (P, 6) float32 are valid at version *published*; the copy,
-    *to_frames*, *to_parts* and node *region* of *words*, at *since*. *dynamic*: see `DynamicParts`; its order
-    is updated by up to *steps* swaps.
+    If the reach is above 1, the parts do not fit the scene's frame, and the copy is unchanged. *versions*: (P
+    + 1,) int64, when each row was changed. *boxes*: (P, 6) float32, valid at version *published*. The copy is
+    *to_frames*, *to_parts* and node *region* of *words*, and is valid at version *since*. *dynamic*: see
+    `DynamicParts`; its order is updated by up to *steps* swaps.
     """
     rows, order, keys = dynamic
     scene = len(parts) - 1

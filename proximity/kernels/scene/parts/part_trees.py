@@ -1,9 +1,9 @@
-"""The trees over the parts of a scene: their layout in the words, and their construction and update.
+"""The trees over the parts of a scene: their layout in the words, and how they are built and updated.
 
-After the nodes of the parts a scene has one empty node, `STATIC_COPIES` copies of a tree over the parts that
-are not dynamic, and `REGION_COPIES` copies of the *region* that changes when parts move: super node and
-dynamic tree. Updates write to the next copy, so that running queries read unchanged memory. A scene of one
-part has the empty node only.
+After the nodes of the parts, a scene has one empty node, `STATIC_COPIES` copies of a tree over the parts that
+are not dynamic, and `REGION_COPIES` copies of the *region* that changes when parts move, which is the super
+node and the dynamic tree. Updates write to the next copy, so that running queries read unchanged memory. A
+scene of one part has only the empty node.
 """
 
 import numpy as np
@@ -30,11 +30,13 @@ from proximity.native.simd import load_int
 
 ENTRIES_PER_PART = 32
 FEWEST_ENTRIES = 256
-"""Entries into which large parts are opened in a scene's tree. On 118 touching parts of 43 k faces rays and
-points take 0.97 of the time that they take with 16. 64 brings no gain, and building a tree over 120
-parts takes 12 ms instead of 9."""
+"""Minimum number of entries into which large parts are opened in a scene's tree.
+
+With 32 entries per part, rays and points take 0.97 of the time that they take with 16, on 118 touching parts
+of 43 k faces. 64 bring no gain, and building a tree over 120 parts takes 12 ms instead of 9.
+"""
 NO_NODE = -1
-"""Root of an empty static tree."""
+"""Marks an empty static tree, which has no root."""
 
 
 # --- layout ----------------------------------------------------------------------------------------------
@@ -42,9 +44,10 @@ NO_NODE = -1
 
 @entry("Part[:], int -> int, int, int")
 def copy_offsets(parts, copy):
-    """Return the root of a copy of the static tree, the first word of its entries, and a copy's super node.
+    """Return where a copy of the static tree and a copy of the region are.
 
-    A scene of one part has only the last: the empty node.
+    The result is the root of the static tree, the first word of its entries, and the super node. A scene of
+    one part has only the last, which is the empty node.
     """
     scene = len(parts) - 1
     first, capacity = parts[scene].first_node, parts[scene].static_capacity
@@ -64,7 +67,7 @@ def copy_offsets(parts, copy):
 
 @entry("Part[:] -> int, int")
 def copies_in_use(parts):
-    """Return the copies of region and static tree that a model uses; -1 if it is none of them."""
+    """Return which copies of the region and of the static tree a model uses. An unknown copy gives -1."""
     row = parts[len(parts) - 1]
     moving, static = np.int64(-1), np.int64(-1 if row.static_capacity else 0)
     for copy in range(REGION_COPIES):
@@ -83,9 +86,9 @@ def copies_in_use(parts):
 def choose_frame(frames, parts, centre, scale):
     """Write a scene frame that contains all parts, and mark the parts that are in the same frame.
 
-    *centre*, *scale*: used if all parts are within reach, since parts in one frame can be traversed as one
-    tree; otherwise a frame with a margin for motion is chosen. Return False, without changes, if the parts
-    are too far apart for any frame.
+    The frame of *centre* and *scale* is used if all parts are within its reach, because parts in one frame
+    can be traversed as one tree. Otherwise a frame with a margin for motion is chosen. Return False, without
+    changes, if the parts are too far apart for any frame.
     """
     scene = len(parts) - 1
     own, lower, upper = stack_f64(3), stack_f64(3), stack_f64(3)
@@ -113,7 +116,7 @@ def choose_frame(frames, parts, centre, scale):
 
 @entry("Frame[:], Part[:]")
 def note_fused(frames, parts):
-    """Mark the parts that are in the scene's frame, and whether all are."""
+    """Mark the parts that are in the scene's frame, and whether all parts are."""
     scene = len(parts) - 1
     all_fused = True
     for part in range(scene):
@@ -130,9 +133,9 @@ def note_fused(frames, parts):
 
 @entry("float32[:], Frame[:], Part[:], int -> float32[:], int32[:, :]", makes_arrays=True)
 def static_tree(words, frames, parts, first_node):
-    """Return nodes and entries of the tree over parts that are neither dynamic nor hidden.
+    """Return the nodes and the entries of a tree over the parts that are neither dynamic nor hidden.
 
-    Its nodes are numbered from *first_node*.
+    *first_node*: the number of its first node.
     """
     scene, still_count = len(parts) - 1, 0
     for part in range(scene):
@@ -152,9 +155,9 @@ def static_tree(words, frames, parts, first_node):
 
 @entry("float32[:], Part[:], int, float32[:], int32[:, :] -> bool")
 def write_static(words, parts, copy, nodes, entries):
-    """Write a copy of a static tree and its fields in the scene's row; return whether it fits.
+    """Write a copy of a static tree, and its fields in the scene's row. Return whether it fits.
 
-    A scene of one part has none.
+    A scene of one part has no static tree.
     """
     scene, node_count = len(parts) - 1, len(nodes) // NODE_STRIDE
     capacity = parts[scene].static_capacity
@@ -176,7 +179,10 @@ def write_static(words, parts, copy, nodes, entries):
 
 @entry("float32[:], Frame[:], Part[:], int -> bool", makes_arrays=True)
 def make_static(words, frames, parts, copy):
-    """Rebuild the static tree, and the scene's frame if parts have left it; return whether it fits."""
+    """Rebuild the static tree, and also the scene's frame if parts have left it.
+
+    Return whether the tree fits.
+    """
     scene, centre = len(parts) - 1, np.empty(3)
     for axis in range(3):
         centre[axis] = frames[scene].centre[axis]
@@ -208,7 +214,10 @@ def thin_static(words, parts, copy):
 
 @kernel
 def write_dynamic_entries(words, parts, at):
-    """Write the entries of dynamic parts, one per part, after those of the static tree at word *at*."""
+    """Write one entry for each dynamic part after the entries of the static tree.
+
+    *at*: the word at which the entries of the static tree start.
+    """
     scene, numbers = len(parts) - 1, words.view(np.int32)
     to = at + 2 * parts[scene].entry_count
     for part in range(scene):
@@ -223,7 +232,7 @@ def write_dynamic_entries(words, parts, at):
 
 @inlined
 def _listed_dynamic(words, parts, count, k):
-    """Return the part at position *k* in Morton order of the dynamic tree of *count* parts."""
+    """Return the part at position *k* of the Morton order in the dynamic tree of *count* parts."""
     region = parts[len(parts) - 1].super_node
     # Fewer than eight are in the super node, next to the static tree.
     node, lane = (region, k + 1) if count < LANES else (region + 1 + k // LANES, k % LANES)
@@ -232,9 +241,9 @@ def _listed_dynamic(words, parts, count, k):
 
 @allocating_kernel
 def dynamic_parts(words, parts):
-    """Return the rows of the dynamic parts, and the permutation to the Morton order of the present tree.
+    """Return the rows of the dynamic parts, and their permutation to the Morton order of the present tree.
 
-    The permutation is empty if the tree does not have each of the parts once.
+    The permutation is empty if the tree does not have each of these parts once.
     """
     scene = len(parts) - 1
     rows, position_of = np.empty(scene, np.int64), np.full(scene, -1, np.int64)
@@ -254,9 +263,10 @@ def dynamic_parts(words, parts):
 
 @allocating_kernel
 def write_moving(words, frames, parts, region, rows, order, steps):
-    """Write boxes, the scene's row and the dynamic tree from the poses; return the parts' reach.
+    """Write the boxes, the scene's row and the dynamic tree that follow from the poses.
 
-    *rows*: the dynamic parts; *order*: their permutation to Morton order, updated by up to *steps* swaps.
+    Return the reach of the parts. *rows*: the dynamic parts. *order*: their permutation to Morton order,
+    which is updated by up to *steps* swaps.
     """
     versions, boxes = np.zeros(len(parts), np.int64), np.zeros((len(parts) - 1, 6), np.float32)
     dynamic = DynamicParts(rows, order, np.empty(len(rows), np.int64))
@@ -267,7 +277,7 @@ def write_moving(words, frames, parts, region, rows, order, steps):
 
 @entry("float32[:], Frame[:], Part[:]", makes_arrays=True)
 def begin_moving(words, frames, parts):
-    """Clear the empty node, and write the first copy of a new model's region."""
+    """Clear the empty node of a new model, and write the first copy of its region."""
     scene, count = len(parts) - 1, 0
     rows = np.empty(scene, np.int64)
     for part in range(scene):

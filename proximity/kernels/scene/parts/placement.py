@@ -1,4 +1,4 @@
-"""Poses of parts: validation, and the boxes that follow from them."""
+"""Validation of the poses of parts, and computation of the boxes that follow from them."""
 
 from math import isfinite
 
@@ -13,12 +13,12 @@ from proximity.native.simd import lane, load, maximum, minimum
 
 BOX_AT = field_at(FRAME, "box_lower")
 MOST_ROTATION_STEPS = 4
-"""Newton steps towards the nearest rotation; each squares the error."""
+"""Maximum number of Newton steps towards the nearest rotation. Each step squares the error."""
 
 
 @inlined
 def _off_exact(matrix):
-    """Return the deviation of a (4, 4) matrix's rotation from orthonormal rows; inf for nan."""
+    """Return how much the rotation of a (4, 4) matrix deviates from orthonormal rows, or inf for nan."""
     off = 0.0
     for i in range(3):
         for j in range(i + 1):
@@ -31,7 +31,10 @@ def _off_exact(matrix):
 
 @inlined
 def is_rigid(matrix, tolerance, farthest):
-    """Test whether a (4, 4) matrix is a rigid transform."""
+    """Test whether a (4, 4) matrix is a rigid transform.
+
+    *tolerance*: limit of the error of the rotation. *farthest*: limit of each coordinate of the translation.
+    """
     is_affine = matrix[3, 0] == 0.0 and matrix[3, 1] == 0.0 and matrix[3, 2] == 0.0 and matrix[3, 3] == 1.0
     for axis in range(3):
         is_affine = is_affine and abs(matrix[axis, 3]) <= farthest
@@ -45,9 +48,9 @@ def is_rigid(matrix, tolerance, farthest):
 
 @entry("float64[:, 4, 4], float64[:, 3], float64[:, 3], float, float, float -> int")
 def first_unfit(matrices, velocities, angular_velocities, tolerance, farthest, fastest):
-    """Return the first row that cannot be used, or -1.
+    """Return the first row of an invalid move, or -1 if all are valid.
 
-    *matrices* (K, 4, 4) must be rigid within *tolerance* and translate by at most *farthest*; velocities (K,
+    *matrices* (K, 4, 4) must be rigid within *tolerance* and translate by at most *farthest*. Velocities (K,
     3), or none (0, 3), must be at most *fastest* along each axis.
     """
     for k in range(len(matrices)):
@@ -64,10 +67,10 @@ def first_unfit(matrices, velocities, angular_velocities, tolerance, farthest, f
 
 @kernel
 def write_pose(frames, row, matrix, rounding):
-    """Write a pose into a row; return whether it differs from the previous one.
+    """Write a pose into a row. Return whether it differs from the previous one.
 
-    A rotation with an error above *rounding* is replaced by the nearest exact one, by Newton's iteration: one
-    step reduces an error of 1e-9 to rounding, two do so for single precision.
+    A rotation with an error above *rounding* is replaced by the nearest exact one, by Newton's iteration. One
+    step reduces an error of 1e-9 to rounding, and two steps suffice for single precision.
     """
     is_other = False
     for i in range(3):
@@ -110,7 +113,10 @@ def _step_to_rotation(turn):
 
 @entry("Frame[:], Part[:], int")
 def update_box(frames, parts, row):
-    """Fill a row's box in the scene's frame, and its rotation flag, from its pose and its own box."""
+    """Compute the box of a row in the scene's frame from its pose and its own box.
+
+    Whether the pose has a rotation is stored, too.
+    """
     is_turned, is_shifted = False, False
     for i in range(3):
         is_shifted = is_shifted or frames[row].translation[i] != 0.0
@@ -137,9 +143,10 @@ def update_box(frames, parts, row):
     "Frame[:], Part[:], int64[:], int, int64[:], float64[:, 4, 4], float64[:, 3], float64[:, 3], float -> int"
 )
 def move_parts(frames, parts, versions, version, rows, matrices, velocities, angular_velocities, rounding):
-    """Write poses and velocities of *rows*, with *version*; return the number of parts that became dynamic.
+    """Write poses and velocities of parts. Return the number of parts that became dynamic.
 
-    Velocities (0, 3) are zero for all. A part whose pose does not change does not become dynamic.
+    *rows*: the parts, which get the *version*. With velocities (0, 3), all velocities are zero. A part whose
+    pose does not change does not become dynamic.
     """
     freed = 0
     for k in range(len(rows)):
@@ -159,7 +166,10 @@ def move_parts(frames, parts, versions, version, rows, matrices, velocities, ang
 
 @kernel
 def box_in_scene(frames, parts, part, box):
-    """Fill the box of a part in the scene's scaled frame, (6,) float32, widened; empty for a hidden part."""
+    """Write the box of a part in the scene's scaled frame to *box*, (6,) float32.
+
+    The box is widened. It is empty for a hidden part.
+    """
     scene = len(parts) - 1
     scale = frames[scene].scale
     for axis in range(3):
@@ -172,9 +182,10 @@ def box_in_scene(frames, parts, part, box):
 
 @kernel
 def update_scene_box(frames, parts):
-    """Fill the box of the scene's row from those of all parts; return its reach in the scene's local frame.
+    """Compute the box of the scene from those of all parts. Return its reach in the scene's local frame.
 
-    A reach above 1 does not fit that frame. A single part moves the scene's frame with it: 0.
+    With a reach above 1 it does not fit that frame. A single part moves the scene's frame with it, and the
+    reach is 0.
     """
     scene = len(parts) - 1
     reach = 0.0
@@ -198,7 +209,7 @@ def update_scene_box(frames, parts):
 
 @kernel
 def copy_rows(frames, parts, versions, since, to_frames, to_parts):
-    """Copy the rows with a version above *since*, and the scene's."""
+    """Copy the scene's row, and all rows whose version is above *since*."""
     scene = len(parts) - 1
     for row in range(scene + 1):
         if row == scene or versions[row] > since:

@@ -1,8 +1,8 @@
-"""The static tree over the parts of a scene that are not dynamic, as opened subtrees.
+"""The static tree over the parts of a scene that are not dynamic, built over subtrees of these parts.
 
 Parts of an assembly overlap, and a query in a tree of whole parts would traverse many of them. Large parts
-are therefore opened until every *entry*, a subtree of a part, is small compared with the scene, and the tree
-is built over entries.
+are therefore opened until every *entry*, which is a subtree of a part, is small compared with the scene. The
+tree is built over these entries.
 
 Source: Benthin, Woop, Wald, Áfra 2017, "Improved two-level BVHs using partial re-braiding".
 """
@@ -22,9 +22,9 @@ from proximity.native.simd import load_int
 
 @kernel
 def scene_box(frames, part, scene, lower, upper, box):
-    """Transform a box from a part's local frame to the scene's scaled frame, widened and rounded outward.
+    """Transform a box from a part's local frame to the scene's scaled frame.
 
-    *lower*, *upper*: (3,) float64. *box*: (6,) float32.
+    It is widened and rounded outward. *lower*, *upper*: (3,) float64. *box*: (6,) float32, the result.
     """
     for axis in range(3):
         middle, half = frames[part].translation[axis], 0.0
@@ -42,7 +42,10 @@ def scene_box(frames, part, scene, lower, upper, box):
 
 @kernel
 def _add_children(words, frames, part, node, boxes, references, count):
-    """Write boxes and references of the children of a part's node from row *count*; return their end."""
+    """Append the boxes and references of the children of a part's node. Return the new number of rows.
+
+    *count*: the number of rows before.
+    """
     lower, upper, base = stack_f64(3), stack_f64(3), NODE_STRIDE * node
     for k in range(LANES):
         if is_used(words, base + k):
@@ -57,9 +60,10 @@ def _add_children(words, frames, part, node, boxes, references, count):
 
 @entry("float32[:], Frame[:], Part[:], int -> float32[:], int32[:, :]", makes_arrays=True)
 def gather_entries(words, frames, parts, target):
-    """Return boxes (E * `BOX_STRIDE`,) float32 and references (E, 2) int32 of about *target* entries.
+    """Divide parts into about *target* entries. Return their boxes and references.
 
-    Each entry is a subtree: a part and a reference. Dynamic and hidden parts have none.
+    An entry is a subtree. Its reference has the part and the node or block, (E, 2) int32; the boxes are (E *
+    `BOX_STRIDE`,) float32. Dynamic and hidden parts have no entries.
     """
     scene = len(parts) - 1
     # Start with the children of all roots: their surface area sets the size below which an entry is small.
@@ -95,7 +99,7 @@ def gather_entries(words, frames, parts, target):
 
 @inlined
 def part_of_node(parts, node):
-    """Return the part of a node: the last whose root is not after it."""
+    """Return the part of a node. It is the last part whose root does not follow the node."""
     # Branchless binary search: the comparisons are unpredictable.
     low, count = np.int64(0), np.int64(len(parts) - 1)
     while count > 1:
@@ -107,7 +111,7 @@ def part_of_node(parts, node):
 
 @inlined
 def _part_of_child(words, parts, reference, entries_at):
-    """Return the part of a leaf of the static tree: an entry, or a part's own node or block."""
+    """Return the part of a leaf of the static tree. The leaf is an entry, or a node or block of a part."""
     if reference >= 0:
         return part_of_node(parts, reference)
     if ~reference < ENTRY:
@@ -117,7 +121,7 @@ def _part_of_child(words, parts, reference, entries_at):
 
 @entry("float32[:], Part[:], int, int, int, int -> bool", makes_arrays=True)
 def thin_out(words, parts, first, count, target, entries_at):
-    """Copy *count* nodes of a static tree from *first* to *target*, without dynamic and hidden parts.
+    """Copy *count* nodes of a static tree from *first* to *target*, without the dynamic and hidden parts.
 
     The boxes are refitted. Return whether any part remains.
     """
@@ -152,9 +156,10 @@ def _half_area(box):
 
 @entry("float32[:], int32[:, :], Part[:], int")
 def name_leaves(nodes, entries, parts, first_node):
-    """Replace the leaves of a tree over entries by references, and number its nodes from *first_node*.
+    """Replace the leaves of a tree over entries by references. Number its nodes from *first_node* on.
 
-    An entry of a part in the scene's frame becomes its subtree; any other becomes ``~(ENTRY + position)``.
+    An entry of a part in the scene's frame becomes the reference to its subtree. Any other entry becomes
+    ``~(ENTRY + position)``.
     """
     for node in range(len(nodes) // NODE_STRIDE):
         for k in range(LANES):

@@ -1,1 +1,1 @@
-"""Scenes stored in files: checksums, validation, completion."""
+"""Scenes stored in files: their checksums, their validation, and the computation of derived values."""

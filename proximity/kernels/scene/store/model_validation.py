@@ -1,12 +1,12 @@
-"""Validation of a model read from a file: every index is checked before a traversal follows it.
+"""Validation of a model from a file. Every index is checked before a traversal follows it.
 
-A traversal checks no bounds, and its stack is large enough for trees of limited depth only. Every reference
-is therefore validated once, here. A child's number is above its parent's, every node and every leaf is
-reached once, and no tree is deeper than `DEEPEST`, so that every traversal ends. The ends of the arrays of
-each part have been validated before: they are within the arrays and do not overlap.
+A traversal checks no bounds, and its stack is large enough only for trees of limited depth. Every reference
+is therefore validated once, here. The number of a child must be above its parent's, every node and every leaf
+must be reached once, and no tree may be deeper than `DEEPEST`, so that every traversal ends. The ends of the
+arrays of each part have been validated before: they are within the arrays and do not overlap.
 
-Each function returns the kind of the first defect, or `SOUND`, and fills *fault* (int64, `FAULT_SIZE`): the
-part, and up to three numbers of its message.
+Each function returns the kind of the first defect, or `SOUND`, and fills *fault* (int64, `FAULT_SIZE`) with
+the part and up to three numbers for its message.
 """
 
 import numpy as np
@@ -33,9 +33,9 @@ from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, bits, load, load_int, splat, splat32
 
 DEEPEST = MAX_DEPTH // 2
-"""Levels of a part's tree, and of the static tree above it: both together fit a stack."""
+"""Maximum number of levels of a part's tree, and of the static tree above it. Both together fit the stack."""
 LARGEST_LOCAL = 1.0 + 2.0**-40
-"""Bound of local coordinates and of components of unit normals: 1 and rounding."""
+"""Bound of local coordinates and of components of unit normals, which is 1 plus rounding."""
 FEWEST_NEIGHBOR = -2
 """Smallest number that marks a missing neighbour."""
 FAULT_SIZE = 4
@@ -56,7 +56,7 @@ def note_fault(fault, kind, part, first, second, third):
 
 @inlined
 def _lanes(words, base):
-    """Return as bits the lanes of the node at word *base* that have a valid box, and the empty ones."""
+    """Return two masks of the lanes of the node at word *base*: lanes with a valid box, and empty lanes."""
     used, unused = np.int64(ALL_LANES), np.int64(ALL_LANES)
     for axis in range(3):
         lower, upper = lower_along(words, base, axis), upper_along(words, base, axis)
@@ -70,8 +70,8 @@ def _lanes(words, base):
 def fault_in_trees(words, parts, firsts, counts, levels, reached, fault):
     """Validate the trees of all parts.
 
-    Fills *firsts* and *counts*, the blocks below each node, and scratch *levels* (N,) int32. *reached* (B,)
-    uint8: zeros.
+    *firsts*, *counts* receive the first block and the number of blocks below each node. *levels*: (N,) int32,
+    scratch memory. *reached*: (B,) uint8, zeros.
     """
     for part in range(len(parts) - 1):
         kind = _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault)
@@ -125,7 +125,10 @@ def _fault_in_tree(words, parts, part, firsts, counts, levels, reached, fault):
 
 @entry("float64[:], float32[:], Part[:], uint8[:], int64[:] -> int")
 def fault_in_parts(reals, words, parts, seen, fault):
-    """Validate slots, faces, corners, moments and sign grids. *seen* (F,) uint8: F of the largest part."""
+    """Validate the slots, faces, corners, moments and sign grids of all parts.
+
+    *seen*: (F,) uint8, scratch memory, for the largest number of faces of a part.
+    """
     for part in range(len(parts) - 1):
         for face in range(parts[part].face_count):
             seen[face] = 0
@@ -145,14 +148,17 @@ def fault_in_parts(reals, words, parts, seen, fault):
 
 @inlined
 def _is_box_near(words, at):
-    """Test whether all numbers of an oriented box are finite and within the range of a local frame."""
+    """Test whether all numbers of an oriented box are finite and in the range of a local frame."""
     far = splat32(np.float32(FAR))
     return bits((absolute(load(words, at)) <= far) & (absolute(load(words, at + LANES)) <= far)) == ALL_LANES
 
 
 @kernel
 def _fault_in_slots(reals, words, parts, part, seen, fault):
-    """Check that every face is in one slot, and that lanes have triangles for their faces, else NaN."""
+    """Check that every face is in one slot, and that each lane has the triangle of its face.
+
+    A lane without a face must have NaN.
+    """
     first, face_count = parts[part].first_block, parts[part].face_count
     found = np.int64(0)
     for block in range(first, first + parts[part].block_count):
@@ -240,7 +246,7 @@ def _fault_in_grid(words, parts, part, fault):
 
 @entry("float32[:], Part[:], int64[:] -> int")
 def fault_in_lists(words, parts, fault):
-    """Validate the lists of the grid over the scene, which is the last array in *words*."""
+    """Validate the lists of the grid over the scene. They are the last array in *words*."""
     scene = len(parts) - 1
     base = parts[scene].grid
     cells = parts[scene].grid_x * parts[scene].grid_y * parts[scene].grid_z
@@ -262,7 +268,10 @@ def fault_in_lists(words, parts, fault):
 
 @inlined
 def _root_of_child(words, parts, reference):
-    """Return part and reference of a leaf of the static tree; part -1 if the reference is invalid."""
+    """Return the part and the reference of a leaf of the static tree.
+
+    The part is -1 if the reference is invalid.
+    """
     scene = len(parts) - 1
     if reference >= 0:
         is_node = reference < parts[scene].first_node
@@ -284,9 +293,10 @@ def _root_of_child(words, parts, reference):
 
 @entry("float32[:], Part[:], int32[:], int32[:], int32[:], uint8[:], int64[:] -> int")
 def fault_in_static_tree(words, parts, firsts, counts, levels, covered, fault):
-    """Validate the tree over static parts: each of their blocks is below it exactly once.
+    """Validate the tree over static parts. Each of their blocks must be below it exactly once.
 
-    *firsts*, *counts*: from `fault_in_trees`. *levels* (N,), *covered* (B,): zeros; N nodes.
+    *firsts*, *counts*: from `fault_in_trees`. *levels*: (N,), *covered*: (B,), zeros, for N nodes and B
+    blocks.
     """
     scene = len(parts) - 1
     root = parts[scene].static_root
@@ -337,10 +347,11 @@ def _fault_in_cover(parts, covered, fault):
 
 @entry("float32[:], Part[:], int, float64[:, 3], int32[:, 3], float, int32[:], int64[:] -> int")
 def fault_in_mesh(words, parts, part, vertices, faces, largest, corners, fault):
-    """Compare a part's faces with their source mesh: (V, 3) float64 and (F, 3) int32.
+    """Compare the faces of a part with those of its source mesh.
 
-    Vertices at one position are one corner, and corners are numbered in the order of their first vertices:
-    deformation depends on it. *corners* (V,) int32: scratch.
+    *vertices*: (V, 3) float64, *faces*: (F, 3) int32. Vertices at one position are one corner, and corners
+    are numbered in the order of their first vertices, because deformation depends on it. *corners*: (V,)
+    int32, scratch memory.
     """
     vertex_count, faces_at = len(vertices), parts[part].faces
     for vertex in range(vertex_count):

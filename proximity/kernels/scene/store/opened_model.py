@@ -1,11 +1,11 @@
-"""A model read from a file: validated, and completed with derived values.
+"""Validation of a model from a file, and computation of its derived values.
 
-Derived values are computed again, which costs less than a comparison and gives the same bits: boxes of parts,
-the scene's row, and the tree over dynamic parts.
+Derived values are computed again, which costs less than a comparison and gives the same bits. They are the
+boxes of parts, the scene's row, and the tree over dynamic parts.
 
-The tables are validated first, since they locate trees and meshes (`model_validation`). Each function returns
-the kind of the first defect, or `SOUND`, and fills *fault* as there; the part is `NO_PART` if the defect
-belongs to no single part.
+The tables are validated first, because they locate trees and meshes (`model_validation`). Each function
+returns the kind of the first defect, or `SOUND`, and fills *fault* as there. The part is `NO_PART` if the
+defect belongs to no single part.
 """
 
 from math import frexp
@@ -57,7 +57,7 @@ from proximity.native import allocating_kernel, entry, inlined, kernel
 MOST_PARTS = 2**FOLDED_AT
 MOST_CELLS = 2.0**31
 SMALLEST_SCALE, LARGEST_SCALE = 2.0**-510, 2.0**510
-"""Range of the scales of local frames, with a wide margin: squares stay within float64."""
+"""Range of the scales of local frames. Its wide margin keeps squares within float64."""
 GRID_AT, STATIC_ROOT_AT = field_at(PART, "grid"), field_at(PART, "static_root")
 
 (
@@ -75,11 +75,11 @@ BAD_ORDER, BEYOND_FRAME = 140, 141
     makes_arrays=True,
 )
 def complete_model(reals, words, frames, parts, columns, count, tolerance, farthest, fastest, fault):
-    """Validate a model of *count* parts and complete it; return the kind of its first defect, or `SOUND`.
+    """Validate a model of *count* parts and compute its derived values.
 
-    *columns*: *parts*, as numbers. Poses, velocities and hidden parts are taken from the rows if a move
-    within *tolerance*, *farthest* and *fastest* (see `placement.first_unfit`) could have written them.
-    *fault*: see `model_validation`.
+    Return the kind of its first defect, or `SOUND`. *columns*: the table *parts* as numbers. Poses,
+    velocities and hidden parts are taken from the rows, if a move within *tolerance*, *farthest* and
+    *fastest* (see `placement.first_unfit`) could have written them. *fault*: see `model_validation`.
     """
     kind = fault_in_rows(reals, words, frames, parts, columns, count, fault)
     if kind == SOUND:
@@ -107,7 +107,10 @@ def complete_model(reals, words, frames, parts, columns, count, tolerance, farth
 
 @allocating_kernel
 def _complete_trees(words, frames, parts, firsts, counts, fault):
-    """Validate and complete the trees over parts. *firsts*, *counts*: from `fault_in_trees`."""
+    """Validate the trees over parts, and compute their derived values.
+
+    *firsts*, *counts*: from `fault_in_trees`.
+    """
     scene = len(parts) - 1
     for part in range(scene):
         update_box(frames, parts, part)
@@ -147,7 +150,7 @@ def _of_all(fault, kind, first, second):
 
 @entry("float64[:], float32[:], Frame[:], Part[:], int64[:, :], int, int64[:] -> int")
 def fault_in_rows(reals, words, frames, parts, columns, count, fault):
-    """Validate the tables of a model of *count* parts. *columns*: *parts*, as numbers."""
+    """Validate the tables of a model of *count* parts. *columns*: the table *parts* as numbers."""
     scene, largest = len(parts) - 1, max(len(reals), len(words))
     if not 0 < count < MOST_PARTS:
         return _of_all(fault, BAD_PART_COUNT, count, MOST_PARTS - 1)
@@ -173,7 +176,7 @@ def fault_in_rows(reals, words, frames, parts, columns, count, fault):
 
 @kernel
 def _fault_in_parts_rows(parts, fault):
-    """Validate the numbers of each part, and that nodes and blocks of successive parts are adjacent."""
+    """Validate the numbers of each part. Nodes and blocks of successive parts must be adjacent."""
     scene, nodes, blocks = len(parts) - 1, np.int64(0), np.int64(0)
     for row in range(scene):
         part = parts[row]
@@ -199,7 +202,7 @@ def _fault_in_parts_rows(parts, fault):
 
 @kernel
 def _fault_in_scene_row(parts, fault):
-    """Validate the fields of the last row, for the trees over parts."""
+    """Validate the last row, whose fields describe the trees over parts."""
     scene, faces = len(parts) - 1, np.int64(0)
     row = parts[scene]
     for part in range(scene):
@@ -230,7 +233,7 @@ def _fault_in_scene_row(parts, fault):
 
 @inlined
 def _follow(ends, which, start, size):
-    """Test whether a run begins after the previous one of its array; make it the last one."""
+    """Test whether a run begins after the previous run of its array, and store its end."""
     is_behind = start >= ends[which]
     ends[which] = start + size
     return is_behind
@@ -238,7 +241,7 @@ def _follow(ends, which, start, size):
 
 @kernel
 def _fault_in_runs(real_count, word_count, parts, fault):
-    """Check that the runs of all parts are in layout order, without overlap, and within their arrays."""
+    """Check that the arrays of all parts are in the order of the layout, in bounds and without overlap."""
     scene, ends = len(parts) - 1, stack_i64(2)
     last = parts[scene - 1]
     nodes, blocks = last.root + last.node_count, last.first_block + last.block_count
@@ -277,7 +280,7 @@ def _fault_in_runs(real_count, word_count, parts, fault):
 
 @kernel
 def fault_in_frames(frames, parts, fault):
-    """Validate local frames, the boxes in them, and the cell sizes of grids."""
+    """Validate local frames, the boxes in them, and the sizes of grid cells."""
     scene, numbers = len(parts) - 1, reals_of(frames)
     if len(frames) != len(parts):
         return _of_all(fault, BAD_FRAME_COUNT, len(frames), scene)
@@ -305,7 +308,7 @@ def fault_in_frames(frames, parts, fault):
 
 @kernel
 def fault_in_motions(frames, tolerance, farthest, fastest, fault):
-    """Validate poses, velocities, and stiffness and damping, as a move could have written them."""
+    """Check that poses, velocities, stiffness and damping have values that a move could have written."""
     matrix = stack_f64_rows(4, 4)
     matrix[:] = 0.0
     matrix[3, 3] = 1.0

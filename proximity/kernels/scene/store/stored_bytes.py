@@ -1,7 +1,7 @@
-"""The bytes of a compiled scene: header and checksums, verified before any content is used.
+"""The bytes of a compiled scene. Its header and checksums are verified before any content is used.
 
 `scene.saved.archive` documents the file. Each function returns the kind of the first defect, or `SOUND`, and
-fills *fault* (int64, `FAULT_SIZE`) with the numbers of its message.
+fills *fault* (int64, `FAULT_SIZE`) with the numbers for its message.
 """
 
 import numpy as np
@@ -11,12 +11,12 @@ from proximity.kernels.scene.store.model_validation import SOUND
 from proximity.native import entry, inlined, kernel
 
 FORMAT_VERSION = 2
-"""Incremented when the meaning of existing content changes."""
+"""Version of the format. It is incremented when the meaning of existing content changes."""
 MAGIC_NUMBER = int.from_bytes(MAGIC, "little", signed=True)
 BYTE_ORDER_MARK, OTHER_ORDER_MARK = 0x01020304, 0x04030201
 HEADER_SIZE = 64
 PAGE = 4096
-"""Bytes. The mapping begins on a page, so every array is also aligned to a cache line."""
+"""Bytes of a page. The mapping begins on a page, so every array is also aligned to a cache line."""
 WORDS_OF_PAGE = PAGE // 8
 CRC_AT_BEGIN = np.uint32(0xFFFFFFFF)
 
@@ -40,12 +40,16 @@ def _crc_table():
 
 CRC_TABLE = _crc_table()
 WEIGHTS = np.arange(1, WORDS_OF_PAGE + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) | np.uint64(1)
-"""Odd, so that a product keeps every changed bit; distinct, so that a swap of two words is detected."""
+"""Weights of the words of a page.
+
+They are odd, so that a product keeps every changed bit, and distinct, so that a swap of two words is
+detected.
+"""
 
 
 @kernel
 def _crc_of(data, crc):
-    """Update a CRC-32 with bytes."""
+    """Return a CRC-32 that is updated by more bytes."""
     for k in range(len(data)):
         crc = CRC_TABLE[(crc ^ data[k]) & 0xFF] ^ (crc >> np.uint32(8))
     return crc
@@ -60,8 +64,8 @@ def _whole_crc(data):
 def checksum_of(data):
     """Return a 32-bit checksum of bytes.
 
-    The CRC of one weighted sum of words per page. It detects any single flipped bit and any exchange of
-    pages, at the speed of a memory read, a fifth of the time of a CRC of all bytes.
+    It is the CRC of one weighted sum of words per page. It detects any single flipped bit and any exchange of
+    pages, at the speed of a memory read, which is a fifth of the time of a CRC of all bytes.
     """
     page_count = len(data) // PAGE
     numbers = data[: page_count * PAGE].view(np.uint64)
@@ -77,7 +81,10 @@ def checksum_of(data):
 
 @entry("uint8[:], int64[:] -> int")
 def fault_in_header(whole, fault):
-    """Validate the header and description of a file; fill *fault* with the description's length if sound."""
+    """Validate the header and the description of a file.
+
+    If both are sound, the first number in *fault* is the length of the description.
+    """
     if len(whole) < len(MAGIC) or whole[:8].view(np.int64)[0] != MAGIC_NUMBER:
         return NO_MAGIC
     fault[0] = len(whole)
@@ -109,9 +116,10 @@ def fault_in_header(whole, fault):
 
 @entry("uint8[:], int64[:, 3], int64[:] -> int", makes_arrays=True)
 def fault_in_arrays(data, table, fault):
-    """Validate arrays that fill *data* completely, each aligned to a page.
+    """Validate arrays that fill *data* completely, each of them aligned to a page.
 
-    *table*: offset, bytes and checksum of each; negative bytes mark an invalid array. *fault*: the row.
+    *table*: offset, bytes and checksum of each array; negative bytes mark an invalid array. *fault* receives
+    the row.
     """
     end = np.int64(0)
     for row in range(len(table)):

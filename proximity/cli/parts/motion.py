@@ -1,0 +1,243 @@
+"""``proximity clearance`` over a motion: ``--hinge``, ``--slide`` and ``--poses``."""
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from proximity.cli.options import option
+from proximity.cli.output import (
+    counted,
+    in_unit,
+    length,
+    number,
+    print_block,
+    printable,
+    text_output,
+    write_document,
+)
+
+if TYPE_CHECKING:
+    import proximity
+
+EXIT_NEARER = 1
+COLUMNS = ("position", "x", "y", "z", "qx", "qy", "qz", "qw")
+DEGREE = math.pi / 180.0
+
+
+@dataclass(frozen=True, slots=True)
+class Moving:
+    """Options for the motion of a part."""
+
+    hinge: Annotated[
+        tuple[str, str, str] | None,
+        option("POINT AXIS ANGLES", "Turn PART about an axis, as in 0,40,12 1,0,0 0..110 (degrees)."),
+    ] = None
+    slide: Annotated[
+        tuple[str, str] | None,
+        option("DIRECTION LENGTHS", "Move PART along a direction, as in 0,0,1 0..25."),
+    ] = None
+    poses: Annotated[
+        Path | None,
+        option("FILE", f"Move PART through the poses of a CSV file: {', '.join(COLUMNS)} (quaternion)."),
+    ] = None
+    plot: Annotated[Path | None, option("FILE", "Draw the distance over the motion: .png, .svg or .pdf.")] = (
+        None
+    )
+
+    @property
+    def is_given(self) -> bool:
+        """Whether a motion is given."""
+        return any(each is not None for each in (self.hinge, self.slide, self.poses))
+
+    @property
+    def option_name(self) -> str:
+        """The first given option."""
+        return next(f"--{name}" for name in ("hinge", "slide", "poses", "plot") if getattr(self, name))
+
+    def motion(self, metres: float) -> tuple["proximity.Motion", float, str]:
+        """Return the motion, the size of the user's unit of positions, and its name, "" for a length."""
+        from proximity.scene.motion import Motion
+
+        if sum(each is not None for each in (self.hinge, self.slide, self.poses)) > 1:
+            raise typer.BadParameter("one motion is expected", param_hint=self.option_name)
+        if self.hinge is not None:
+            point, axis, angles = self.hinge
+            centre = [metres * each for each in _vector(point, "--hinge")]
+            ends = (DEGREE * each for each in _range(angles, "--hinge"))
+            return Motion.hinge(centre, _vector(axis, "--hinge"), *ends), DEGREE, "degrees"
+        if self.slide is not None:
+            direction, lengths = self.slide
+            ends = (metres * each for each in _range(lengths, "--slide"))
+            return Motion.slide(_vector(direction, "--slide"), *ends), metres, ""
+        assert self.poses is not None
+        positions, poses = read_poses(self.poses, metres)
+        return Motion.through(poses, positions), 1.0, "position"
+
+
+def _vector(text: str, name: str) -> list[float]:
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3:
+        raise typer.BadParameter(f"{text!r}: expected three numbers, as in 0,0,1", param_hint=name)
+    return numbers
+
+
+def _range(text: str, name: str) -> tuple[float, float]:
+    first, _, last = text.partition("..")
+    try:
+        return float(first), float(last)
+    except ValueError:
+        raise typer.BadParameter(f"{text!r}: expected two numbers, as in 0..110", param_hint=name) from None
+
+
+def read_poses(path: Path, metres: float) -> tuple[list[float], list["proximity.Pose"]]:
+    """Return positions and poses, scene from part, of a CSV file; *metres*: m per unit of x, y, z."""
+    from proximity.errors import PoseError
+    from proximity.pose import Pose
+
+    positions, poses, line = [], [], 1
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.DictReader(stream)
+            for row in reader:
+                line = reader.line_num
+                position, *numbers = (float(row[name]) for name in COLUMNS)
+                positions.append(position)
+                poses.append(Pose.from_quaternion(numbers[3:], [metres * each for each in numbers[:3]]))
+    except OSError as failure:
+        reason = f"{path}: cannot be read ({failure.strerror or failure})"
+    except PoseError as unfit:
+        reason = f"{path}, line {line}: {unfit}"
+    except (KeyError, TypeError, ValueError, csv.Error):
+        reason = f"{path}, line {line}: expected CSV with the columns {', '.join(COLUMNS)}"
+    else:
+        return positions, poses
+    raise typer.BadParameter(reason, param_hint="--poses")
+
+
+def measure_motion(
+    scene: "proximity.Scene",
+    part: str,
+    others: list[str] | None,
+    moving: Moving,
+    *,
+    below: float | None,
+    units: str,
+    metres: float,
+    csv_path: Path | None,
+    as_json: bool,
+) -> None:
+    """Measure a part over its motion and print the result; exit with 1 if it may come nearer than *below*."""
+    motion, scale, unit = moving.motion(metres)
+    found = scene.clearance_along(
+        part, motion, others=others, below=None if below is None else below * metres
+    )
+    nearest = found.nearest
+    touch = None if found.first_touch is None else [each / scale for each in found.first_touch]
+    values: dict[str, Any] = {
+        "part": nearest.first,
+        "nearest": nearest.second,
+        "distance": in_unit(found.distance, metres),
+        "lower": in_unit(found.lower, metres),
+        "position": found.position / scale,
+        "first_touch": touch,
+        "from": (nearest.point_on_first / metres).tolist(),
+        "to": (nearest.point_on_second / metres).tolist(),
+        "samples": len(found.positions),
+        "is_complete": found.is_complete,
+    }
+    if csv_path is not None:
+        _write_curve(csv_path, found, scale, metres, units)
+    if moving.plot is not None:
+        label = {"degrees": "angle [degrees]", "position": "position"}.get(unit, f"displacement [{units}]")
+        _draw(moving.plot, found, scale, metres, label, units)
+    if as_json:
+        write_document({"units": units, "position_unit": unit or units, "below": below, **values})
+    else:
+        print_block(_lines(values, unit or units, units))
+    if below is not None:
+        verdict = _verdict(values, below, units)
+        if not as_json:
+            typer.echo(verdict)
+        if not values["lower"] >= below:
+            raise typer.Exit(EXIT_NEARER)
+
+
+def _lines(values: dict[str, Any], unit: str, units: str) -> list[tuple[str, str]]:
+    at = "at position " if unit == "position" else "at "
+    after = "" if unit == "position" else f" {unit}"
+    position = f"{at}{number(values['position'], 6)}{after}"
+    smallest = f"{length(values['distance'], 6)} {units} to {printable(values['nearest'])}, {position}"
+    rows = [("smallest", smallest)]
+    if values["lower"]:
+        rows.append(("certain", f"nowhere less than {length(values['lower'], 6)} {units}"))
+    if values["first_touch"] is not None:
+        free, touches = (number(each, 6) for each in values["first_touch"])
+        rows.append(("first touch", f"{at}{touches}{after}; certainly free before {free}"))
+    for end, name in (("from", values["part"]), ("to", values["nearest"])):
+        point = "  ".join(length(each, 6) for each in values[end])
+        rows.append((end, f"{point} {units} ({printable(name)})"))
+    rows.append(("samples", counted(values["samples"], "pose")))
+    return rows
+
+
+def _verdict(values: dict[str, Any], below: float, units: str) -> str:
+    limit = f"{length(below)} {units}"
+    if values["lower"] >= below:
+        return f"The part keeps {limit} over the whole motion."
+    if values["distance"] < below:
+        return f"The part comes nearer than {limit}."
+    return f"Undecided: the part may come nearer than {limit}."
+
+
+def _write_curve(
+    path: Path, found: "proximity.MotionClearance", scale: float, metres: float, units: str
+) -> None:
+    """Write positions, distances and lower bounds up to the next position."""
+    with text_output(path) as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["position", f"distance_{units}", f"lower_{units}"])
+        lower = [*(found.bounds / metres).tolist(), ""]
+        rows = zip(
+            (found.positions / scale).tolist(), (found.distances / metres).tolist(), lower, strict=True
+        )
+        writer.writerows(rows)
+
+
+def _draw(
+    path: Path, found: "proximity.MotionClearance", scale: float, metres: float, label: str, units: str
+) -> None:
+    """Draw the distance over the motion, with the bounds as an area."""
+    import numpy as np
+
+    from proximity.scene.picture.distance_field import load_matplotlib
+
+    if path.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise typer.BadParameter(f"{path}: expected .png, .svg or .pdf", param_hint="--plot")
+    figure = load_matplotlib().figure.Figure(figsize=(7.0, 3.6), layout="constrained")
+    axes = figure.add_subplot()
+    positions, distances = found.positions / scale, found.distances / metres
+    middles, bounds = np.repeat(positions, 2)[1:-1], np.repeat(found.bounds / metres, 2)
+    upper = np.interp(middles, positions, distances) if positions[0] < positions[-1] else None
+    if upper is None:
+        upper = np.interp(middles, positions[::-1], distances[::-1])
+    axes.fill_between(middles, bounds, upper, color="#2a6f97", alpha=0.25, linewidth=0, label="bounds")
+    axes.plot(positions, distances, color="#2a6f97", label=f"distance to {found.nearest.second}")
+    axes.plot(found.position / scale, found.distance / metres, "o", color="#c1121f")
+    axes.annotate(
+        f"{number(found.distance / metres, 4)} {units}", (found.position / scale, found.distance / metres),
+        textcoords="offset points", xytext=(6, 8), color="#c1121f",
+    )  # fmt: skip
+    axes.set(xlabel=label, ylabel=f"distance of {found.nearest.first} [{units}]", ylim=(0.0, None))
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False)
+    from proximity.system.whole_file import whole_file
+
+    with whole_file(path) as stream:
+        figure.savefig(stream, format=path.suffix[1:].lower(), dpi=150)
