@@ -11,6 +11,7 @@ import numpy as np
 from proximity.checks import as_float64, shown
 from proximity.errors import ArgumentError
 from proximity.pose import Pose
+from proximity.system.extras import needed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +145,8 @@ class Motion:
             )
 
         def spans(_: Pose, middle: np.ndarray) -> list[Span]:
-            from scipy.spatial.transform import Rotation  # other motions do not need it
+            with needed("motions through poses need", "service"):
+                from scipy.spatial.transform import Rotation  # other motions do not need it
 
             found = []
             for k, (begin, finish) in enumerate(pairwise(through)):
