@@ -10,6 +10,8 @@ They are imported on first access, so that ``import proximity`` alone takes mill
 kernels.
 """
 
+import os
+import warnings
 from importlib import import_module
 from typing import Any
 
@@ -26,6 +28,19 @@ def _module_of_each_name() -> dict[str, str]:
     return {words[3]: words[1] for words in lines if words[:1] == ["from"]}
 
 
+def _warn_of_namesake() -> None:
+    """Warn if the distribution ``proximity`` is in the same folder, where both write this file."""
+    names = os.listdir(os.path.dirname(os.path.dirname(__file__)))
+    if any(name.startswith("proximity-") and name.endswith(".dist-info") for name in names):
+        warnings.warn(
+            "another distribution, named proximity, is installed in the same folder and replaces files of "
+            "cad-proximity: run `pip uninstall proximity cad-proximity`, then `pip install cad-proximity`",
+            RuntimeWarning,
+            stacklevel=3,
+        )
+
+
+_warn_of_namesake()
 _MODULE_OF = _module_of_each_name()
 
 
@@ -47,5 +62,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return all public names, whether imported or not."""
-    return sorted({*globals(), *__all__})
+    """Return the public names, imported or not."""
+    return sorted([*__all__, "__version__"])

@@ -16,6 +16,8 @@ from proximity.errors import ArgumentError
 FLOAT64 = np.dtype(np.float64)
 _ROW = (3,)
 
+READABLE_DEVICES = (1, 3, 11, 13)
+"""DLPack device types whose memory the processor can read: CPU, CUDA host, ROCm host, CUDA managed."""
 COPIED_AT_ONCE = 1 << 20
 """Number of rows that are copied together, which takes about 10 ms."""
 FEW_SHOWN, LONGEST_SHOWN = 4, 200
@@ -29,13 +31,15 @@ def as_float64(values: Any, name: str, *, expected: str = "numbers") -> np.ndarr
 
     Kernels are compiled for such arrays only: a read-only one would make numba compile again.
 
-    *values*: booleans, integers, floats of any width, or objects that hold only real numbers. Masked values
-    become nan, and values too large for float64 inf.
+    *values*: booleans, integers, floats of any width, or objects that hold only real numbers; of NumPy or by
+    `as_array`. Masked values become nan, and values too large for float64 inf.
     """
     if _is_float64(values):
         return values
     try:
-        array = np.asanyarray(values)
+        array = as_array(values, name)
+    except ArgumentError:
+        raise
     except ValueError as ragged:
         raise ArgumentError(f"{name} have rows of different lengths, expected {expected}") from ragged
     if array.dtype.kind not in "biufO":
@@ -54,6 +58,29 @@ def as_float64(values: Any, name: str, *, expected: str = "numbers") -> np.ndarr
         raise ArgumentError(
             f"{name} contain something that is not a number ({unfit}), expected {expected}"
         ) from unfit
+
+
+def as_array(values: Any, name: str) -> np.ndarray:
+    """Return array-like *values*, also of another library, by ``__array__`` or else by DLPack.
+
+    Raises `ArgumentError` for the memory of a GPU, and if the library refuses. Rows of different lengths are
+    NumPy's ValueError.
+    """
+    device = None if isinstance(values, np.ndarray) else getattr(values, "__dlpack_device__", None)
+    try:
+        if device is not None:
+            kind = int(device()[0])
+            if kind not in READABLE_DEVICES:
+                raise ArgumentError(
+                    f"{name} are in the memory of another device, such as a GPU (DLPack device type {kind}), "
+                    "expected an array in main memory: copy it there first"
+                )
+            if not hasattr(values, "__array__"):
+                return np.from_dlpack(values)
+        return np.asanyarray(values)
+    except (BufferError, RuntimeError, TypeError) as refused:
+        reason = " ".join(str(refused).split())
+        raise ArgumentError(f"{name} cannot be read as an array ({reason})") from refused
 
 
 def copied(array: np.ndarray) -> np.ndarray:

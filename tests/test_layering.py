@@ -72,7 +72,7 @@ part
 solid
 penetration · queries · solid_arrays
 motion · sign
-model
+html_table · model
 """,
     "proximity.scene.queries": """
 queries

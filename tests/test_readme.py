@@ -55,10 +55,10 @@ def test_first_command_prints_what_the_readme_shows(monkeypatch, capsys):
 
 
 def test_two_commands_set_everything_up():
-    (setup,) = (block for block in blocks("sh") if "pip install -e ." in block and "bench" not in block)
+    (setup,) = (block for block in blocks("sh") if "proximity demo" in block and "pip install" in block)
 
     assert setup.splitlines() == [
-        "python -m pip install -e . && proximity demo",
+        'python -m pip install -e ".[service]" && proximity demo',
         'python -m pip install -e ".[test]" && python -m pytest',
     ]
 

@@ -5,3 +5,8 @@ directed out of the wall; a contact never pulls. Values that the paper does not 
 (7) and FIG 5 are the paper's own numbers. `docs/science/drum.md` lists the assumptions and their
 consequences.
 """
+
+from proximity.system.extras import needed
+
+with needed("services, gloves, drums and studies need", "service"):
+    import scipy  # noqa: F401

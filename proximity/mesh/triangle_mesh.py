@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.checks import as_float64, is_whole
+from proximity.checks import as_array, as_float64, is_whole
 from proximity.errors import ArgumentError, MeshError
 
 MAX_FACE_COUNT = 2**31 - 1
@@ -104,7 +104,9 @@ def _checked_vertices(vertices: Any) -> np.ndarray:
 
 def _checked_faces(faces: Any, vertex_count: int) -> np.ndarray:
     try:
-        array = np.asarray(faces)
+        array = np.asarray(as_array(faces, "faces"))
+    except ArgumentError:
+        raise
     except ValueError as ragged:
         raise MeshError(
             "faces have rows of different lengths, expected triangles: integers of shape (F, 3)"

@@ -7,6 +7,7 @@ import numpy as np
 from proximity.errors import MeshError
 from proximity.mesh.diagnosis import manifold_solid
 from proximity.mesh.topology import corners_of
+from proximity.scene.html_table import html_table
 from proximity.scene.part import Part
 from proximity.scene.scene import Scene
 
@@ -27,6 +28,9 @@ class Overlap(NamedTuple):
     volume: float
     lower: np.ndarray
     upper: np.ndarray
+
+    def _repr_html_(self) -> str:
+        return html_table("Overlap", self._fields, [self])
 
 
 def overlap(scene: Scene, first: str, second: str) -> Overlap | None:

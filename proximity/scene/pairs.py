@@ -13,6 +13,7 @@ from proximity.errors import ArgumentError, SceneError
 from proximity.kernels import answers
 from proximity.kernels.entries import connect_parts, contains_corner
 from proximity.kernels.layout import NO_FACE
+from proximity.scene.html_table import html_table
 from proximity.scene.model.assembly import Model
 from proximity.scene.solid import Solid
 
@@ -71,6 +72,9 @@ class Clearance(NamedTuple):
     point_on_second: np.ndarray
     face_on_first: int
     face_on_second: int
+
+    def _repr_html_(self) -> str:
+        return html_table("Clearance", self._fields, [self])
 
 
 class PairQueries:

@@ -10,9 +10,11 @@ from proximity.errors import ArgumentError, PoseError, SceneError
 from proximity.mesh.body_split import Repairs, split_bodies
 from proximity.mesh.bvh import common_frame
 from proximity.pose import Pose, quaternion_hint
+from proximity.scene.html_table import html_table
 from proximity.scene.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE, first_unfit_move
 from proximity.scene.solid import Solid
 
+PART_COLUMNS = ("name", "faces", "sign by", "watertight", "position, m", "hidden", "stiffness, N/m")
 NO_REPAIRS = Repairs(0, 0, 0.0, 0, 0, 0, False)
 NO_VELOCITY = np.zeros(3)
 NO_VELOCITY.flags.writeable = False
@@ -46,6 +48,9 @@ class Part:
     def __repr__(self) -> str:
         return f"Part({self.name!r}, {self.solid.mesh.face_count} faces)"
 
+    def _repr_html_(self) -> str:
+        return html_table(repr(self), PART_COLUMNS, [part_cells(self)])
+
 
 @dataclass(frozen=True, slots=True)
 class LoadReport:
@@ -77,6 +82,13 @@ class LoadReport:
     def __repr__(self) -> str:
         units = f"{self.units} {'declared' if self.units_declared else 'assumed'}"
         return f"LoadReport({self.path!r}, {self.format}, {units}, {len(self.notes)} notes)"
+
+
+def part_cells(part: Part) -> tuple[Any, ...]:
+    """Return the values of `PART_COLUMNS`."""
+    solid, stiffness = part.solid, "rigid" if part.stiffness is None else part.stiffness
+    texts = part.name, solid.mesh.face_count, solid.sign_method.value, "yes" if solid.is_watertight else "no"
+    return *texts, Pose.of(part.pose).translation, "yes" if part.is_hidden else "no", stiffness
 
 
 def checked_part(given: Any) -> Part:

@@ -2,33 +2,39 @@
 
 import weakref
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from proximity.checks import refuse_trimesh
 from proximity.errors import SceneError
+from proximity.scene.html_table import html_table
 from proximity.scene.model.assembly import Model
 from proximity.scene.model.scene_state import box_of_vertices
 from proximity.scene.motion_clearance import MotionQueries
 from proximity.scene.part import (
     NO_VELOCITY,
+    PART_COLUMNS,
     LoadReport,
     Part,
     checked_move,
     checked_moves,
     checked_part,
     checked_surface,
+    part_cells,
     parts_of_mesh,
 )
 from proximity.scene.queries.queries import Queries
-from proximity.scene.scene_parts import SceneParts, checked_parts, with_arrays
+from proximity.scene.scene_parts import ClosedParts, SceneParts, checked_parts, with_arrays
 from proximity.scene.solid import Solid
 from proximity.system.locks import fork_safe_lock
 
 
 class Scene(Queries, MotionQueries):
     """Parts that are queried together; they may be moved, deformed, added and removed between queries.
+
+    A scene is a context manager: ``with proximity.load("a.prox") as scene`` closes it at the end: see
+    `close`.
 
     Parameters
     ----------
@@ -400,8 +406,30 @@ class Scene(Queries, MotionQueries):
             self._parts.mend()
             self._parts.deform(self._parts.find(name), vertices)
 
+    def close(self) -> None:
+        """Release the parts and their memory, and the mapped file of a compiled scene.
+
+        Queries, changes and trackers of a closed scene raise `SceneError`. Answers, parts, solids and
+        snapshots remain valid; a part, a solid or a snapshot keeps the memory, and the file, until it is
+        deleted. Closing twice has no effect.
+        """
+        with self._lock:
+            self._parts = cast(SceneParts, ClosedParts())
+
+    def __enter__(self) -> "Scene":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def __repr__(self) -> str:
+        if isinstance(self._parts, ClosedParts):
+            return "Scene(closed)"
         return f"Scene({len(self._parts)} parts, {self._parts.face_count} faces)"
+
+    def _repr_html_(self) -> str:
+        parts = () if isinstance(self._parts, ClosedParts) else self.parts
+        return html_table(repr(self), PART_COLUMNS, map(part_cells, parts), len(parts))
 
 
 def _made_again(parts: list[Part], report: LoadReport | None, dynamic: list[int], epoch: int) -> Scene:

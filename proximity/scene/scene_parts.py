@@ -197,6 +197,15 @@ class SceneParts:
             self.deform(row, self._parts[row].solid.mesh.vertices)
 
 
+class ClosedParts:
+    """The parts of a closed scene: every use raises."""
+
+    def _refuse(self, *_: object) -> Any:
+        raise SceneError("the scene is closed, expected an open one: load or make it again")
+
+    __getattr__ = __getitem__ = __iter__ = __len__ = _refuse
+
+
 def checked_parts(given: Iterable[Any]) -> list[Part]:
     """Return validated parts for a scene, or raise an error if names are equal or there is no part."""
     parts = [checked_part(part) for part in given]

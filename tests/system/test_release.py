@@ -2,8 +2,11 @@
 
 import importlib.util
 import re
+import shutil
+import subprocess
 import sys
 import tomllib
+import zipfile
 
 import pytest
 from project import ROOT
@@ -78,3 +81,50 @@ def test_wheel_that_is_not_the_one_imported_ends_the_release(release, tmp_path, 
 
     with pytest.raises(SystemExit, match=r"proximity was imported from .*proximity/__init__\.py, not from"):
         release.try_wheel(tmp_path, tmp_path / "cad_proximity.whl")
+
+
+def test_bill_of_materials_has_each_requirement_and_what_was_compiled_with(release, tmp_path):
+    wheel = tmp_path / "cad_proximity-1.0.0-py3-none-any.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        archive.writestr(
+            "cad_proximity-1.0.0.dist-info/METADATA",
+            "Metadata-Version: 2.4\nName: cad-proximity\nVersion: 1.0.0\nLicense-Expression: MIT\n"
+            "Requires-Dist: numpy>=1.26\n"
+            "Requires-Dist: websockets>=14; extra == 'web'\n"
+            "Requires-Dist: cad-proximity[web]; extra == 'all'\n",
+        )
+
+    bill = release.bill_of_materials(wheel)
+
+    parts = {part["name"]: part["scope"] for part in bill["components"][:3]}
+    assert parts == {"numpy": "required", "websockets": "optional", "cad-proximity[web]": "optional"}
+    assert {"numba", "ziglang"} <= {
+        part["name"] for part in bill["components"] if part["scope"] == "excluded"
+    }
+    references = [part["bom-ref"] for part in bill["components"]]
+    assert len(set(references)) == len(references)
+    assert set(bill["dependencies"][0]["dependsOn"]) == set(references[:3])
+
+
+@pytest.mark.processes
+def test_distribution_of_the_same_import_name_is_reported_at_import(tmp_path):
+    package = tmp_path / "proximity"
+    package.mkdir()
+    for name in ("__init__.py", "__init__.pyi", "__main__.py"):
+        shutil.copy(ROOT / "proximity" / name, package)
+    command = [sys.executable, "-W", "always", "-c", "import proximity; print(proximity.__version__)"]
+
+    def imported():
+        done = subprocess.run(command, cwd=tmp_path, env={}, capture_output=True, text=True, check=True)
+        return done.stderr
+
+    (tmp_path / "proximity_other-1.0.dist-info").mkdir()
+    assert imported() == ""
+    (tmp_path / "proximity-3.0.0.dist-info").mkdir()
+    assert "pip uninstall proximity cad-proximity" in imported()
+
+    (package / "__init__.py").write_text("", encoding="utf-8")
+    command = [sys.executable, "-m", "proximity"]
+    done = subprocess.run(command, cwd=tmp_path, env={}, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "another distribution" in done.stderr

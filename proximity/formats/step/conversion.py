@@ -12,13 +12,14 @@ from contextlib import contextmanager, nullcontext, suppress
 
 import numpy as np
 
-from proximity.errors import MeshError, MeshFormatError
+from proximity.errors import MeshError, MeshFormatError, MissingLibraryError
 from proximity.formats.contents import RawFile
 from proximity.formats.gltf import buffers, gltf
 from proximity.formats.libraries import Library
 from proximity.formats.step.product_structure import with_names_of_products
 from proximity.formats.step.step_records import StepText
 from proximity.formats.worker import NOT_INSTALLED, TOO_MUCH
+from proximity.system.extras import installation
 from proximity.system.file_cache import FileCache
 
 STEP_ANGLE = 0.25
@@ -173,7 +174,9 @@ def _convert(data: bytes, tolerance: float, is_cached: bool) -> bytes:
     if done.returncode < 0:
         raise MeshFormatError(f"OpenCASCADE crashed on it (signal {-done.returncode})")
     if done.returncode == NOT_INSTALLED:
-        raise MeshError("STEP files need the package cascadio, which cannot be imported")
+        raise MissingLibraryError(
+            f"STEP files need the package cascadio, which cannot be imported: {installation('step')}"
+        )
     if done.returncode == TOO_MUCH or "alloc" in printed:
         raise _LimitError(
             f"OpenCASCADE takes more than {MAX_SECONDS} s or {MAX_BYTES >> 30} GB to mesh it within "

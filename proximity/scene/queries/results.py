@@ -5,6 +5,7 @@ nan. Records are read-only views of an array that a kernel has filled.
 """
 
 from enum import IntEnum
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from proximity.kernels.layout import (
     NO_FACE,
     NO_PART,
 )
+from proximity.scene.html_table import html_table
 
 Reals = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int32]
@@ -81,6 +83,15 @@ class _Record:
         first = self._fields[0]
         values = np.array2string(getattr(self, first), threshold=FEW_ROWS, edgeitems=2, separator=", ")
         return f"{type(self).__name__}(shape={shape}, {first}={' '.join(values.split())})"
+
+    def _repr_html_(self) -> str:
+        shape = self._table.shape[:-1]
+        columns = [(name, np.asarray(getattr(self, name))) for name in self._fields]
+        rows = (
+            [", ".join(map(str, index)), *(_shown(name, column[index]) for name, column in columns)]
+            for index in np.ndindex(shape)
+        )
+        return html_table(type(self).__name__, ("", *self._fields), rows, prod(shape))
 
 
 def _shown(name: str, value: Any) -> str:
