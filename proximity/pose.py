@@ -19,8 +19,6 @@ SINGLE_TOLERANCE = 1e-5
 nearest rotation is meant; what is farther off scales or shears."""
 QUATERNION_TOLERANCE = 0.01
 """How far the norm of a quaternion may be from 1: what three decimal places leave, and more."""
-LONGEST_STEP = 0.1
-"""s between two poses from which a velocity is taken."""
 ROUNDING = 8.0 * 2.0**-52
 """How far the nearest exact one is off itself, in float64: so a pose made of a pose's matrix is that pose."""
 
@@ -261,18 +259,3 @@ def _checked_translation(translation: Any) -> np.ndarray:
     if not np.isfinite(array).all():
         raise PoseError(f"a pose's translation is {array.tolist()}, expected finite numbers")
     return array.copy()
-
-
-def velocities_between(
-    last: tuple[int, Pose] | None, pose: Pose, pose_ns: int
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Velocity and angular velocity between two poses, if they are near enough in time."""
-    if last is None or not 0 < pose_ns - last[0] <= 1e9 * LONGEST_STEP:
-        return None
-    seconds = 1e-9 * (pose_ns - last[0])
-    turn = pose.rotation @ last[1].rotation.T
-    axis = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    sine = float(np.linalg.norm(axis))
-    angle = float(np.arctan2(sine, 0.5 * (np.trace(turn) - 1.0)))
-    angular = axis * (angle / sine / seconds) if sine > 0.0 else np.zeros(3)
-    return (pose.translation - last[1].translation) / seconds, angular

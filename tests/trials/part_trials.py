@@ -308,7 +308,7 @@ def _judge(log, tally, settings):
 
 def _speed(tracker):
     """The least of the speeds with which a tick reckons, m/s."""
-    speeds = tracker._pairs["speed"]
+    speeds = tracker._arrays.pairs["speed"]
     return float(speeds[speeds > 0.0].min(initial=np.inf))
 
 

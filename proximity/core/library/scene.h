@@ -42,6 +42,12 @@ void proximity_note_tick(const proximity_scene *scene, int64_t *noted, int64_t a
 /* A scene over the arrays of a model, which are its own from now on; NULL: there is no memory. */
 proximity_scene *proximity_scene_over(const int64_t *model);
 
+/* One face of each surface of two parts: their words for a kernel, and the memory to free; NULL: there is none. */
+int32_t *proximity_surfaces_of(const proximity_scene *scene, const int32_t *parts, int64_t *words);
+
+/* The sentence about two parts that are not two different ones of the scene, as an error; PROXIMITY_OK where they are. */
+int proximity_refuse_pair(const proximity_scene *scene, int32_t first, int32_t second, proximity_error *error);
+
 /* Count another reference, or one less: with the last one the scene is freed. */
 void proximity_keep(const proximity_scene *scene);
 void proximity_release(const proximity_scene *scene);

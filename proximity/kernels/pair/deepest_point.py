@@ -51,6 +51,8 @@ SIDES = 8
 """Directions that are tried for the side to which all faces near a box look."""
 FACING = 2.0**-10
 """Least cosine between faces and the side to which all of them look."""
+REST = 1e-7
+"""Of a part's size: bounds of the deepest point are brought no nearer to each other."""
 
 
 @inlined
@@ -232,14 +234,29 @@ def fill_common_box(model, inner, outer, frame_map, box):
     return box.bound
 
 
-@entry(ModelArrays, "int, int, float, float, int, DeepestAnswer[:]")
-def deepest_point(model, inner, outer, tolerance, rest, budget, answers):
-    """Fill how deep points of one part are inside another at most; (1,).
+@entry(ModelArrays, "int, int, float, int, DeepestAnswer[:]")
+def deepest_point(model, first, second, tolerance, budget, answers):
+    """Fill how deep any point of two parts is inside the other; (1,). The point is nan where none is.
 
-    *tolerance*, *rest*: share of the depth, and length, m, that may be left between its bounds. *budget*:
-    steps at most. The lower bound that is in *answers* before is known from elsewhere.
+    *tolerance*: share of the depth that may be left between its bounds. *budget*: steps in each part.
     """
-    frames, scale, deepest = model.frames, model.frames[outer].scale, answers[0]
+    deepest, frames, size_sq = answers[0], model.frames, np.inf
+    deepest.lower, upper, steps = 0.0, 0.0, 0
+    deepest.point[0] = deepest.point[1] = deepest.point[2] = np.nan
+    for part in (first, second):
+        x, y, z = between(vector(frames[part].own_lower), vector(frames[part].own_upper))
+        size_sq = min(size_sq, dot(x, y, z, x, y, z))
+    rest = REST * sqrt(size_sq)
+    for inner, outer in ((first, second), (second, first)):
+        _deepest_inside(model, inner, outer, tolerance, rest, budget, deepest)
+        upper, steps = max(upper, deepest.upper), steps + deepest.steps
+    deepest.upper, deepest.steps = upper, steps
+
+
+@kernel
+def _deepest_inside(model, inner, outer, tolerance, rest, budget, deepest):
+    """Fill how deep points of one part are inside another; the lower bound in *deepest* is known before."""
+    frames, scale = model.frames, model.frames[outer].scale
     workspace, state, boxes = new_workspace(), stack_search(1)[0], stack_boxes(CAPACITY)
     turn, offset = stack_f64(9), stack_f64(3)
     reset_recent(workspace)

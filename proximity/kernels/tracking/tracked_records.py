@@ -56,6 +56,8 @@ HELD_SETTINGS = record(
     unsure="i8",  # pairs of which it must be asked whether one part is inside the other; likewise
     opening="i8",  # pairs that are opening, and of which it must be asked; likewise
     free_time="f8",  # s: nothing is met before; likewise
+    last_ns="i8",  # of the pose given last; written by `move_group`
+    has_last="i8",  # 1 where there is one; likewise
 )
 
 CONNECTION_RECORD = record(
@@ -97,6 +99,9 @@ class HeldArrays(NamedTuple):
     moved: np.ndarray  # (P,) float64: how far parts have moved since
     limits: np.ndarray  # (FRONTIER_ENTRIES,) float64: see `dual_first`
     entries: np.ndarray  # (FRONTIER_ENTRIES, 3) int32
+    own: np.ndarray  # (group,) int64: rows of the parts that are followed
+    faces: np.ndarray  # see `containment.Surfaces`
+    ranges: np.ndarray
 
 
 bundle(
@@ -108,4 +113,7 @@ bundle(
     moved="float64[:]",
     limits="float64[:]",
     entries="int32[:, 3]",
+    own="int64[:]",
+    faces="int32[:]",
+    ranges="int64[:, 2]",
 )
