@@ -20,8 +20,6 @@ SINGLE_TOLERANCE = 1e-5
 nearest rotation is used; a larger difference is a scale or shear."""
 QUATERNION_TOLERANCE = 0.01
 """Maximum difference of the norm of a quaternion from 1, which exceeds the error of three decimal places."""
-LONGEST_STEP = 0.1
-"""Maximum time between two poses from which a velocity is computed, s."""
 ROUNDING = 8.0 * 2.0**-52
 """Error of the nearest exact rotation in float64. Within it a pose of a pose's matrix is equal to that
 pose."""
@@ -266,18 +264,3 @@ def _checked_translation(translation: Any) -> np.ndarray:
     if not np.isfinite(array).all():
         raise PoseError(f"a pose's translation is {array.tolist()}, expected finite numbers")
     return array.copy()
-
-
-def velocities_between(
-    last: tuple[int, Pose] | None, pose: Pose, pose_ns: int
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return velocity and angular velocity between two poses, or None if they are too far apart in time."""
-    if last is None or not 0 < pose_ns - last[0] <= 1e9 * LONGEST_STEP:
-        return None
-    seconds = 1e-9 * (pose_ns - last[0])
-    turn = pose.rotation @ last[1].rotation.T
-    axis = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    sine = float(np.linalg.norm(axis))
-    angle = float(np.arctan2(sine, 0.5 * (np.trace(turn) - 1.0)))
-    angular = axis * (angle / sine / seconds) if sine > 0.0 else np.zeros(3)
-    return (pose.translation - last[1].translation) / seconds, angular

@@ -25,7 +25,7 @@ from proximity.kernels.point.coherent_search import FRONTIER_SIZE
 from proximity.kernels.scene.store.model_validation import FAULT_SIZE, SOUND
 from proximity.kernels.scene.store.stored_bytes import HEADER_SIZE, NO_MAGIC, OTHER_VERSION, PAGE
 from proximity.kernels.thresholds import MILLIMETRES_FROM, MILLIMETRES_TO, SORT_FROM, SORT_STEPS
-from proximity.kernels.tracking import motion
+from proximity.kernels.tracking import motion, tracked_group, tracked_records, tracked_tick
 from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
 from proximity.kernels.tracking.finger_distance import CROWD
 from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
@@ -37,23 +37,24 @@ from proximity.message.c_header import structure
 from proximity.message.instant_advice import OTHER_CLOCK_NS
 from proximity.native.signature import BUNDLES
 from proximity.pose import ORTHONORMAL_TOLERANCE, SINGLE_TOLERANCE
-from proximity.scene import sign
+from proximity.scene import pairs, penetration, sign
 from proximity.scene.model.assembly import EXACT_ENOUGH
 from proximity.scene.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE
 from proximity.scene.queries.queries import SORT_RAYS_FROM, SORT_RAYS_IN
 from proximity.scene.saved import archive, stored_model
 from proximity.scene.saved.compiled_scene import LAYOUT
-from proximity.tracker import tracker_arguments
+from proximity.tracker import part_tracker, tracker_arguments
 from proximity.tracker.tracker import GONE, Tracker
 
 ENTRIES = (
     "closest_batch", "signed_batch", "distance_batch", "contains_batch", "cast_batch", "segment_batch",
     "morton_order", "ray_order", "fault_in_header", "fault_in_arrays", "complete_model", "first_unfit",
     "move_parts", "copies_in_use", "make_static", "thin_static", "bring_up_to_date", "forget_surfaces",
-    "adopt_parts", "tick", "observe", "update_newest", "drop_stale", "sense_contacts",
-    "connect_parts", "surface_faces", "contains_corner", "write_part_row", "copy_nodes", "plan_scene",
-    "copy_part", "finish_scene", "split_faces", "face_topology", "signed_volume", "frame_of_box",
-    "plan_part", "fill_part", "choose_sign",
+    "adopt_parts", "tick", "observe", "update_newest", "drop_stale", "sense_contacts", "connect_parts",
+    "surface_faces", "decide_inside", "list_pairs", "connect_pairs", "find_exit", "deepest_point",
+    "adopt_rows", "follow_parts", "relate_group", "move_group", "write_part_row", "copy_nodes",
+    "plan_scene", "copy_part", "finish_scene", "split_faces", "face_topology", "signed_volume",
+    "frame_of_box", "plan_part", "fill_part", "choose_sign",
 )  # fmt: skip
 """The entry points that the library calls."""
 _NUMBERS = {
@@ -112,6 +113,13 @@ _NUMBERS = {
     "LARGEST_RADIUS": tracker_arguments.LARGEST_RADIUS,
     "LARGEST_WORKING_RANGE": tracker_arguments.LARGEST_WORKING_RANGE,
     "DEFAULT_BUDGET": tracker_arguments.DEFAULT_BUDGET,
+    "PART_HORIZON": part_tracker.HORIZON,
+    "MOST_RECORDS": tracked_tick.MOST_RECORDS,
+    "FRONTIER_ENTRIES": tracked_records.FRONTIER_ENTRIES,
+    "LINEAR_GIVEN": tracked_group.LINEAR_GIVEN,
+    "ANGULAR_GIVEN": tracked_group.ANGULAR_GIVEN,
+    "DEEPEST_BUDGET": penetration.DEEPEST_BUDGET,
+    "LEAST_TOLERANCE": pairs.LEAST_TOLERANCE,
 }
 _DEFAULTS = "radius", "latency", "working_range", "tolerance", "horizon", "max_speed", "max_acceleration"
 _RECORDS = {
@@ -121,6 +129,12 @@ _RECORDS = {
     "Track": TRACK,
     "Estimate": ESTIMATE,
     "ClearanceAnswer": answers.CLEARANCE_ANSWER,
+    "PairSearch": answers.PAIR_SEARCH,
+    "ExitAnswer": answers.EXIT_ANSWER,
+    "DeepestAnswer": answers.DEEPEST_ANSWER,
+    "HeldPair": tracked_records.HELD_PAIR,
+    "HeldSettings": tracked_records.HELD_SETTINGS,
+    "Connection": tracked_records.CONNECTION_RECORD,
     "EightMovers": EIGHT_MOVERS,
     **loop_records.RECORDS,
 }
@@ -140,10 +154,11 @@ def tables_header() -> str:
     lines += [f"#define LOOP_{name} {length}" for name, length in loop_records.LENGTHS.items()]
     for name, record in _RECORDS.items():
         lines += [structure(name, record, _RECORDS | receiver_state.RECORDS, layout.SCENE_FIELDS)]
-    arrays = BUNDLES["TrackerArrays"]
-    ends = accumulate((array.word_count for array in arrays.arrays), initial=0)
-    places = zip((*arrays.kind._fields, "end"), ends, strict=True)
-    lines += [f"enum {{ {', '.join(f'AT_{name.upper()} = {at}' for name, at in places)} }};"]
+    for prefix, bundle in (("AT", "TrackerArrays"), ("HELD", "HeldArrays"), ("GROUP", "GroupMotion")):
+        arrays = BUNDLES[bundle]
+        ends = accumulate((array.word_count for array in arrays.arrays), initial=0)
+        places = zip((*arrays.kind._fields, "end"), ends, strict=True)
+        lines += [f"enum {{ {', '.join(f'{prefix}_{name.upper()} = {at}' for name, at in places)} }};"]
     names = ", ".join(name.upper() for name in ENTRIES)
     return "\n".join([*lines, f"enum {{ {names}, ENTRY_COUNT }};", "#endif", ""])
 

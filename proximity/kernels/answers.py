@@ -1,6 +1,10 @@
 """Answers that kernels write and Python reads: a row per point, ray or segment, a record per pair."""
 
-from proximity.native import record
+from typing import NamedTuple
+
+import numpy as np
+
+from proximity.native import bundle, record
 
 # --- points: float64 ---
 POINT_ANSWER_SIGNED_DISTANCE = 0
@@ -44,21 +48,61 @@ SEGMENT_ANSWER_WIDTH = SEGMENT_ANSWER_REALS + 1
 """Width of a row in float64."""
 
 # --- pairs of parts ---
-APART, TOUCHES, CROSSES = 0, 1, 2
+APART, TOUCHES, CROSSES, FIRST_INSIDE, SECOND_INSIDE = range(5)
 CLEARANCE_ANSWER = record(
     "ClearanceAnswer",
     lower="f8",  # m: no two points of the parts are nearer
     distance="f8",  # m
     points="(6,)f8",  # m, scene's frame: one on each part
     faces="(2,)i4",
-    relation="i4",  # APART, TOUCHES or CROSSES
-    may_be_inside="i4",  # 1 if one part may be inside the other: boxes overlap, no surfaces cross
+    relation="i4",  # one of the five above
+    may_be_inside="i4",  # 1 until `decide_inside` if boxes overlap and no surfaces cross
 )
 DEPTH_ANSWER = record(
     "DepthAnswer",
     lower="f8",  # m: no shorter displacement separates the parts
     upper="f8",  # m: this displacement separates them
     normal="(3,)f8",  # scene's frame: normal of the contact at *upper*, towards the first part, or 0
+    steps="i8",
+)
+PAIR_SEARCH = record(
+    "PairSearch",
+    limit="f8",  # m: farther pairs are left out; less when all rows are filled
+    only="i8",  # pairs of this part; -1: of all visible ones
+    waiting="i8",  # pairs in the heap
+    found="i8",  # rows that are filled
+)
+
+
+class PairSearchArrays(NamedTuple):
+    """Arrays that the search for the nearest pairs reads and writes."""
+
+    search: np.ndarray  # (1,) PAIR_SEARCH
+    gaps: np.ndarray  # (N,) float64, m: a heap of all pairs, by the gap and then the number
+    numbers: np.ndarray  # (N,) int64: of each pair, first part * P + second part
+    faces: np.ndarray  # see `containment.Surfaces`
+    ranges: np.ndarray
+    pairs: np.ndarray  # (K, 2) int32: the parts of each row
+    answers: np.ndarray  # (K,) CLEARANCE_ANSWER
+
+
+bundle(
+    PairSearchArrays,
+    search="PairSearch[:]",
+    gaps="float64[:]",
+    numbers="int64[:]",
+    faces="int32[:]",
+    ranges="int64[:, 2]",
+    pairs="int32[:, 2]",
+    answers="ClearanceAnswer[:]",
+)
+
+EXIT_ANSWER = record(
+    "ExitAnswer",
+    depth="f8",  # m: this displacement along the direction separates the parts
+    lower="f8",  # m: no shorter displacement along it does
+    direction="(3,)f8",  # unit, scene's frame
+    normal="(3,)f8",  # normal of the second part at the last contact, or 0
     steps="i8",
 )
 DEEPEST_ANSWER = record(

@@ -18,7 +18,7 @@ from proximity.kernels.entries import move_parts
 from proximity.pose import Pose
 from proximity.scene.model.assembly import EXACT_ENOUGH, Model, finished
 from proximity.scene.motion import Motion, Span
-from proximity.scene.pairs import Clearance, PairQueries, _clearance, _pairs_by_gap
+from proximity.scene.pairs import Clearance, PairQueries, Relation, nearest_pairs
 from proximity.scene.solid import Solid
 
 SAMPLES = 48
@@ -70,8 +70,10 @@ class MotionSearch:
     """Search for the smallest distance of one part along a motion. The scene itself does not change."""
 
     def __init__(self, model: Model, solids: list[Solid], row: int, others: set[int], motion: Motion) -> None:
-        self._solids, self._row, self._others = solids, row, others
+        self._row = row
         self._frames, self._parts = model.frames.copy(), model.parts.copy()
+        self._parts["is_hidden"][:-1] = 1
+        self._parts["is_hidden"][list(others)] = 0
         self._model = finished(model.reals, model.words, self._frames, self._parts, names=model.names)
         self._versions = np.zeros(len(self._parts), np.int64)
         frame, corners = model.frames[row], solids[row].mesh.vertices
@@ -152,20 +154,10 @@ class MotionSearch:
         none = np.empty((0, 3))
         rows = np.array([self._row], np.int64)
         move_parts(self._frames, self._parts, self._versions, 0, rows, matrix, none, none, EXACT_ENOUGH)
-        best: Clearance | None = None
-        for gap, one, other in _pairs_by_gap(self._model, self._row):
-            second = other if one == self._row else one
-            if second not in self._others:
-                continue
-            limit = inf if best is None else best.distance
-            if gap >= limit:
-                break
-            found = _clearance(self._model, self._solids, self._row, second, limit)
-            if best is None or found.distance < best.distance:
-                best = found
-        assert best is not None
+        (best,) = nearest_pairs(self._model, inf, self._row, 1)
         if best.distance < self._smallest:
-            self._nearest = best.distance, position, best
+            is_second = best.second == self._model.names[self._row]
+            self._nearest = best.distance, position, _swapped(best) if is_second else best
         return best.distance
 
     def _first_touch(self, intervals: list[_Interval]) -> tuple[float, float]:
@@ -185,6 +177,18 @@ class MotionSearch:
                 return free, ends[0]
             waiting += self._halves(interval)[::-1]
         return free, intervals[-1].end
+
+
+def _swapped(pair: Clearance) -> Clearance:
+    """Return the clearance of the same two parts in the other order."""
+    inside = {
+        Relation.FIRST_INSIDE: Relation.SECOND_INSIDE,
+        Relation.SECOND_INSIDE: Relation.FIRST_INSIDE,
+    }
+    return Clearance(
+        pair.second, pair.first, pair.distance, pair.lower, inside.get(pair.relation, pair.relation),
+        pair.point_on_second, pair.point_on_first, pair.face_on_second, pair.face_on_first,
+    )  # fmt: skip
 
 
 class MotionQueries(PairQueries):

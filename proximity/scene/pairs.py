@@ -1,18 +1,16 @@
 """Queries of pairs of parts: their distance, and the nearest pairs of a scene."""
 
-from bisect import insort
-from collections.abc import Iterator
 from enum import StrEnum
 from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from proximity import native
 from proximity.checks import as_float64, not_negative, shown, whole
 from proximity.errors import ArgumentError, SceneError
 from proximity.kernels import answers
-from proximity.kernels.entries import connect_parts, contains_corner
-from proximity.kernels.layout import NO_FACE
+from proximity.kernels.entries import connect_pairs, connect_parts, decide_inside, list_pairs
 from proximity.scene.html_table import html_table
 from proximity.scene.model.assembly import Model
 from proximity.scene.solid import Solid
@@ -40,16 +38,10 @@ class Relation(StrEnum):
 
 SHARING = (Relation.CROSSING, Relation.FIRST_INSIDE, Relation.SECOND_INSIDE)
 """Relations of parts with common volume; open parts may cross without."""
-WIDER = 1.0 + 2.0**-40
 LEAST_TOLERANCE = 1e-9
 """Relative to a depth: the search does not bring its bounds closer than this."""
-LEAST_LIMIT = 1e-12  # m
-"""A search finds only shorter distances: these two make it find one that equals the limit, 0 included."""
-_RELATIONS = {
-    answers.APART: Relation.APART,
-    answers.TOUCHES: Relation.TOUCHING,
-    answers.CROSSES: Relation.CROSSING,
-}
+_RELATIONS = tuple(Relation)
+"""In the order of the numbers in kernels."""
 
 
 class Clearance(NamedTuple):
@@ -131,7 +123,12 @@ class PairQueries:
         model, solids, (row, other) = self._state_with_rows(first, second)
         if row == other:
             raise SceneError(f"{first!r} is asked how far it is from itself, expected two parts")
-        return _clearance(model, solids, row, other, inf, tolerance, steps)
+        answer = np.empty(1, answers.CLEARANCE_ANSWER)
+        connect_parts(model.packed, row, other, inf, tolerance, steps, answer)
+        if answer["may_be_inside"][0]:
+            faces = solids[row].surface_faces, solids[other].surface_faces
+            decide_inside(model.packed, row, other, *faces, answer)
+        return _clearance(model.names, row, other, answer[0])
 
     def penetration(
         self, first: str | int, second: str | int, *, direction: Any = None, tolerance: float = 0.01
@@ -177,22 +174,19 @@ class PairQueries:
         Source: directional penetration depth, Dobkin, Hershberger, Kirkpatrick, Suri 1993.
         """
         tolerance = max(not_negative("tolerance", tolerance, "shares"), LEAST_TOLERANCE)
-        along = None if direction is None else _unit(direction)
+        along = np.zeros(3) if direction is None else _direction(direction)
         model, solids, (row, other) = self._state_with_rows(first, second)
         if row == other:
             raise SceneError(f"{first!r} is asked how deep it is in itself, expected two parts")
         faces = solids[row].surface_faces, solids[other].surface_faces
         from proximity.scene import penetration  # not needed by other queries
 
-        search = penetration.PenetrationSearch(model, row, other, faces)
-        search.search(tolerance) if along is None else search.look_along(along, tolerance)
+        found = penetration.measure_exit(model, (row, other), faces, along, tolerance)
         deepest = penetration.DeepestPoint(0.0, 0.0, np.full(3, np.nan), 0)
-        if search.depth > 0.0:
+        if found["depth"] > 0.0:
             deepest = penetration.find_deepest(model, row, other, tolerance)
-        names = model.names
-        return penetration.Penetration(
-            names[row], names[other], search.depth, search.lower, search.direction, *deepest[:3]
-        )
+        out = float(found["depth"]), float(found["lower"]), found["direction"].copy()
+        return penetration.Penetration(model.names[row], model.names[other], *out, *deepest[:3])
 
     def closest_pairs(
         self, *, max_distance: float = inf, most: int | None = None, of: str | int | None = None
@@ -225,21 +219,21 @@ class PairQueries:
         Cost: that of `clearance` for every pair whose boxes are within the limit.
         """
         limit = not_negative("max_distance", max_distance, "metres", may_be_infinite=True)
-        if most is not None and whole("most", most, 0) == 0:
-            limit = -1.0
-        model, solids, rows = self._state_with_rows(*(() if of is None else (of,)))
-        only = rows[0] if rows else None
-        found: list[tuple[float, int, int, Clearance]] = []
-        for gap, one, other in _pairs_by_gap(model, only):
-            if gap > limit:
-                break
-            pair = _clearance(model, solids, one, other, max(limit * WIDER, LEAST_LIMIT))
-            if pair.distance <= limit:
-                insort(found, (pair.distance, one, other, pair))
-                if most is not None and len(found) >= most:
-                    del found[most:]
-                    limit = min(limit, found[-1][0])
-        return [pair for *_, pair in found]
+        count = None if most is None else whole("most", most, 0)
+        model, _, rows = self._state_with_rows(*(() if of is None else (of,)))
+        return nearest_pairs(model, limit, rows[0] if rows else -1, count)
+
+
+def nearest_pairs(model: Model, limit: float, only: int, count: int | None) -> list[Clearance]:
+    """Return the nearest pairs within *limit*, m: of the part *only*, or of all visible ones if it is -1."""
+    arrays = _pair_search(model, limit, only, count)
+    search = native.packed(arrays)
+    list_pairs(model.packed, search)
+    while connect_pairs(model.packed, search):
+        pass  # where it can be interrupted
+    found = int(arrays.search["found"][0])
+    pairs = zip(arrays.pairs[:found].tolist(), arrays.answers[:found], strict=True)
+    return [_clearance(model.names, one, other, answer) for (one, other), answer in pairs]
 
 
 def deepest_of(queries: PairQueries, first: str, second: str, tolerance: float) -> "DeepestPoint":
@@ -250,61 +244,38 @@ def deepest_of(queries: PairQueries, first: str, second: str, tolerance: float) 
     return find_deepest(model, row, other, tolerance)
 
 
-def _unit(direction: Any) -> np.ndarray:
-    """Return a direction scaled to length 1."""
+def _direction(direction: Any) -> np.ndarray:
+    """Return a direction of nonzero length as an array."""
     vector = as_float64(direction, "direction", expected="three numbers")
     length = float(np.linalg.norm(vector))
     if vector.shape != (3,) or not 0.0 < length < inf:
         raise ArgumentError(f"direction is {shown(direction)}, expected three finite numbers, not all 0")
-    return vector / length
+    return np.array(vector)
 
 
-def _pairs_by_gap(model: Model, only: int | None) -> Iterator[tuple[float, int, int]]:
-    """Yield the distances of the boxes of two parts, ascending, and their rows, the lower one first."""
-    frames = model.frames[:-1]
-    visible = np.flatnonzero(model.parts["is_hidden"][:-1] == 0)
-    if only is None:
-        at, behind = np.triu_indices(len(visible), 1)
-        ones, others = visible[at], visible[behind]
-    else:
-        rest = visible[visible != only]
-        ones, others = np.minimum(rest, only), np.maximum(rest, only)
-    lower, upper = frames["box_lower"], frames["box_upper"]
-    apart = np.maximum(lower[others] - upper[ones], lower[ones] - upper[others])
-    gaps = np.linalg.norm(np.maximum(apart, 0.0), axis=1)
-    for row in np.argsort(gaps, kind="stable"):
-        yield float(gaps[row]) * (1.0 - 1e-12), int(ones[row]), int(others[row])
+def _pair_search(model: Model, limit: float, only: int, most: int | None) -> answers.PairSearchArrays:
+    """Return the arrays of the search of `nearest_pairs`."""
+    parts, search = model.parts, np.zeros(1, answers.PAIR_SEARCH)
+    search["limit"], search["only"] = limit, only
+    others = len(parts) - 2
+    count = others if only >= 0 else others * (others + 1) // 2
+    rows = count if most is None else min(most, count)
+    return answers.PairSearchArrays(
+        search,
+        np.empty(count),
+        np.empty(count, np.int64),
+        np.empty(2 * int(parts["face_count"][:-1].sum()), np.int32),
+        np.empty((len(parts), 2), np.int64),
+        np.empty((rows, 2), np.int32),
+        np.empty(rows, answers.CLEARANCE_ANSWER),
+    )
 
 
-def _clearance(
-    model: Model,
-    solids: list[Solid],
-    first: int,
-    second: int,
-    limit: float,
-    tolerance: float = 0.0,
-    budget: int = 0,
-) -> Clearance:
-    """Return the connection of two parts; if it is not shorter than *limit*, m, it may be inf."""
-    answer, point, names = np.empty(1, answers.CLEARANCE_ANSWER), np.empty(3), model.names
-    connect_parts(model.packed, first, second, limit, tolerance, budget, answer)
-    lower, distance, _, (face, other_face), relation_row, may_be_inside = answer[0].tolist()
-    relation = _RELATIONS[relation_row]
-    if may_be_inside:
-        for inner, outer, found in (
-            (first, second, Relation.FIRST_INSIDE),
-            (second, first, Relation.SECOND_INSIDE),
-        ):
-            if contains_corner(model.packed, outer, inner, solids[inner].surface_faces, point):
-                lower, distance, face, other_face, relation = 0.0, 0.0, NO_FACE, NO_FACE, found
-                if np.isnan(answer["points"][0, 0]):
-                    connect_parts(model.packed, first, second, inf, 0.0, 0, answer)
-                break
-    one, other = answer["points"].reshape(2, 3)
-    if relation == Relation.FIRST_INSIDE:
-        other = one
-    elif relation == Relation.SECOND_INSIDE:
-        one = other
+def _clearance(names: tuple[str, ...], first: int, second: int, answer: Any) -> Clearance:
+    """Return an answer of kernels with the names of the parts."""
+    lower, distance, points, faces, relation, _ = answer.tolist()
+    one, other = np.array(points).reshape(2, 3)
+    face, other_face = map(int, faces)
     return Clearance(
-        names[first], names[second], distance, lower, relation, one, other, int(face), int(other_face)
+        names[first], names[second], distance, lower, _RELATIONS[relation], one, other, face, other_face
     )

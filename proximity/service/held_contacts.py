@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from proximity.kernels.entries import move_parts
+from proximity.kernels.entries import move_parts, velocities_between
 from proximity.kernels.layout import NO_PART
 from proximity.message import CONTACT, ContactFlag, Mode, Source, Surface
-from proximity.pose import ROUNDING, Pose, velocities_between
+from proximity.pose import ROUNDING
 from proximity.scene.model.assembly import Model, finished
 from proximity.scene.scene import Scene
 from proximity.service.description import PartLabels
@@ -148,8 +148,9 @@ class HeldContacts:
         if leader.is_known:
             self._velocities = leader.velocity, leader.turning
         elif before is not None:
-            last = before.pose_ns, _pose_of(before.matrix)
-            self._velocities = velocities_between(last, _pose_of(leader.matrix), leader.pose_ns)
+            found, elapsed_ns = np.empty((2, 3)), leader.pose_ns - before.pose_ns
+            is_known = velocities_between(before.matrix, leader.matrix, elapsed_ns, found)
+            self._velocities = (found[0], found[1]) if is_known else None
 
     def _placed(self, model: Model, motions: dict[str, ReportedMotion], leader: ReportedMotion) -> Model:
         """Return the model with all moving parts at the instant of the leader's pose."""
@@ -240,10 +241,6 @@ class NoPoses:
 
     def close(self) -> None:
         """No-op: the moves belong to another service."""
-
-
-def _pose_of(matrix: np.ndarray) -> Pose:
-    return Pose.known(matrix[:3, :3], matrix[:3, 3])
 
 
 def _velocity_at(frames: np.ndarray, rows: np.ndarray, points: np.ndarray) -> np.ndarray:

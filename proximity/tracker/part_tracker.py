@@ -12,18 +12,16 @@ from proximity import native
 from proximity.checks import not_negative, positive, whole
 from proximity.errors import ArgumentError, SceneError
 from proximity.kernels import contact_record
-from proximity.kernels.entries import contains_corner
-from proximity.kernels.layout import NO_FACE, NO_PART, NO_SLOT, columns_of
-from proximity.kernels.tracking import tracked_motion, tracked_records, tracked_tick
-from proximity.pose import Pose, velocities_between
+from proximity.kernels.layout import NO_PART
+from proximity.kernels.tracking import tracked_group, tracked_motion, tracked_records, tracked_tick
+from proximity.pose import Pose
 from proximity.scene.model.assembly import Model
-from proximity.scene.penetration import PenetrationSearch
+from proximity.scene.part import checked_velocity
 from proximity.scene.scene import Scene
 from proximity.tracker.tracker_arguments import LONGEST_LATENCY, as_nanoseconds
 
 HORIZON = 0.25
 """s"""
-LEAST_DEPTH_TOLERANCE = 0.01
 CONNECTION = tracked_records.CONNECTION_RECORD
 """One connection of a tracked part; see `PartTracker.tick` for the fields."""
 
@@ -124,10 +122,9 @@ class PartTracker:
         settings["latency"] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)
         settings["horizon"] = positive("horizon", horizon, "seconds")
         settings["budget"] = 0 if budget is None else whole("budget", budget)
-        settings["group"] = len(self._names)
         self._settings = settings
         self.connections = np.zeros(count, CONNECTION)
-        self._offsets = self._offsets_in_group()
+        self._relate_group()
         entries = tracked_records.FRONTIER_ENTRIES
         self._frontiers = np.empty(entries), np.empty((entries, 3), np.int32)
         self._last_model: Callable[[], Model | None] = lambda: None
@@ -156,7 +153,7 @@ class PartTracker:
     def reset(self) -> None:
         """Reset the state: the next tick is treated as the first."""
         self._epoch = -1
-        self._last_pose: tuple[int, Pose] | None = None
+        self._settings["has_last"] = 0
         self._last_model = lambda: None
         self.connections["part"] = NO_PART
         self._settings["free_time"] = 0.0
@@ -219,169 +216,85 @@ class PartTracker:
             If the pose, an instant or a velocity cannot be used.
         """
         pose_ns, now = as_nanoseconds(t_pose_ns), as_nanoseconds(now_ns)
-        is_predicted = True
         if pose is not None:
-            is_predicted = self._move(Pose.of(pose), pose_ns, velocity, angular_velocity)
+            self._move(Pose.of(pose), pose_ns, velocity, angular_velocity)
         elif velocity is not None or angular_velocity is not None:
             raise ArgumentError("velocities are given without a pose: set them where the parts are moved")
-        return self._follow(self._scene.snapshot(), pose_ns, now, is_predicted)
+        else:
+            self._settings["is_predicted"] = 1
+        return self._follow(self._scene.snapshot(), pose_ns, now)
 
-    def _follow(self, model: Model, pose_ns: int, now_ns: int, is_predicted: bool) -> np.ndarray:
+    def _relate_group(self) -> None:
+        """Store the poses of the tracked parts relative to the first."""
+        for name in self._names:
+            self._scene.part(name)  # which names a similar one
+        size, model = len(self._names), self._scene.snapshot()
+        self._group = tracked_group.GroupMotion(
+            self._settings,
+            np.empty((size, 4, 4)),
+            np.empty((4, 4)),
+            np.empty((2, 3)),
+            np.empty((size, 4, 4)),
+            np.empty((size, 3)),
+            np.empty((size, 3)),
+        )
+        self._packed_group = native.packed(self._group)
+        tracked_group.relate_group(model.frames, self._rows_in(model), self._group.offsets)
+
+    def _follow(self, model: Model, pose_ns: int, now_ns: int) -> np.ndarray:
         """Run `tick` for a model whose parts are at their poses already."""
         self._settings["pose_ns"], self._settings["now_ns"] = pose_ns, now_ns
-        self._settings["is_predicted"] = is_predicted
         is_moved = model is not self._last_model()
         if model.epoch != self._epoch:
             self._adopt(model)
         tracked_tick.follow_parts(model.packed, self._packed, is_moved)
-        if self._settings["unsure"][0]:
-            if self._decide_inside(model):
-                tracked_tick.follow_parts(model.packed, self._packed, False)
-            else:
-                self._forbid_motion()
-        elif self._settings["opening"][0] and not self._comes_free(model):
-            self._forbid_motion()
         self._last_model = weakref.ref(model)
-        for record in self.connections:
-            if record["depth"] == np.inf:
-                self._measure_depth(model, record)
         return self.connections
 
-    def _forbid_motion(self) -> None:
-        """Set the time without contact to zero."""
-        self._settings["free_time"] = self.connections["time_to_contact_lower"] = 0.0
-
-    def _comes_free(self, model: Model) -> bool:
-        """Return whether a small displacement frees the touching parts: whether they touch from outside."""
-        for pair in self._pairs[self._pairs["is_opening"] != 0]:
-            search = self._penetration_search(model, pair)
-            if search is None or not pair["normal"].any():
-                return False
-            frame = model.frames[pair["own"]]
-            length = tracked_motion.SLIP * float(np.linalg.norm(frame["own_upper"] - frame["own_lower"]))
-            search.look_along(pair["normal"], 0.5, length)
-            if search.depth > length:
-                return False
-        return True
-
-    def _surface_faces(self, model: Model, rows: Iterable[Any]) -> dict[int, np.ndarray] | None:
-        """Return one face of each surface of some parts; None if shapes have changed since the model."""
-        try:
-            faces = {int(row): self._scene.part(model.names[row]).solid.surface_faces for row in rows}
-        except SceneError:
-            return None
-        return faces if self._scene.epoch == model.epoch else None
-
-    def _penetration_search(self, model: Model, pair: Any) -> PenetrationSearch | None:
-        """Return a search for a direction out of the other part of a pair; None if shapes have changed."""
-        own, other = int(pair["own"]), int(pair["other"])
-        faces = self._surface_faces(model, (own, other))
-        if faces is None:
-            return None
-        budget = int(self._settings["budget"][0])
-        return PenetrationSearch(model, own, other, (faces[own], faces[other]), budget)
-
-    def _measure_depth(self, model: Model, record: Any) -> None:
-        """Measure the displacement that frees a part of another, in the last direction or a new one."""
-        pairs = self._pairs
-        row = np.flatnonzero((pairs["own"] == record["own_part"]) & (pairs["other"] == record["part"]))[0]
-        pair = pairs[row].copy()
-        search = self._penetration_search(model, pair)
-        if search is None:
-            return
-        tolerance = max(float(self._settings["tolerance"][0]), LEAST_DEPTH_TOLERANCE)
-        if pair["normal"].any():
-            search.look_along(pair["normal"], tolerance, float(pair["depth"]))
-            search.follow_normals(tolerance)
-        else:
-            search.search(tolerance)
-        record["depth"], record["depth_lower"] = search.depth, search.lower
-        record["work"] += search.steps
-        if search.depth > 0.0:
-            record["normal"] = pairs["normal"][row] = search.direction
-            pairs["depth"][row] = search.depth
-
-    def _offsets_in_group(self) -> list[Pose]:
-        """Return the poses of the tracked parts relative to the first."""
-        poses = [self._scene.part(name).pose for name in self._names]
-        return [poses[0].inverse @ pose for pose in poses]
-
-    def _move(self, pose: Pose, pose_ns: int, velocity: Any, angular_velocity: Any) -> bool:
-        """Move the tracked parts; return whether their velocities are known."""
-        linear, angular = velocity, angular_velocity
-        is_known = velocity is not None and angular_velocity is not None
-        if not is_known:
-            found = velocities_between(self._last_pose, pose, pose_ns)
-            is_known = found is not None or velocity is not None
-            before, turning = found or (np.zeros(3), np.zeros(3))
-            linear = before if velocity is None else velocity
-            angular = turning if angular_velocity is None else angular_velocity
-        if self._last_pose is None or pose_ns > self._last_pose[0]:
-            self._last_pose = pose_ns, pose
+    def _move(self, pose: Pose, pose_ns: int, velocity: Any, angular_velocity: Any) -> None:
+        """Move the tracked parts; velocities that are not given follow from the last two poses."""
+        group, known, name = self._group, 0, self._names[0]
+        if velocity is not None:
+            group.given[0] = checked_velocity(name, velocity, "velocity", "m/s")
+            known |= tracked_group.LINEAR_GIVEN
+        if angular_velocity is not None:
+            group.given[1] = checked_velocity(name, angular_velocity, "angular_velocity", "rad/s")
+            known |= tracked_group.ANGULAR_GIVEN
+        group.matrices[0] = pose.matrix
+        tracked_group.move_group(self._packed_group, pose_ns, known)
+        velocities = group.velocities, group.angular_velocities
         if len(self._names) == 1:
-            self._scene.move(self._names[0], pose, velocity=linear, angular_velocity=angular)
-            return is_known
-        poses = [pose @ offset for offset in self._offsets]
-        arms = np.array([each.translation - pose.translation for each in poses])
-        self._scene.move_many(
-            self._names,
-            poses,
-            np.asarray(linear, float) + np.cross(np.asarray(angular, float), arms),
-            np.broadcast_to(np.asarray(angular, float), arms.shape),
-        )
-        return is_known
+            linear, angular = velocities[0][0], velocities[1][0]
+            self._scene.move(name, pose, velocity=linear, angular_velocity=angular)
+        else:
+            self._scene.move_many(self._names, group.matrices, *velocities)
 
-    def _adopt(self, model: Model) -> None:
-        """Switch to a model that has other parts or faces than the last."""
+    def _rows_in(self, model: Model) -> np.ndarray:
+        """Return the rows of the tracked parts."""
         missing = [name for name in self._names if name not in model.names]
         if missing:
             raise SceneError(f"the tracked part {missing[0]!r} is not in the scene any more")
-        own = [model.names.index(name) for name in self._names]
-        count = len(model.names)
+        return np.array([model.names.index(name) for name in self._names], np.int64)
+
+    def _adopt(self, model: Model) -> None:
+        """Switch to a model that has other parts or faces than the last."""
+        own, count = self._rows_in(model), len(model.names)
         is_rest = model.parts["is_hidden"][:count] == 0
         is_rest[own] = False
-        rest = np.flatnonzero(is_rest)
-        pairs = np.zeros(len(rest) * len(own), tracked_records.HELD_PAIR)
-        pairs["own"], pairs["other"] = np.tile(own, len(rest)), np.repeat(rest, len(own))
-        pairs["slots"], pairs["lower"], pairs["upper"], pairs["is_unsure"] = NO_SLOT, -1.0, np.inf, 1
-        pairs["frontier"] = -1
-        self._pairs = pairs
-        frontiers = min(max(len(pairs), tracked_records.FEWEST_FRONTIERS), tracked_records.MOST_FRONTIERS)
-        self._settings["frontier_count"], self._settings["next_frontier"] = frontiers, 0
-        self._settings["frontier_length"] = tracked_records.FRONTIER_ENTRIES // frontiers
-        before = np.array(columns_of(model.frames)[:count, : tracked_motion.POSE_SIZE])
         arrays = tracked_records.HeldArrays(
-            self._settings, pairs, self.connections, before, np.zeros(count), *self._frontiers
+            self._settings,
+            np.zeros(int(is_rest.sum()) * len(own), tracked_records.HELD_PAIR),
+            self.connections,
+            np.zeros((count, tracked_motion.POSE_SIZE)),
+            np.zeros(count),
+            *self._frontiers,
+            own,
+            np.empty(2 * int(model.parts["face_count"][:count].sum()), np.int32),
+            np.empty((count + 1, 2), np.int64),
         )
-        self.connections["part"], self.connections["face"] = NO_PART, NO_FACE
         self._packed, self._arrays, self._epoch = native.packed(arrays), arrays, model.epoch
+        tracked_tick.adopt_rows(model.packed, self._packed)
         self._last_model = lambda: None
-
-    def _decide_inside(self, model: Model) -> bool:
-        """Decide whether one part is inside the other, for surfaces that may have met and do not cross.
-
-        Returns False if shapes have changed since the model was taken: the next tick decides then.
-        """
-        pairs, point = self._pairs, np.empty(3)
-        rows = np.flatnonzero(pairs["is_undecided"])
-        faces = self._surface_faces(model, {row for name in ("own", "other") for row in pairs[name][rows]})
-        if faces is None:
-            return False
-        for row in rows:
-            own, other = int(pairs["own"][row]), int(pairs["other"][row])
-            pairs["is_inside"][row] = next(
-                (
-                    inside
-                    for inside, inner, outer in (
-                        (tracked_records.OWN_INSIDE, own, other),
-                        (tracked_records.OTHER_INSIDE, other, own),
-                    )
-                    if contains_corner(model.packed, outer, inner, faces[inner], point)
-                ),
-                0,
-            )
-            pairs["is_unsure"][row] = pairs["lower"][row] <= 0.0
-        return True
 
     def __reduce__(self) -> tuple[Any, ...]:
         raise ArgumentError(
@@ -394,4 +307,5 @@ class PartTracker:
 
 def follow(tracker: PartTracker, model: Model, pose_ns: int, now_ns: int, is_predicted: bool) -> np.ndarray:
     """Run `PartTracker.tick` for a model whose parts are at their poses of *pose_ns*."""
-    return tracker._follow(model, pose_ns, now_ns, is_predicted)
+    tracker._settings["is_predicted"] = is_predicted
+    return tracker._follow(model, pose_ns, now_ns)

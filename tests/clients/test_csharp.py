@@ -17,6 +17,7 @@ from project import MESHES, SUPPORT
 from wire import frame
 
 import proximity
+from benchmarks.digest.library import LibraryScene
 from proximity import Pose, ProximityError
 from proximity.clients import c_package, client_files, write_client
 from proximity.core import CORE
@@ -143,6 +144,47 @@ def test_answers_are_those_of_python(package, tmp_path):
         "1 there is no scene, no place for the tracker, or no finger",
         "collections 0",
     ]
+
+
+@has_library
+def test_pairs_and_ticks_of_parts_are_those_of_python(package, tmp_path):
+    scene = overlapping_parts()
+    scene.save(tmp_path / "scene.prox")
+    asked, names = LibraryScene(tmp_path / "scene.prox"), [part.name for part in scene.parts]
+
+    lines = answer(program(package, CLIENTS / "PairsProgram.cs"), tmp_path / "scene.prox", tmp_path / "told")
+
+    pairs, expected = asked.closest_pairs(), []
+    expected += [np.array([list(map(names.index, pair[:2])) for pair in pairs], np.int32)]
+    for pair in pairs:
+        ends = [*pair.point_on_first, *pair.point_on_second]
+        words = pair.face_on_first, pair.face_on_second, list(proximity.Relation).index(pair.relation), 0
+        expected += [np.array([pair.lower, pair.distance, *ends]), np.array(words, np.int32)]
+    expected += [np.array([0, 1], np.int32)]
+    for options in ({}, {"direction": [0, 0, 2], "tolerance": 0.1}):
+        expected += map(np.array, scene.penetration(*names[:2], **options)[2:])
+    tracker, pose = proximity.PartTracker(scene, names[1:], connections=2, tolerance=0.05), np.eye(4)
+    for k in range(40):
+        pose[0, 3] += 0.002
+        now = 10**12 + 10**6 * k
+        given = {"velocity": [1, 2, 3], "angular_velocity": [0, 0, k]} if k % 5 == 4 else {}
+        expected += [tracker.tick(None if k % 5 == 3 else pose, now, now + 300, **given).copy()]
+    assert (tmp_path / "told").read_bytes() == b"".join(each.tobytes() for each in expected)
+    assert lines.splitlines() == [
+        "collections 0",
+        "an array has the wrong length, expected a row for each that is asked",
+    ]
+
+
+def overlapping_parts():
+    """Two parts in each other, and a third."""
+    return proximity.Scene(
+        [
+            proximity.Solid(*shapes.torus(0.05, 0.02), name="ring"),
+            proximity.Solid(*shapes.sphere(0.03, 2), name="ball"),
+            proximity.Solid(*shapes.cube(0.05, (0.2, 0.0, 0.0)), name="cube"),
+        ]
+    )
 
 
 def test_functions_are_those_of_the_header():

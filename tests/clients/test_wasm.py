@@ -215,6 +215,62 @@ console.log(JSON.stringify(found.map((each) => [each.distance, each.lower, ...ea
         assert row == [found.distance, found.lower, *ends, found.face_on_first, found.face_on_second]
 
 
+def test_pairs_and_ticks_of_parts_are_those_of_python(folder):
+    """Poses are shifted only, so that no sine or cosine of another library is in the answers."""
+    told = run_module(
+        folder,
+        """
+const { readFileSync } = await import("node:fs");
+const scene = (await load()).open(readFileSync("assembly.prox")), told = [];
+const plain = (_, value) => (typeof value === "bigint" ? Number(value)
+  : ArrayBuffer.isView(value) ? [...value] : Number.isNaN(value) ? null : value === Infinity ? "inf" : value);
+const [first, second] = scene.parts, direction = [0, 1, 2];
+const limited = [{}, { most: 2 }, { of: second, maxDistance: 0.02 }];
+told.push(...limited.map((limits) => scene.closestPairs(limits)));
+told.push(scene.penetration(first, second), scene.penetration(first, second, { direction, tolerance: 0.1 }));
+const tracker = scene.partTracker(scene.parts[1], { connections: 2, tolerance: 0.01 });
+const matrix = [...scene.pose(1)];
+for (let k = 0; k < 60; k++) {
+  const now = 1_000_000_000_000n + 1_000_000n * BigInt(k);
+  matrix[3] += 0.001;
+  const given = k % 5 || k % 7 === 6 ? {} : { velocity: [1, 0, 0] };
+  const found = tracker.tick(k % 7 === 6 ? undefined : matrix, now, now + 300n, given);
+  told.push(found.map((each) => each.copy()));
+}
+tracker.close();
+try { tracker.tick(matrix, 0n, 0n); } catch (error) { told.push(error.message); }
+try { scene.partTracker("nothing"); } catch (error) { told.push(error.message); }
+console.log(JSON.stringify(told, plain));
+""",
+    )
+    scene = proximity.load(folder / "assembly.prox")
+    names = [part.name for part in scene.parts]
+    for found, limits in zip(told, ({}, {"most": 2}, {"of": names[1], "max_distance": 0.02}), strict=False):
+        for pair, expected in zip(found, scene.closest_pairs(**limits), strict=True):
+            assert (pair["first"], pair["second"]) == expected[:2]
+            assert (pair["distance"], pair["lower"]) == (expected.distance, expected.lower)
+            assert pair["pointOnFirst"] + pair["pointOnSecond"] == [
+                *expected.point_on_first, *expected.point_on_second
+            ]  # fmt: skip
+    for found, options in zip(told[3:5], ({}, {"direction": [0, 1, 2], "tolerance": 0.1}), strict=True):
+        expected = scene.penetration(*names[:2], **options)
+        assert [found["depth"], found["lower"], *found["direction"]] == [*expected[2:4], *expected.direction]
+        assert [found["deepest"], found["deepestLower"]] == [expected.deepest, expected.deepest_lower]
+    tracker = proximity.PartTracker(scene, names[1], connections=2, tolerance=0.01)
+    matrix = scene.parts[1].pose.matrix.copy()
+    for k, found in enumerate(told[5:65]):
+        matrix[0, 3] += 0.001
+        now, given = 10**12 + 10**6 * k, {} if k % 5 or k % 7 == 6 else {"velocity": [1, 0, 0]}
+        for record, row in zip(
+            tracker.tick(None if k % 7 == 6 else matrix, now, now + 300, **given), found, strict=True
+        ):
+            for name in record.dtype.names:
+                value = [None if np.isnan(each) else each for each in np.atleast_1d(record[name]).tolist()]
+                each = row[name] if isinstance(row[name], list) else [row[name]]
+                assert [np.inf if number == "inf" else number for number in each] == value, (k, name)
+    assert told[65] == "the tracker is closed" and "nothing" in told[66]
+
+
 def test_tracker_gives_the_contacts_of_python(folder):
     told = run_module(
         folder,

@@ -307,7 +307,7 @@ def _judge(log, tally, settings):
 
 def _speed(tracker):
     """The smallest positive speed of the tracker's pairs, m/s."""
-    speeds = tracker._pairs["speed"]
+    speeds = tracker._arrays.pairs["speed"]
     return float(speeds[speeds > 0.0].min(initial=np.inf))
 
 

@@ -22,7 +22,9 @@ from proximity import (
 )
 from proximity.clients.c_package import library_path
 from proximity.message import CONTACT
+from proximity.scene.penetration import Penetration
 from proximity.scene.queries.results import ClosestPoints, RayHits, SegmentHits
+from proximity.tracker.part_tracker import CONNECTION
 
 BAD_ARGUMENT, BAD_FILE, BAD_POSE, NO_INSIDE, BAD_VERSION, BAD_MESH = 1, 4, 5, 6, 9, 10
 ERRORS = {
@@ -62,6 +64,15 @@ class Settings(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_double) for name in ("radius", "latency", "working_range", "tolerance", "horizon")),
         *((name, ctypes.c_double) for name in ("max_speed", "max_acceleration")),
+        ("budget", ctypes.c_int64),
+    )
+
+
+class PartSettings(ctypes.Structure):
+    """``proximity_part_tracker_settings``."""
+
+    _fields_ = (
+        *((name, ctypes.c_double) for name in ("working_range", "tolerance", "latency", "horizon")),
         ("budget", ctypes.c_int64),
     )
 
@@ -256,9 +267,37 @@ class LibraryScene:
         table = np.empty((), CLEARANCE)
         limits = ctypes.c_double(max_distance), ctypes.c_double(tolerance), ctypes.c_size_t(budget or 0)
         self.call("clearance", self._scene, self._part(first), self._part(second), *limits, _address(table))
-        lower, distance, *ends, face, other_face, relation, _ = table.tolist()
-        ends = [np.array(each) for each in ends]
-        return Clearance(first, second, distance, lower, list(Relation)[relation], *ends, face, other_face)
+        return _clearance(first, second, table)
+
+    def closest_pairs(
+        self, *, max_distance: float = np.inf, most: int = 1000, of: str | None = None
+    ) -> list[Clearance]:
+        """Return the nearest pairs of parts."""
+        parts, tables, count = np.empty((most, 2), np.int32), np.empty(most, CLEARANCE), ctypes.c_size_t()
+        limits = -1 if of is None else self._part(of), ctypes.c_double(max_distance), ctypes.c_size_t(most)
+        arrays = _address(parts), _address(tables), ctypes.byref(count)
+        self.call("closest_pairs", self._scene, *limits, *arrays)
+        names, found = self.names, slice(count.value)
+        return [
+            _clearance(names[one], names[other], table)
+            for (one, other), table in zip(parts[found], tables[found], strict=True)
+        ]
+
+    def penetration(
+        self, first: str, second: str, *, direction: Any = None, tolerance: float = 0.01
+    ) -> Penetration:
+        """Return how deep two parts are in each other."""
+        found, along = np.empty(10), None if direction is None else np.array(direction, np.float64)
+        given = None if along is None else _address(along), ctypes.c_double(tolerance), _address(found)
+        self.call("penetration", self._scene, self._part(first), self._part(second), *given)
+        way, deepest = (found[0], found[1], found[2:5]), (found[5], found[6], found[7:])
+        return Penetration(first, second, *way, *deepest)
+
+
+def _clearance(first: str, second: str, table: np.ndarray) -> Clearance:
+    lower, distance, *ends, face, other_face, relation, _ = table.tolist()
+    ends = [np.array(each) for each in ends]
+    return Clearance(first, second, distance, lower, list(Relation)[relation], *ends, face, other_face)
 
 
 def _address(array: np.ndarray) -> ctypes.c_void_p:
@@ -342,6 +381,41 @@ class LibraryTracker:
     def __del__(self) -> None:
         if self._tracker:
             self._library.proximity_destroy_tracker(self._tracker)
+
+
+class LibraryPartTracker:
+    """A tracker of parts of the library, with the interface of `PartTracker`; its ticks move the scene."""
+
+    def __init__(self, scene: LibraryScene, *parts: str, connections: int = 1, **settings: Any) -> None:
+        self._tracker, self._scene, self._library = ctypes.c_void_p(), scene, scene._library
+        self._library.proximity_default_part_settings.restype = PartSettings
+        chosen = self._library.proximity_default_part_settings()
+        for name, value in settings.items():
+            setattr(chosen, name, value)
+        self.connections = np.zeros(connections, CONNECTION)
+        rows = np.array([scene._part(name) for name in parts], np.int32)
+        counts = ctypes.c_size_t(len(rows)), ctypes.c_size_t(connections)
+        made = ctypes.byref(chosen), ctypes.byref(self._tracker)
+        scene.call("create_part_tracker", scene._scene, _address(rows), *counts, *made)
+
+    def tick(
+        self, matrix: Any, t_pose_ns: int, now_ns: int, *, velocity: Any = None, angular_velocity: Any = None
+    ) -> np.ndarray:
+        """Move the parts and return their connections."""
+        given = (matrix, velocity, angular_velocity)
+        rows = [None if each is None else np.array(each, np.float64, order="C") for each in given]
+        pose, *velocities = (None if each is None else _address(each) for each in rows)
+        instants = ctypes.c_int64(t_pose_ns), ctypes.c_int64(now_ns)
+        self._scene.call("tick_part", self._tracker, pose, *instants, *velocities, _address(self.connections))
+        return self.connections
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._library.proximity_reset_part_tracker(self._tracker)
+
+    def __del__(self) -> None:
+        if self._tracker:
+            self._library.proximity_destroy_part_tracker(self._tracker)
 
 
 def _motion_of(part: Part) -> list[bytes]:

@@ -26,6 +26,13 @@ using ClosestPoint = proximity_closest_point;
 using RayHit = proximity_ray_hit;
 using SegmentHit = proximity_segment_hit;
 using Clearance = proximity_clearance_answer;
+using Penetration = proximity_penetration_answer;
+using Connection = proximity_connection;
+/// Two parts, the lower number first, and their clearance.
+struct Pair {
+    std::int32_t first, second;
+    Clearance clearance;
+};
 
 inline constexpr double unlimited = std::numeric_limits<double>::infinity();
 
@@ -136,6 +143,7 @@ public:
     ~Scene() { proximity_close(scene_); }
 
     const proximity_scene *get() const { return scene_; }
+    proximity_scene *get() { return scene_; }
     /// Pass on notes on suspicious input, see proximity.h; without arguments, none.
     void set_log(proximity_log *log = nullptr, void *user = nullptr) { proximity_set_log(scene_, log, user); }
     std::int32_t part_count() const { return proximity_part_count(scene_); }
@@ -311,6 +319,33 @@ public:
     {
         return clearance(part(first), part(second), limit, tolerance, budget);
     }
+    /// The nearest pairs of visible parts, or of one part and others, the nearest first; at most so many.
+    std::vector<Pair> closest_pairs(double limit = unlimited, std::size_t most = SIZE_MAX,
+                                    std::int32_t of = PROXIMITY_NO_PART) const
+    {
+        const auto others = static_cast<std::size_t>(part_count() > 0 ? part_count() - 1 : 0);
+        std::size_t count = of != PROXIMITY_NO_PART ? others : others * (others + 1) / 2;
+        count = most < count ? most : count;
+        std::vector<std::int32_t> parts(2 * count);
+        std::vector<Clearance> answers(count);
+        std::vector<Pair> pairs;
+        if (detail::call(proximity_closest_pairs, get(), of, limit, count, parts.data(), answers.data(), &count)) {
+            pairs.reserve(count);
+            for (std::size_t k = 0; k < count; k++) {
+                pairs.push_back({parts[2 * k], parts[2 * k + 1], answers[k]});
+            }
+        }
+        return pairs;
+    }
+    /// How deep two parts are in each other; without a direction, along one with a short way out.
+    Penetration penetration(std::int32_t first, std::int32_t second, const Vector *direction = nullptr,
+                            double tolerance = 0.01) const
+    {
+        Penetration answer{};
+        detail::call(proximity_penetration, get(), first, second, direction != nullptr ? direction->data() : nullptr,
+                     tolerance, &answer);
+        return answer;
+    }
 
 private:
     proximity_scene **address() { return &scene_; }
@@ -355,6 +390,55 @@ private:
     };
     std::unique_ptr<proximity_tracker, Destroy> tracker_;
     std::vector<proximity_contact> contacts_;
+};
+
+/// The nearest connections of a part that moves, or of several that move together, to the rest of a scene. It keeps the
+/// required data of its scene, which may be destroyed first.
+class PartTracker {
+public:
+    PartTracker(Scene &scene, std::span<const std::int32_t> parts, std::size_t connections = 1,
+                const proximity_part_tracker_settings &settings = proximity_default_part_settings())
+        : connections_(connections)
+    {
+        proximity_part_tracker *made = nullptr;
+        detail::call(proximity_create_part_tracker, scene.get(), parts.data(), parts.size(), connections, &settings, &made);
+        tracker_.reset(made);
+    }
+    PartTracker(Scene &scene, const std::string &part, std::size_t connections = 1,
+                const proximity_part_tracker_settings &settings = proximity_default_part_settings())
+        : PartTracker(scene, std::array{scene.part(part)}, connections, settings)
+    {
+    }
+
+    /// Move the part; the connections, the shortest first, are overwritten by the next tick; none if it fails. Velocities
+    /// that are nullptr follow from the last two poses.
+    std::span<const Connection> tick(const Matrix &pose, std::int64_t pose_ns, std::int64_t now_ns,
+                                     const Vector *velocity = nullptr, const Vector *angular_velocity = nullptr)
+    {
+        return tick(pose.data(), pose_ns, now_ns, velocity, angular_velocity);
+    }
+    /// The same for parts that the scene moves.
+    std::span<const Connection> tick(std::int64_t pose_ns, std::int64_t now_ns)
+    {
+        return tick(static_cast<const double *>(nullptr), pose_ns, now_ns, nullptr, nullptr);
+    }
+    void reset() { proximity_reset_part_tracker(tracker_.get()); }
+
+private:
+    std::span<const Connection> tick(const double *pose, std::int64_t pose_ns, std::int64_t now_ns, const Vector *velocity,
+                                     const Vector *angular_velocity)
+    {
+        const bool is_done = detail::call(proximity_tick_part, tracker_.get(), pose, pose_ns, now_ns,
+                                          velocity != nullptr ? velocity->data() : nullptr,
+                                          angular_velocity != nullptr ? angular_velocity->data() : nullptr,
+                                          connections_.data());
+        return {connections_.data(), is_done ? connections_.size() : 0};
+    }
+    struct Destroy {
+        void operator()(proximity_part_tracker *tracker) const { proximity_destroy_part_tracker(tracker); }
+    };
+    std::unique_ptr<proximity_part_tracker, Destroy> tracker_;
+    std::vector<Connection> connections_;
 };
 
 }  // namespace proximity

@@ -12,6 +12,16 @@ export const Relation: {
   readonly FIRST_INSIDE: 3;
   readonly SECOND_INSIDE: 4;
 };
+export const ConnectionFlag: {
+  readonly PREDICTED: 2;
+  readonly EXACT: 4;
+  readonly BOUNDED: 8;
+  readonly SKIPPED: 16;
+  readonly INSIDE: 64;
+  readonly IN_RANGE: 128;
+  readonly PART_CHANGED: 256;
+  readonly CROSSING: 4096;
+};
 export const Feature: { readonly NONE: -1; readonly FACE: 0; readonly EDGE: 1; readonly VERTEX: 2 };
 
 export type ErrorName = "BAD_ARGUMENT" | "NO_MEMORY" | "NO_FILE" | "BAD_FILE" | "BAD_POSE" | "NO_INSIDE" | "NO_PROCESSOR" | "BROKEN" | "BAD_VERSION" | "BAD_MESH";
@@ -66,6 +76,21 @@ export interface Clearance {
   relation: number;
 }
 
+/** Two parts by their names, and their clearance. */
+export interface Pair extends Clearance {
+  first: string;
+  second: string;
+}
+
+export interface Penetration {
+  depth: number;
+  lower: number;
+  direction: Float64Array;
+  deepest: number;
+  deepestLower: number;
+  deepestPoint: Float64Array;
+}
+
 export interface Move {
   part: PartName;
   matrix: ArrayLike<number>;
@@ -84,6 +109,41 @@ export interface TrackerSettings {
   budget?: number | bigint;
 }
 
+export interface PartTrackerSettings {
+  connections?: number;
+  workingRange?: number;
+  tolerance?: number;
+  latency?: number;
+  horizon?: number;
+  budget?: number | bigint;
+}
+
+export interface ConnectionFields {
+  readonly flags: number;
+  readonly work: number;
+  readonly part: number;
+  readonly own_part: number;
+  readonly face: number;
+  readonly own_face: number;
+  readonly pose_ns: bigint;
+  readonly age_ns: bigint;
+  readonly distance: number;
+  readonly lower: number;
+  readonly upper: number;
+  readonly point_on_own: number[];
+  readonly point_on_part: number[];
+  readonly normal: number[];
+  readonly approach_speed: number;
+  readonly predicted_ns: bigint;
+  readonly predicted_distance: number;
+  readonly predicted_lower: number;
+  readonly predicted_upper: number;
+  readonly time_to_contact: number;
+  readonly time_to_contact_lower: number;
+  readonly depth: number;
+  readonly depth_lower: number;
+}
+
 export interface Motion {
   velocities?: Rows;
   corners?: Rows;
@@ -95,6 +155,12 @@ export interface Motion {
 export interface Contact extends ContactFields {
   copy(): ContactFields;
   toJSON(): ContactFields;
+}
+
+/** A connection of the last tick of a part; it changes with the next one, and `copy` returns a permanent one. */
+export interface Connection extends ConnectionFields {
+  copy(): ConnectionFields;
+  toJSON(): ConnectionFields;
 }
 
 export function hasRelaxed(): boolean;
@@ -133,7 +199,10 @@ export class Scene {
   castDistance(origins: Rows, directions: Rows, limit?: Limit): Float64Array;
   closestToSegments(starts: Rows, ends: Rows, limit?: Limit): SegmentHits;
   clearance(first: PartName, second: PartName, limits?: Limit & { tolerance?: number; budget?: number }): Clearance;
+  closestPairs(limits?: Limit & { most?: number; of?: PartName }): Pair[];
+  penetration(first: PartName, second: PartName, given?: { direction?: Rows; tolerance?: number }): Penetration;
   tracker(fingers: number, settings?: TrackerSettings): Tracker;
+  partTracker(part: PartName | PartName[], settings?: PartTrackerSettings): PartTracker;
 }
 
 export class Tracker {
@@ -141,6 +210,13 @@ export class Tracker {
   readonly fingers: number;
   tick(positions: Rows, poseNs: bigint | ArrayLike<bigint>, nowNs: bigint, given?: Motion): Contact[];
   setRadius(finger: number, radius: number): void;
+  reset(): void;
+  close(): void;
+}
+
+export class PartTracker {
+  private constructor();
+  tick(matrix: Rows | undefined | null, poseNs: bigint, nowNs: bigint, given?: { velocity?: Rows; angularVelocity?: Rows }): Connection[];
   reset(): void;
   close(): void;
 }

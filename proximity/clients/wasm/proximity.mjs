@@ -19,6 +19,13 @@ const SEGMENT = { size: 96, reals: { distance: 1, pointOnSegment: 3, pointOnSoli
   words: ["part", "face"] };
 const CLEARANCE = { size: 80, reals: { lower: 1, distance: 1, pointOnFirst: 3, pointOnSecond: 3 },
   words: ["faceOnFirst", "faceOnSecond", "relation"] };
+const PENETRATION = { size: 80, reals: { depth: 1, lower: 1, direction: 3, deepest: 1, deepestLower: 1, deepestPoint: 3 },
+  words: [] };
+const PART_SETTINGS = ["workingRange", "tolerance", "latency", "horizon"];
+const CONNECTION = fieldsOf(["Uint32", "flags", "work"], ["Int32", "part", "own_part", "face", "own_face"],
+  ["BigInt64", "pose_ns", "age_ns"], ["Float64", "distance", "lower", "upper", ["point_on_own", 3], ["point_on_part", 3],
+    ["normal", 3], "approach_speed"], ["BigInt64", "predicted_ns"], ["Float64", "predicted_distance", "predicted_lower",
+    "predicted_upper", "time_to_contact", "time_to_contact_lower", "depth", "depth_lower"]);
 const ERROR_SIZE = 512;
 const SETTINGS = ["radius", "latency", "workingRange", "tolerance", "horizon", "maxSpeed", "maxAcceleration"];
 const SETTINGS_SIZE = 64;
@@ -30,8 +37,25 @@ const RELAXED = new Uint8Array([
 ]);
 const text = new TextDecoder();
 
+/** The layout of a record, from lists of a type and names. */
+function fieldsOf(...groups) {
+  const fields = {};
+  let offset = 0;
+  for (const [type, ...names] of groups) {
+    for (const [name, count] of names.map((each) => (typeof each === "string" ? [each, 1] : each))) {
+      const size = type.endsWith("32") ? 4 : 8;
+      fields[name] = { type, size, offset, count };
+      offset += size * count;
+    }
+  }
+  return { size: offset, fields };
+}
+
 export const NO_PART = -1, NO_FACE = -1;
 export const Relation = { APART: 0, TOUCHING: 1, CROSSING: 2, FIRST_INSIDE: 3, SECOND_INSIDE: 4 };
+/** Flags of a connection; the first ones are those of a contact. */
+export const ConnectionFlag = { PREDICTED: 2, EXACT: 4, BOUNDED: 8, SKIPPED: 16, INSIDE: 64, IN_RANGE: 128,
+  PART_CHANGED: 256, CROSSING: 4096 };
 export const Feature = { NONE: -1, FACE: 0, EDGE: 1, VERTEX: 2 };
 
 export const ErrorCode = { // as in proximity.h; BAD_VERSION: a scene of another version, to be compiled again
@@ -466,14 +490,54 @@ export class Scene {
   clearance(first, second, { maxDistance = Infinity, tolerance = 0, budget = 0 } = {}) {
     const parts = [this.partNumber(first), this.partNumber(second)], answer = this.#engine.block(1, CLEARANCE.size);
     this.#engine.checked("clearance", this.#open, ...parts, maxDistance, tolerance, budget, answer);
-    const found = this.#records(CLEARANCE, answer, 1);
+    return this.#one(CLEARANCE, answer);
+  }
+
+  #one(record, address) {
+    const found = this.#records(record, address, 1);
     return Object.fromEntries(Object.entries(found).map(([name, row]) => [name, row.length > 1 ? row : row[0]]));
+  }
+
+  /** The nearest pairs of visible parts, the nearest first: what `clearance` returns, with the names first and second.
+   * *of*: pairs of one part, which may be hidden, and others; *most*: how many at most. */
+  closestPairs({ maxDistance = Infinity, most = Infinity, of } = {}) {
+    const engine = this.#engine, others = this.parts.length - 1, isOfOne = of !== undefined;
+    const count = Math.min(most, isOfOne ? others : (others * (others + 1)) / 2);
+    const answers = engine.block(1, CLEARANCE.size * count), parts = engine.block(0, 8 * count), to = engine.block(2, 8);
+    engine.checked("closest_pairs", this.#open, isOfOne ? this.partNumber(of) : NO_PART, maxDistance, count, parts, answers,
+      to);
+    return Array.from({ length: engine.view.getUint32(to, true) }, (_, k) => ({
+      first: this.parts[engine.view.getInt32(parts + 8 * k, true)],
+      second: this.parts[engine.view.getInt32(parts + 8 * k + 4, true)],
+      ...this.#one(CLEARANCE, answers + CLEARANCE.size * k),
+    }));
+  }
+
+  /** How deep two parts are in each other: depth and lower bound the way out along direction, deepest and deepestLower
+   * how far a point of one, deepestPoint, is inside the other. *direction*: three numbers; by default one with a short way
+   * out. *tolerance*: share by which bounds may differ. */
+  penetration(first, second, { direction, tolerance = 0.01 } = {}) {
+    const parts = [this.partNumber(first), this.partNumber(second)], answer = this.#engine.block(1, PENETRATION.size);
+    if (direction && direction.length !== 3) {
+      throw new ProximityError(1, `direction has ${direction.length} numbers, expected 3`);
+    }
+    const along = direction ? this.#engine.written(0, direction) : 0;
+    this.#engine.checked("penetration", this.#open, ...parts, along, tolerance, answer);
+    return this.#one(PENETRATION, answer);
   }
 
   /** A tracker of *fingers* fingertips. *settings*: radius, latency, workingRange, tolerance, horizon, maxSpeed,
    * maxAcceleration, budget, as in Python's Tracker. It cannot be ticked after the scene was closed. */
   tracker(fingers, settings = {}) {
     return new Tracker(this.#engine, () => this.#open, fingers, settings);
+  }
+
+  /** A tracker of a part, or of a list of parts that move together, among the others. *settings*: connections (1 to 16),
+   * workingRange, tolerance, latency, horizon, budget, as in Python's PartTracker. It cannot be ticked after the scene
+   * was closed. */
+  partTracker(part, settings = {}) {
+    const parts = (Array.isArray(part) ? part : [part]).map((each) => this.partNumber(each));
+    return new PartTracker(this.#engine, () => this.#open, parts, settings);
   }
 }
 
@@ -496,13 +560,12 @@ const READERS = {
 
 const ENDED = {
   get view() {
-    throw new ProximityError(1, "the tracker of this contact is closed; `copy` would have kept it");
+    throw new ProximityError(1, "the tracker of this answer is closed; `copy` would have kept it");
   },
 };
 
-/** Answer of the last tick for one finger: fields with the names of the message, such as signed_distance, which are
- * read from the engine's memory, and change with the next tick. `copy` returns permanent ones. */
-export class Contact {
+/** A class of records in the engine's memory, which are read field by field. */
+const recordView = ({ fields }) => class View {
   static names = [];
   #engine;
   #at; // its address
@@ -513,7 +576,7 @@ export class Contact {
   }
 
   static {
-    for (const [name, { type, size, offset, count }] of Object.entries(RECORDS.contact.fields)) {
+    for (const [name, { type, size, offset, count }] of Object.entries(fields)) {
       if (name === "reserved") continue;
       const read = READERS[type];
       const one = function () {
@@ -523,25 +586,32 @@ export class Contact {
         const { view } = this.#engine;
         return Array.from({ length: count }, (_, k) => read(view, this.#at + offset + k * size));
       };
-      Object.defineProperty(Contact.prototype, name, { get: count === 1 ? one : several, enumerable: true });
-      Contact.names.push(name);
+      Object.defineProperty(View.prototype, name, { get: count === 1 ? one : several, enumerable: true });
+      View.names.push(name);
     }
   }
 
-  /** Make contacts throw when read: their tracker is closed. */
-  static end(contacts) {
-    for (const contact of contacts) contact.#engine = ENDED;
+  /** Make records throw when read: their tracker is closed. */
+  static end(records) {
+    for (const record of records) record.#engine = ENDED;
   }
 
   /** A plain object with the present values. */
   copy() {
-    return Object.fromEntries(Contact.names.map((name) => [name, this[name]]));
+    return Object.fromEntries(View.names.map((name) => [name, this[name]]));
   }
 
   toJSON() {
     return this.copy();
   }
-}
+};
+
+/** Answer of the last tick for one finger: fields with the names of the message, such as signed_distance, which are
+ * read from the engine's memory, and change with the next tick. `copy` returns permanent ones. */
+export class Contact extends recordView(RECORDS.contact) {}
+
+/** A connection of the last tick of a part, likewise; without one, part is -1 and the distance infinite. */
+export class Connection extends recordView(CONNECTION) {}
 
 /** Contacts of every fingertip at every tick: bounds of distances, predictions, time and position of contact. */
 export class Tracker {
@@ -631,6 +701,69 @@ export class Tracker {
       this.#engine.call("destroy_tracker", this.#address);
       this.#engine.free(this.#records);
       Contact.end(this.#contacts);
+    }
+    this.#address = 0;
+  }
+}
+
+/** The nearest connections of a part that moves to the rest of a scene, at every tick: distances with certified bounds,
+ * depths, times to contact. A tick moves the part in the scene. */
+export class PartTracker {
+  #engine;
+  #scene; // its address, or an error if it is closed
+  #address;
+  #records; // address of the connections
+  #connections;
+
+  constructor(engine, scene, parts, { connections = 1, ...settings }) {
+    this.#engine = engine;
+    this.#scene = scene;
+    const rows = engine.block(1, 4 * parts.length), place = engine.block(0, 40), to = engine.block(2, 8);
+    engine.call("default_part_settings", place);
+    parts.forEach((part, k) => engine.view.setInt32(rows + 4 * k, part, true));
+    for (const [name, value] of Object.entries(settings)) {
+      const at = PART_SETTINGS.indexOf(name);
+      if (at >= 0) engine.reals[place / 8 + at] = value;
+      else if (name === "budget") engine.view.setBigInt64(place + 32, BigInt(value), true);
+      else throw new ProximityError(1, `there is no setting "${name}" (expected connections, ${PART_SETTINGS.join(", ")}, budget)`);
+    }
+    engine.checked("create_part_tracker", scene(), rows, parts.length, connections, place, to);
+    this.#address = engine.view.getUint32(to, true);
+    this.#records = engine.allocate(CONNECTION.size * connections);
+    this.#connections = Array.from({ length: connections }, (_, k) => new Connection(engine, this.#records + CONNECTION.size * k));
+  }
+
+  /** Move the part, or the first of several, and answer: a list of `Connection`, the shortest first, the same at each
+   * tick. *matrix* has 16 numbers; without one the parts are where they are in the scene. Instants are BigInt, ns, on one
+   * clock; velocities, m/s and rad/s, follow from the last two poses unless they are given. */
+  tick(matrix, poseNs, nowNs, { velocity, angularVelocity } = {}) {
+    if (this.#address === 0) throw new ProximityError(1, "the tracker is closed");
+    this.#scene();
+    const engine = this.#engine, lists = [matrix, velocity, angularVelocity], sizes = [16, 3, 3];
+    const place = engine.block(0, 8 * 22);
+    let end = place;
+    const places = lists.map((list, k) => {
+      if (!list) return 0;
+      if (list.length !== sizes[k]) throw new ProximityError(1, `there are ${list.length} numbers, expected a matrix of 16 and velocities of 3`);
+      engine.reals.set(list, end / 8);
+      end += 8 * sizes[k];
+      return end - 8 * sizes[k];
+    });
+    const [pose, linear, angular] = places;
+    engine.checked("tick_part", this.#address, pose, instant(poseNs), instant(nowNs), linear, angular, this.#records);
+    return this.#connections;
+  }
+
+  /** Reset: the next tick is treated as the first. */
+  reset() {
+    if (this.#address !== 0) this.#engine.call("reset_part_tracker", this.#address);
+  }
+
+  close() {
+    if (this.#address !== 0) {
+      this.#engine.call("destroy_part_tracker", this.#address);
+      this.#engine.free(this.#records);
+      Connection.end(this.#connections);
     }
     this.#address = 0;
   }

@@ -272,6 +272,30 @@ PROXIMITY_API int proximity_clearance(const proximity_scene *scene, int32_t firs
                                       double max_distance, double tolerance, size_t budget,
                                       proximity_clearance_answer *answer, proximity_error *error);
 
+/* The nearest pairs of visible parts, no farther apart than `max_distance` (INFINITY: however far): at most `capacity`
+   of them, the nearest first; `count` gets how many. If it is `capacity`, there may be more. `parts` gets two numbers a
+   row, the lower one first, and `answers` what proximity_clearance gives. `part`: pairs of this part only, which may be
+   hidden; PROXIMITY_NO_PART: of all. Memory of 16 bytes a pair of parts and 8 bytes a face is used meanwhile. *Asks.* */
+PROXIMITY_API int proximity_closest_pairs(const proximity_scene *scene, int32_t part, double max_distance,
+                                          size_t capacity, int32_t *parts, proximity_clearance_answer *answers,
+                                          size_t *count, proximity_error *error);
+
+typedef struct proximity_penetration_answer {
+    double depth;            /* m, way out: moved so far along the direction, the first part is free of the second */
+    double lower;            /* m: moved by less, it is not */
+    double direction[3];     /* unit */
+    double deepest;          /* m: no point of either part is farther inside the other */
+    double deepest_lower;    /* m: the deepest point is at least so far inside */
+    double deepest_point[3]; /* nan where the parts do not overlap; the depths are 0 then */
+} proximity_penetration_answer;
+
+/* How deep two parts are in each other, hidden or not: the way out of the first one, along `direction` (3 numbers; NULL:
+   a direction with a short way), and the deepest point. `tolerance`: share by which the bounds of each may differ, such
+   as 0.01. The volume in common (Python's `overlap`) needs a library of its own, manifold3d, and is not here. *Asks.* */
+PROXIMITY_API int proximity_penetration(const proximity_scene *scene, int32_t first, int32_t second,
+                                        const double *direction, double tolerance,
+                                        proximity_penetration_answer *answer, proximity_error *error);
+
 #ifdef __cplusplus
 }
 #endif

@@ -259,28 +259,40 @@ int proximity_closest_to_segments(const proximity_scene *scene, const double *st
 
 /* --- two parts ----------------------------------------------------------------------------------------- */
 
-/* Test whether a surface of part `inner` is inside another part, 1 or 0, and a point of it; -1: out of memory. */
-static int has_inside(const proximity_scene *scene, int64_t part, int64_t inner, double *point)
+_Static_assert(sizeof(proximity_clearance_answer) == sizeof(ClearanceAnswer), "an answer is the record of kernels");
+
+int32_t *proximity_surfaces_of(const proximity_scene *scene, const int32_t *parts, int64_t *words)
 {
-    int64_t faces = scene->archive.parts[inner].face_count;
-    int32_t *found = malloc(2 * (size_t)faces * sizeof *found);
-    if (found == NULL) {
-        return -1;
+    int64_t counts[2], most = 0;
+    for (int k = 0; k < 2; k++) {
+        counts[k] = scene->archive.parts[parts[k]].face_count;
+        most = counts[k] > most ? counts[k] : most;
     }
-    int64_t surfaces[] = {WORD(scene->model), inner, WORD(found + faces), faces, WORD(found), faces, 0};
-    int answer = proximity_call(scene->set, SURFACE_FACES, surfaces) ? 0 : -1;
-    int64_t words[] = {WORD(scene->model), part, inner, WORD(found), surfaces[6], WORD(point), 3, 0};
-    if (answer == 0) {
-        answer = proximity_call(scene->set, CONTAINS_CORNER, words) ? words[7] & 1 : -1;
+    int32_t *found = malloc((size_t)(counts[0] + counts[1] + most) * sizeof *found);
+    for (int k = 0; found != NULL && k < 2; k++) {
+        int32_t *faces = found + most + k * counts[0];
+        int64_t surfaces[] = {WORD(scene->model), parts[k], WORD(found), counts[k], WORD(faces), counts[k], 0};
+        proximity_call(scene->set, SURFACE_FACES, surfaces); /* which needs no memory */
+        words[2 * k] = WORD(faces);
+        words[2 * k + 1] = surfaces[6];
     }
-    free(found);
-    return answer;
+    return found;
+}
+
+int proximity_refuse_pair(const proximity_scene *scene, int32_t first, int32_t second, proximity_error *error)
+{
+    if (is_part(scene, first) && is_part(scene, second) && first != second) {
+        return PROXIMITY_OK;
+    }
+    return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,
+                            "parts are %d and %d, expected two different numbers from 0 to %d", (int)first, (int)second,
+                            (int)scene->archive.part_count - 1);
 }
 
 int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t second, double max_distance,
                         double tolerance, size_t budget, proximity_clearance_answer *answer, proximity_error *error)
 {
-    ClearanceAnswer told;
+    proximity_clearance_answer found;
     int unusable = proximity_refuse_scene(scene, error);
     if (unusable) {
         return unusable;
@@ -288,10 +300,9 @@ int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t sec
     if (answer == NULL) {
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "answer is NULL, expected an address");
     }
-    if (!is_part(scene, first) || !is_part(scene, second) || first == second) {
-        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,
-                                "parts are %d and %d, expected two different numbers from 0 to %d", (int)first,
-                                (int)second, (int)scene->archive.part_count - 1);
+    unusable = proximity_refuse_pair(scene, first, second, error);
+    if (unusable) {
+        return unusable;
     }
     if (!(max_distance >= 0.0) || !(tolerance >= 0.0)) {
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,
@@ -301,39 +312,19 @@ int proximity_clearance(const proximity_scene *scene, int32_t first, int32_t sec
     int64_t limits[2];
     memcpy(limits, &max_distance, sizeof max_distance);
     memcpy(limits + 1, &tolerance, sizeof tolerance);
-    int64_t words[] = {WORD(scene->model), first, second, limits[0], limits[1], (int64_t)budget, WORD(&told),
+    int64_t words[] = {WORD(scene->model), first, second, limits[0], limits[1], (int64_t)budget, WORD(&found),
                        1, 0};
     if (!proximity_call(scene->set, CONNECT_PARTS, words)) {
-        return proximity_no_memory(error, "to sort the rows");
+        return proximity_no_memory(error, "for the clearance");
     }
-    const double *points = told.points;
-    proximity_clearance_answer found = {.lower = told.lower,
-                                        .distance = told.distance,
-                                        .point_on_first = {points[0], points[1], points[2]},
-                                        .point_on_second = {points[3], points[4], points[5]},
-                                        .face_on_first = told.faces[0],
-                                        .face_on_second = told.faces[1],
-                                        .relation = told.relation};
-    int64_t parts[] = {first, second, first};
-    for (int k = 0; k < 2 && told.may_be_inside; k++) {
-        double point[3];
-        int is_inside = has_inside(scene, parts[k + 1], parts[k], point);
-        if (is_inside < 0) {
-            return proximity_no_memory(error, "to sort the rows");
-        }
-        if (is_inside) {
-            const double unlimited[] = {INFINITY, 0.0};
-            memcpy(words + 3, unlimited, sizeof unlimited);
-            words[5] = 0;
-            if (isnan(points[0]) && !proximity_call(scene->set, CONNECT_PARTS, words)) {
-                return proximity_no_memory(error, "to sort the rows");
-            }
-            found.lower = found.distance = 0.0;
-            memcpy(found.point_on_first, points + 3 * k, sizeof point);
-            memcpy(found.point_on_second, points + 3 * k, sizeof point);
-            found.face_on_first = found.face_on_second = PROXIMITY_NO_FACE;
-            found.relation = PROXIMITY_FIRST_INSIDE + k;
-            break;
+    if (found.unused) { /* one part may be inside the other */
+        const int32_t parts[] = {first, second};
+        int64_t more[] = {WORD(scene->model), first, second, 0, 0, 0, 0, WORD(&found), 1};
+        int32_t *surfaces = proximity_surfaces_of(scene, parts, more + 3);
+        int is_done = surfaces != NULL && proximity_call(scene->set, DECIDE_INSIDE, more);
+        free(surfaces);
+        if (!is_done) {
+            return proximity_no_memory(error, "for the surfaces");
         }
     }
     *answer = found;

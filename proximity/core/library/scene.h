@@ -42,6 +42,12 @@ void proximity_note_tick(const proximity_scene *scene, int64_t *noted, int64_t a
 /* Make a scene that owns the arrays of a model; NULL: out of memory. */
 proximity_scene *proximity_scene_over(const int64_t *model);
 
+/* Write the words of a kernel for one face of each surface of two parts; return the memory to free, or NULL. */
+int32_t *proximity_surfaces_of(const proximity_scene *scene, const int32_t *parts, int64_t *words);
+
+/* Return PROXIMITY_OK if both are parts of the scene and differ; otherwise write the error. */
+int proximity_refuse_pair(const proximity_scene *scene, int32_t first, int32_t second, proximity_error *error);
+
 /* Add or remove a reference: the scene is freed with the last one. */
 void proximity_keep(const proximity_scene *scene);
 void proximity_release(const proximity_scene *scene);

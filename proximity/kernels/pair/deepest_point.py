@@ -51,6 +51,8 @@ SIDES = 8
 """Number of directions tried as a common side of all faces near a box."""
 FACING = 2.0**-10
 """Minimum cosine between the faces' normals and their common side."""
+REST = 1e-7
+"""Relative to a part's size: bounds of the deepest point are brought no closer."""
 
 
 @inlined
@@ -232,14 +234,30 @@ def fill_common_box(model, inner, outer, frame_map, box):
     return box.bound
 
 
-@entry(ModelArrays, "int, int, float, float, int, DeepestAnswer[:]")
-def deepest_point(model, inner, outer, tolerance, rest, budget, answers):
-    """Fill bounds of the maximum depth of one part's points inside another; (1,).
+@entry(ModelArrays, "int, int, float, int, DeepestAnswer[:]")
+def deepest_point(model, first, second, tolerance, budget, answers):
+    """Fill bounds of the maximum depth of a point of either part in the other; (1,).
 
-    *tolerance*, *rest*: permitted gap between the bounds, relative to the depth and as a length, m. *budget*:
-    maximum steps. *answers* holds a known lower bound on entry.
+    The point is nan if there is none. *tolerance*: permitted relative gap of the bounds. *budget*: maximum
+    steps for each part.
     """
-    frames, scale, deepest = model.frames, model.frames[outer].scale, answers[0]
+    deepest, frames, size_sq = answers[0], model.frames, np.inf
+    deepest.lower, upper, steps = 0.0, 0.0, 0
+    deepest.point[0] = deepest.point[1] = deepest.point[2] = np.nan
+    for part in (first, second):
+        x, y, z = between(vector(frames[part].own_lower), vector(frames[part].own_upper))
+        size_sq = min(size_sq, dot(x, y, z, x, y, z))
+    rest = REST * sqrt(size_sq)
+    for inner, outer in ((first, second), (second, first)):
+        _deepest_inside(model, inner, outer, tolerance, rest, budget, deepest)
+        upper, steps = max(upper, deepest.upper), steps + deepest.steps
+    deepest.upper, deepest.steps = upper, steps
+
+
+@kernel
+def _deepest_inside(model, inner, outer, tolerance, rest, budget, deepest):
+    """Update bounds of the depth of one part in another; *deepest* holds a known lower bound."""
+    frames, scale = model.frames, model.frames[outer].scale
     workspace, state, boxes = new_workspace(), stack_search(1)[0], stack_boxes(CAPACITY)
     turn, offset = stack_f64(9), stack_f64(3)
     reset_recent(workspace)

@@ -21,7 +21,7 @@ from proximity.kernels.geometry.frames import (
 )
 from proximity.kernels.geometry.rows import vector
 from proximity.kernels.geometry.triangle import dot
-from proximity.kernels.layout import NO_SLOT, ModelArrays
+from proximity.kernels.layout import NO_SLOT
 from proximity.kernels.pair.boxes import POSE_SIZE, frames_at, rounding_size
 from proximity.kernels.pair.meeting import SHARING, share_at
 from proximity.kernels.pair.part_query import fill_ends, turn_normal
@@ -31,7 +31,7 @@ from proximity.kernels.ray.walk import ray_in_part
 from proximity.kernels.scene.inside.chunk_tables import new_workspace, reset_recent
 from proximity.kernels.scene.inside.containment import contained_corner, is_deep
 from proximity.kernels.stack_arrays import stack_arrays_of, stack_f64, stack_i64
-from proximity.native import entry, inlined, kernel, record
+from proximity.native import inlined, kernel, record
 
 MOST_PROBES = 48
 CLOSEST_PROBE_TOLERANCE = 0.1
@@ -193,15 +193,15 @@ def _learn(model, first, second, at, direction, shift, known, found, workspace):
         known.floor = known.floor if end > begin else at
 
 
-@entry(ModelArrays, "int, int, int32[:], int32[:], float64[:], float, float, int, DepthAnswer[:]")
-def depth_along(model, first, second, faces, other_faces, direction, limit, tolerance, budget, depths):
-    """Fill bounds of the first part's separating displacement along a unit *direction*, (1,).
+@kernel
+def depth_along(model, first, second, faces, other_faces, direction, limit, tolerance, budget, depth):
+    """Fill bounds of the first part's separating displacement along a unit *direction*, scene's frame.
 
-    *direction*: scene's frame. *faces*, *other_faces*: one of each of their surfaces. *limit*, m: the search
-    ends beyond this depth. *tolerance*: permitted relative gap of the bounds. *budget*: maximum steps; 0: no
-    limit. The first probe is at the upper bound in *depths* on entry, or 0.
+    *faces*, *other_faces*: one of each of their surfaces. *limit*, m: the search ends beyond this depth.
+    *tolerance*: permitted relative gap of the bounds. *budget*: maximum steps; 0: no limit. The first probe
+    is at the upper bound in *depth* on entry, or 0.
     """
-    known, found, depth = stack_displacements(1)[0], stack_result(1)[0], depths[0]
+    known, found = stack_displacements(1)[0], stack_result(1)[0]
     frames, shift = model.frames, stack_f64(3)
     normal, last, workspace = stack_f64(3), stack_i64(2), new_workspace()
     last[0] = last[1] = NO_SLOT

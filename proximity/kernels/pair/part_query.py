@@ -1,10 +1,10 @@
-"""Shortest connection of two parts: entry point for Python."""
+"""The shortest connection of two parts."""
 
 from math import sqrt
 
 import numpy as np
 
-from proximity.kernels.answers import APART, CROSSES, TOUCHES
+from proximity.kernels.answers import APART, CROSSES, FIRST_INSIDE, TOUCHES
 from proximity.kernels.geometry.frames import rounding_at, to_scene, turn_to_scene
 from proximity.kernels.geometry.rows import vector
 from proximity.kernels.geometry.triangle import cross, dot
@@ -13,6 +13,8 @@ from proximity.kernels.pair.boxes import frames_between, gap_along, rounding_siz
 from proximity.kernels.pair.meeting import common_line, meeting_reach
 from proximity.kernels.pair.triangles import BOTH, CROSSING, between, connect, corner_of, read_both
 from proximity.kernels.pair.walk import nearest_of_parts
+from proximity.kernels.scene.inside.chunk_tables import new_workspace, reset_recent
+from proximity.kernels.scene.inside.containment import contained_corner
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import entry, kernel
 from proximity.native.simd import load_int
@@ -24,9 +26,51 @@ def connect_parts(model, first, second, limit, tolerance, budget, answers):
 
     Only connections shorter than *limit*, m, are searched; the result may exceed the shortest by the relative
     *tolerance*. *budget*: maximum opened nodes and blocks; 0: no limit. If none is found, the length is inf,
-    the points nan and the faces `NO_FACE`.
+    the points nan and the faces `NO_FACE`. If ``may_be_inside`` is set, `decide_inside` completes the answer.
     """
-    answer, frames = answers[0], model.frames
+    connect_pair(model, first, second, limit, tolerance, budget, answers[0])
+
+
+@entry(ModelArrays, "int, int, int32[:], int32[:], ClearanceAnswer[:]")
+def decide_inside(model, first, second, faces, other_faces, answers):
+    """Complete the connection of two parts of which one may be inside the other.
+
+    *faces*, *other_faces*: one of each surface of either part.
+    """
+    complete_pair(model, first, second, faces, other_faces, answers[0])
+
+
+@kernel
+def complete_pair(model, first, second, faces, other_faces, answer):
+    """Complete an answer as `decide_inside` does: both ends are then one point of the inner surface."""
+    inside = inner_part(model, first, second, faces, other_faces)
+    if inside:
+        if np.isnan(answer.points[0]):
+            connect_pair(model, first, second, np.inf, 0.0, 0, answer)
+        answer.lower = answer.distance = 0.0
+        answer.faces[0] = answer.faces[1] = NO_FACE
+        answer.relation = FIRST_INSIDE + inside - 1
+        inner_end = 3 * (inside - 1)
+        for k in range(3):
+            answer.points[3 - inner_end + k] = answer.points[inner_end + k]
+    answer.may_be_inside = 0
+
+
+@kernel
+def inner_part(model, first, second, faces, other_faces):
+    """Return 1 if the first part is inside the second, 2 for the reverse, else 0; no surfaces cross."""
+    workspace, point = new_workspace(), stack_f64(3)
+    reset_recent(workspace)
+    if contained_corner(model, second, first, faces, (0.0, 0.0, 0.0), point, workspace):
+        return 1
+    reset_recent(workspace)
+    return 2 if contained_corner(model, first, second, other_faces, (0.0, 0.0, 0.0), point, workspace) else 0
+
+
+@kernel
+def connect_pair(model, first, second, limit, tolerance, budget, answer):
+    """Fill the connection of two parts as `connect_parts` does."""
+    frames = model.frames
     # The order of the parts does not change the answer.
     is_crossing = _shortest(model, min(first, second), max(first, second), limit, tolerance, budget, answer)
     if first > second:

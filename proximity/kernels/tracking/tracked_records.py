@@ -56,6 +56,8 @@ HELD_SETTINGS = record(
     unsure="i8",  # pairs whose containment must be decided; written by the tick
     opening="i8",  # opening pairs whose containment must be decided; written by the tick
     free_time="f8",  # s: no surfaces meet before; written by the tick
+    last_ns="i8",  # instant of the last given pose; written by `move_group`
+    has_last="i8",  # 1 if there is one; written by `move_group`
 )
 
 CONNECTION_RECORD = record(
@@ -97,6 +99,9 @@ class HeldArrays(NamedTuple):
     moved: np.ndarray  # (P,) float64: displacement of each part since
     limits: np.ndarray  # (FRONTIER_ENTRIES,) float64: see `dual_first`
     entries: np.ndarray  # (FRONTIER_ENTRIES, 3) int32
+    own: np.ndarray  # (group,) int64: rows of the tracked parts
+    faces: np.ndarray  # see `containment.Surfaces`
+    ranges: np.ndarray
 
 
 bundle(
@@ -108,4 +113,7 @@ bundle(
     moved="float64[:]",
     limits="float64[:]",
     entries="int32[:, 3]",
+    own="int64[:]",
+    faces="int32[:]",
+    ranges="int64[:, 2]",
 )

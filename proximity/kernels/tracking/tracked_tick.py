@@ -28,9 +28,19 @@ from proximity.kernels.pair.boxes import frames_between, gap_along
 from proximity.kernels.pair.part_query import fill_connection, turn_normal
 from proximity.kernels.pair.triangles import CROSSING
 from proximity.kernels.pair.walk import nearest_from_frontier, nearest_of_parts
+from proximity.kernels.scene.inside.containment import Surfaces, assign_surfaces
 from proximity.kernels.stack_arrays import stack_f64, stack_i64
+from proximity.kernels.tracking.tracked_depth import comes_free, decide_inner_parts, fill_depth
 from proximity.kernels.tracking.tracked_motion import STILL_ROUNDING, displacements, find_times, lower_of
-from proximity.kernels.tracking.tracked_records import CROSSING_PARTS, OTHER_INSIDE, OWN_INSIDE, HeldArrays
+from proximity.kernels.tracking.tracked_records import (
+    CROSSING_PARTS,
+    FEWEST_FRONTIERS,
+    FRONTIER_ENTRIES,
+    MOST_FRONTIERS,
+    OTHER_INSIDE,
+    OWN_INSIDE,
+    HeldArrays,
+)
 from proximity.kernels.traverse.dual_first import OVERFLOW, Frontier
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
@@ -47,6 +57,59 @@ SEARCH_TOLERANCE = 0.5
 @entry(ModelArrays, HeldArrays, "bool")
 def follow_parts(model, held, is_moved):
     """Fill the records of a tick. *is_moved*: whether poses may have changed since the last one."""
+    option = held.settings[0]
+    _find_nearest(model, held, is_moved)
+    if option.unsure:
+        decide_inner_parts(model, held)
+        _find_nearest(model, held, False)
+    elif option.opening and not comes_free(model, held):
+        option.free_time = 0.0
+        for number in range(len(held.records)):
+            held.records[number]["time_to_contact_lower"] = 0.0
+    for number in range(len(held.records)):
+        if held.records[number]["depth"] == np.inf:
+            fill_depth(model, held, held.records[number])
+
+
+@entry(ModelArrays, HeldArrays)
+def adopt_rows(model, held):
+    """Fill the pairs of a model that has other parts or faces than the last, and forget what was known."""
+    option, own, parts = held.settings[0], held.own, model.parts
+    group, at = len(own), 0
+    for other in range(len(parts) - 1):
+        is_own = False
+        for k in range(group):
+            is_own = is_own or own[k] == other
+        for k in range(0 if is_own or parts[other].is_hidden else group):
+            pair = held.pairs[at]
+            _clear(pair)
+            pair.own, pair.other, pair.lower, pair.upper, pair.is_unsure = own[k], other, -1.0, np.inf, 1
+            pair.slots[0] = pair.slots[1] = NO_SLOT
+            pair.frontier = -1
+            at += 1
+    option.group, option.next_frontier = group, 0
+    option.frontier_count = min(max(len(held.pairs), FEWEST_FRONTIERS), MOST_FRONTIERS)
+    option.frontier_length = FRONTIER_ENTRIES // option.frontier_count
+    displacements(model.frames, held.before, held.moved)
+    for part in range(len(held.moved)):
+        held.moved[part] = 0.0
+    for number in range(len(held.records)):
+        held.records[number]["part"], held.records[number]["face"] = NO_PART, NO_FACE
+    assign_surfaces(parts, Surfaces(held.faces, held.ranges))
+
+
+@inlined
+def _clear(pair):
+    """Forget what was known of a pair."""
+    pair.speed = pair.free_time = pair.depth = pair.frontier_moved = 0.0
+    pair.normal[0] = pair.normal[1] = pair.normal[2] = 0.0
+    pair.frontier_count = pair.is_resolved = pair.is_timed = pair.is_opening = pair.is_crossing = 0
+    pair.is_touching = pair.is_inside = pair.is_undecided = 0
+
+
+@kernel
+def _find_nearest(model, held, is_moved):
+    """Fill the records of a tick, but for depths, and for what is inside other parts."""
     option = held.settings[0]
     option.work = 0
     if is_moved:

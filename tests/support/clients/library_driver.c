@@ -15,7 +15,14 @@ static void use(proximity_scene *scene)
     int64_t instants[50], now_ns = 1000000000;
     proximity_paths paths = {points, 2, NULL, NULL};
     proximity_tracker *tracker = NULL;
+    proximity_part_tracker *held = NULL;
+    proximity_connection connections[4];
+    proximity_clearance_answer pairs[5];
+    proximity_penetration_answer depth;
+    int32_t parts[10];
+    size_t pair_count;
     proximity_create_tracker(scene, 25, NULL, &tracker, NULL);
+    proximity_create_part_tracker(scene, &part, 1, 4, NULL, &held, NULL);
     for (int k = 0; k < 150; k++) points[k] = 0.001 * (k * 7919 % 200) - 0.1;
     for (int step = 0; step < 3; step++) {
         now_ns += 1000000;
@@ -25,6 +32,9 @@ static void use(proximity_scene *scene)
         proximity_contains(scene, points, 50, inside, NULL);
         proximity_cast_distance(scene, points, points + 3, 49, INFINITY, distances, NULL);
         proximity_pose(scene, part, pose, NULL);
+        proximity_tick_part(held, step ? pose : NULL, now_ns, now_ns, NULL, NULL, connections, NULL);
+        proximity_closest_pairs(scene, step ? part : PROXIMITY_NO_PART, 0.1 * step, 5, parts, pairs, &pair_count, NULL);
+        proximity_penetration(scene, part, proximity_part_count(scene) - 1, NULL, 0.1, &depth, NULL);
         pose[3] += 10.0 * step;
         proximity_post(scene, part, pose, now_ns, points, points + 3, NULL);
         proximity_move(scene, &part, 1, pose, NULL, NULL, NULL);
@@ -34,6 +44,9 @@ static void use(proximity_scene *scene)
     if (tracker != NULL && proximity_tick(tracker, points, instants, now_ns + 1000, NULL, NULL, contacts, NULL) == 1)
         exit(3);
     proximity_destroy_tracker(tracker);
+    if (held != NULL && proximity_tick_part(held, NULL, now_ns, now_ns, NULL, NULL, connections, NULL) == 1) exit(5);
+    proximity_reset_part_tracker(held);
+    proximity_destroy_part_tracker(held);
 }
 /* Pass NULL to every function that reports it. */
 static int all_nulls_are_told(void)
@@ -47,6 +60,8 @@ static int all_nulls_are_told(void)
     proximity_error error;
     proximity_bounds(NULL, numbers, numbers + 3);
     proximity_reset_tracker(NULL);
+    proximity_reset_part_tracker(NULL);
+    proximity_destroy_part_tracker(NULL);
     return proximity_closest(NULL, numbers, 1, INFINITY, &found, &error) == PROXIMITY_BAD_ARGUMENT &&
            strcmp(error.sentence, "the scene is NULL, expected one that is open") == 0 &&
            proximity_cast_distance(NULL, numbers, numbers, 1, INFINITY, numbers, NULL) == PROXIMITY_BAD_ARGUMENT &&
@@ -60,6 +75,10 @@ static int all_nulls_are_told(void)
            proximity_create_tracker(NULL, 1, NULL, &tracker, NULL) == PROXIMITY_BAD_ARGUMENT &&
            proximity_set_radius(NULL, 0, 0.0, NULL) == PROXIMITY_BAD_ARGUMENT &&
            proximity_tick(NULL, numbers, &instant, 0, NULL, NULL, &contact, &error) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_tick_part(NULL, NULL, 0, 0, NULL, NULL, NULL, NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_create_part_tracker(NULL, &part, 1, 1, NULL, NULL, NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_closest_pairs(NULL, -1, 0.0, 0, NULL, NULL, NULL, NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_penetration(NULL, 0, 1, NULL, 0.0, NULL, NULL) == PROXIMITY_BAD_ARGUMENT &&
            proximity_part_count(NULL) == 0 && proximity_find_part(NULL, "a") == PROXIMITY_NO_PART &&
            proximity_part_name(NULL, 0) == NULL && proximity_face_count(NULL, 0) == 0 &&
            proximity_is_hidden(NULL, 0) == 0 && proximity_instructions(NULL) == NULL;

@@ -57,6 +57,14 @@ try {
         std::printf("%s\n", error.what());
     }
     std::array<double, 2> before{contacts[0].signed_distance, contacts[1].signed_distance};
+    proximity::Scene pairs(words[1]);
+    pairs.add("plate", std::array<proximity::Vector, 3>{{{0.0, 0.0, 1.0}, {1.0, 0.0, 1.0}, {0.0, 1.0, 1.0}}},
+              std::array<proximity::Triangle, 1>{{{0, 1, 2}}});
+    const auto near = pairs.closest_pairs();
+    proximity::PartTracker part(pairs, "plate");
+    const double far = part.tick(pairs.pose(1), 0, 0)[0].distance, same = part.tick(0, 0)[0].distance;
+    if (near.size() != 1 || near[0].clearance.distance != far || far != same || pairs.penetration(0, 1).depth != 0.0)
+        std::printf("pairs differ\n");
     { proximity::Scene gone = std::move(scene); }
     contacts = tracker.tick(points, instants, 1000000500);
     if (before[0] != contacts[0].signed_distance || before[1] != contacts[1].signed_distance)

@@ -67,6 +67,42 @@ namespace Proximity
         private readonly int unused;
     }
 
+    /// <summary>Bounds of how deep two parts are in each other; 0 unless they overlap.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct ProximityPenetration
+    {
+        public double Depth, Lower; // m, way out: moved so far along Direction the first part is free; by less than Lower, not
+        public ProximityVector Direction;
+        public double Deepest, DeepestLower; // m: no point is farther inside; the deepest point is at least so far
+        public ProximityVector DeepestPoint;
+    }
+
+    /// <summary>A connection of a tracked part; see proximity_tracker.h.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct ProximityConnection
+    {
+        public const uint Predicted = 2, Exact = 4, Bounded = 8, Skipped = 16, Inside = 64, InRange = 128, PartChanged = 256,
+            Crossing = 4096; // of Flags
+        public uint Flags, Work;
+        public int Part, OwnPart, Face, OwnFace;
+        public long PoseNs, AgeNs;
+        public double Distance, Lower, Upper; // m
+        public ProximityVector PointOnOwn, PointOnPart, Normal;
+        public double ApproachSpeed; // m/s
+        public long PredictedNs;
+        public double PredictedDistance, PredictedLower, PredictedUpper;
+        public double TimeToContact, TimeToContactLower; // s from the pose
+        public double Depth, DepthLower; // m along the normal
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct ProximityPartTrackerSettings
+    {
+        public double WorkingRange, Tolerance, Latency, Horizon; // proximity_tracker.h
+        public long Budget;
+        public static ProximityPartTrackerSettings Default => Native.proximity_default_part_settings();
+    }
+
     [StructLayout(LayoutKind.Sequential)]
     public struct ProximityTrackerSettings
     {
@@ -263,6 +299,28 @@ namespace Proximity
             return answer;
         }
 
+        /// <summary>The nearest pairs of visible parts, or of one part and others, the nearest first: two numbers of parts
+        /// for each answer; as many as the arrays have space for. The number of pairs.</summary>
+        public int ClosestPairs(Span<int> parts, Span<ProximityClearance> answers, double limit = Unlimited, int of = -1)
+        {
+            UIntPtr count;
+            Native.Expect(parts.Length == 2 * answers.Length);
+            fixed (int* rows = parts) fixed (ProximityClearance* to = answers)
+                Native.Check(Native.proximity_closest_pairs(Handle, of, limit, (UIntPtr)answers.Length, rows, to, &count,
+                    out NativeError error), ref error);
+            return (int)count;
+        }
+
+        /// <summary>How deep two parts are in each other; without a direction, along one with a short way out.</summary>
+        public ProximityPenetration Penetration(int first, int second, ProximityVector? direction = null,
+            double tolerance = 0.01)
+        {
+            ProximityVector along = direction.GetValueOrDefault();
+            Native.Check(Native.proximity_penetration(Handle, first, second, direction.HasValue ? &along : null, tolerance,
+                out ProximityPenetration answer, out NativeError error), ref error);
+            return answer;
+        }
+
         private enum Question { Closest, Signed, Distance, Contains, Cast, Segments }
 
         private void Ask<T>(Question question, ReadOnlySpan<ProximityVector> rows, ReadOnlySpan<ProximityVector> others,
@@ -331,11 +389,55 @@ namespace Proximity
         }
     }
 
+    /// <summary>The nearest connections of a part that moves, or of several that move together, to the rest of a scene.
+    /// One thread at a time uses it; a tick moves parts of the scene.</summary>
+    public sealed unsafe class ProximityPartTracker : IDisposable
+    {
+        public readonly ProximityConnection[] Connections; // the shortest first; overwritten by each tick
+        private readonly NativeHandle handle = new NativeHandle { IsOfParts = true };
+
+        public ProximityPartTracker(ProximityScene scene, ReadOnlySpan<int> parts, int connections = 1,
+            ProximityPartTrackerSettings? settings = null)
+        {
+            IntPtr made;
+            ProximityPartTrackerSettings chosen = settings ?? ProximityPartTrackerSettings.Default;
+            Connections = new ProximityConnection[connections];
+            handle.Scene = scene.Handle;
+            fixed (int* rows = parts)
+                Native.Check(Native.proximity_create_part_tracker(scene.Handle, rows, (UIntPtr)parts.Length,
+                    (UIntPtr)connections, &chosen, &made, out NativeError error), ref error);
+            handle.Take(made);
+        }
+
+        public ProximityPartTracker(ProximityScene scene, int part, int connections = 1,
+            ProximityPartTrackerSettings? settings = null)
+            : this(scene, new ReadOnlySpan<int>(&part, 1), connections, settings) { }
+
+        public void Dispose() => handle.Dispose();
+
+        /// <summary>Reset: the next tick is treated as the first.</summary>
+        public void Reset() => Native.proximity_reset_part_tracker(handle);
+
+        /// <summary>Move the part, or the first of several, and answer. Without a matrix the parts are where they are in the
+        /// scene; velocities that are null follow from the last two poses. Instants are ns of one clock.</summary>
+        public ProximityConnection[] Tick(ReadOnlySpan<double> matrix, long poseNs, long nowNs,
+            ProximityVector? velocity = null, ProximityVector? angularVelocity = null)
+        {
+            ProximityVector linear = velocity.GetValueOrDefault(), angular = angularVelocity.GetValueOrDefault();
+            Native.Expect(matrix.IsEmpty || matrix.Length == 16);
+            fixed (double* pose = matrix) fixed (ProximityConnection* to = Connections)
+                Native.Check(Native.proximity_tick_part(handle, pose, poseNs, nowNs, velocity.HasValue ? &linear : null,
+                    angularVelocity.HasValue ? &angular : null, to, out NativeError error), ref error);
+            return Connections;
+        }
+    }
+
     /// <summary>A scene; or a tracker, which keeps its scene open.</summary>
     internal sealed class NativeHandle : SafeHandle
     {
         internal GCHandle Content; // bytes of the scene
         internal NativeHandle Scene; // of the tracker
+        internal bool IsOfParts; // the tracker
         internal NativeHandle() : base(IntPtr.Zero, true) { }
         public override bool IsInvalid => handle == IntPtr.Zero;
 
@@ -348,7 +450,9 @@ namespace Proximity
 
         protected override bool ReleaseHandle()
         {
-            if (Scene != null)
+            if (IsOfParts)
+                Native.proximity_destroy_part_tracker(handle);
+            else if (Scene != null)
                 Native.proximity_destroy_tracker(handle);
             else
                 Native.proximity_close(handle);
@@ -458,5 +562,16 @@ namespace Proximity
             long ns, void* v, void* paths, void* to, out NativeError error);
         [DllImport("proximity")] internal static extern void proximity_reset_tracker(NativeHandle tracker);
         [DllImport("proximity")] internal static extern void proximity_destroy_tracker(IntPtr tracker);
+        [DllImport("proximity")] internal static extern int proximity_closest_pairs(NativeHandle s, int part, double limit,
+            UIntPtr capacity, void* parts, void* answers, UIntPtr* count, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_penetration(NativeHandle s, int first, int second,
+            void* direction, double tolerance, out ProximityPenetration answer, out NativeError error);
+        [DllImport("proximity")] internal static extern ProximityPartTrackerSettings proximity_default_part_settings();
+        [DllImport("proximity")] internal static extern int proximity_create_part_tracker(NativeHandle s, void* parts,
+            UIntPtr group, UIntPtr connections, void* settings, IntPtr* made, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_tick_part(NativeHandle t, void* matrix, long poseNs,
+            long nowNs, void* v, void* w, void* to, out NativeError error);
+        [DllImport("proximity")] internal static extern void proximity_reset_part_tracker(NativeHandle tracker);
+        [DllImport("proximity")] internal static extern void proximity_destroy_part_tracker(IntPtr tracker);
     }
 }

@@ -9,6 +9,8 @@ all parts. For other points the nearest surface is found first, and then the dep
 surface passes through their cell.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from proximity.kernels.geometry.frames import to_local, to_scene
@@ -25,7 +27,7 @@ from proximity.kernels.layout import (
     ModelArrays,
 )
 from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, closest_in_part
-from proximity.kernels.scene.inside.chunk_tables import RECENT_PARTS, new_workspace, reset_recent
+from proximity.kernels.scene.inside.chunk_tables import RECENT_PARTS
 from proximity.kernels.scene.inside.part_grid import (
     containing_bits,
     dynamic_bits,
@@ -45,6 +47,13 @@ from proximity.native.simd import load_int, splat32, trailing_zeros
 
 CLEAR = 2.0**-41
 """Distance, relative to the coordinates, beyond which a point is clear of a surface."""
+
+
+class Surfaces(NamedTuple):
+    """The surfaces of all parts, each searched when it is needed for the first time."""
+
+    faces: np.ndarray  # (2 F,) int32: one of each surface, and space for a search
+    ranges: np.ndarray  # (P + 1, 2) int64: first of a part's, and how many; -1: not searched
 
 
 @inlined
@@ -353,12 +362,22 @@ def contained_corner(model, part, inner, faces, shift, point, workspace):
     return False
 
 
-@entry(ModelArrays, "int, int, int32[:], float64[:] -> bool")
-def contains_corner(model, part, inner, faces, point):
-    """Test whether a part contains a surface of another part; fill a point of it, (3,) m, scene's frame.
+@kernel
+def assign_surfaces(parts, surfaces):
+    """Assign each part its space in *surfaces*, as many faces as it has; none is filled."""
+    start = 0
+    for part in range(len(parts)):
+        surfaces.ranges[part, 0], surfaces.ranges[part, 1] = start, -1
+        start += parts[part].face_count if part < len(parts) - 1 else 0
 
-    The surfaces of the two parts must not cross. *faces*: one per surface of the other part.
-    """
-    workspace = new_workspace()
-    reset_recent(workspace)
-    return contained_corner(model, part, inner, faces, (0.0, 0.0, 0.0), point, workspace)
+
+@kernel
+def surface_range(model, part, surfaces):
+    """Return the range of one face per surface of a part; the first call searches them."""
+    start, count = surfaces.ranges[part, 0], model.parts[part].face_count
+    if surfaces.ranges[part, 1] < 0:
+        waiting = surfaces.ranges[len(model.parts) - 1, 0]
+        surfaces.ranges[part, 1] = surface_faces(
+            model, part, surfaces.faces[waiting : waiting + count], surfaces.faces[start : start + count]
+        )
+    return start, start + surfaces.ranges[part, 1]
