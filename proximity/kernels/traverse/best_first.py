@@ -17,6 +17,7 @@ import numpy as np
 from proximity.kernels.layout import ENTRY, LANES, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.nodes import child_at, children_of
 from proximity.kernels.traverse.depth_first import fetch
+from proximity.kernels.traverse.ignored_parts import heed_all
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,
@@ -97,7 +98,7 @@ def _nearest_waiting(workspace, first, end):
     return nearest
 
 
-def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of):
+def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of, heed=heed_all):
     """Return a walk within a budget, for squared distances in the scene's scaled frame.
 
     - ``query_in(frames, parts, part, point)``: what the others need of the point, as seen from a part;
@@ -105,7 +106,8 @@ def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of):
     - ``close_bounds(words, parts, reference, query, above)``: tighter ones, above what is known of all of it;
     - ``leaf(reals, reference, query, best)``: the best with what a block has; *best*: squared distance, slot;
     - ``target(best, tolerance)``: the squared distance from which on nothing more is looked for;
-    - ``reach_of(target_sq)``: the float32 number up to which a bound may hide something nearer.
+    - ``reach_of(target_sq)``: the float32 number up to which a bound may hide something nearer;
+    - ``heed``: see `ignored_parts`.
 
     The walk returns the best, the squared distance below which nothing lies, and the steps taken. A step is a
     node or a leaf.
@@ -166,14 +168,15 @@ def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of):
                         continue
                     bounds = close_bounds(words, parts, reference, query, above)
                     references = children_of(words, NODE_STRIDE * reference)
-                    opened = _push(workspace, count, bounds, references, part, bounds <= splat32(reach))
+                    bounds, is_open = heed(model, reference, bounds, bounds <= splat32(reach))
+                    opened = _push(workspace, count, bounds, references, part, is_open)
                     follows = follows and opened > count
                     if follows:
                         following = _nearest_waiting(workspace, count, opened)
                     count = opened
             share = 2.0 * share if SWEEP_RATIO * (work - before) < end else SWEEP_SHARE
 
-    @inlined
+    @(inlined if heed is heed_all else kernel)
     def walk(model, start, part, point, best, tolerance, budget, workspace):
         """Walk from the reference *start*, in the frame of *part* (the scene's row: the tree over parts)."""
         reals, words, frames, parts = model
@@ -191,7 +194,7 @@ def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of):
             if reference >= 0:
                 base = NODE_STRIDE * reference
                 bounds = node_bounds(words, base, query)
-                is_open = bounds <= splat32(reach)
+                bounds, is_open = heed(model, reference, bounds, bounds <= splat32(reach))
                 if bits(is_open):
                     nearest, it = lowest_lane(bounds)
                     left = is_open
