@@ -46,6 +46,12 @@ PROXIMITY_API int proximity_create_tracker(const proximity_scene *scene, size_t 
 PROXIMITY_API int proximity_set_radius(proximity_tracker *tracker, size_t finger, double radius,
                                        proximity_error *error);
 
+/* Have a finger ignore a part (`is_ignored` not 0), such as one that the hand holds, or heed it again, from the next tick
+   on. Others see the part as before. It stays ignored when it is moved, hidden or shown, and with a new number where
+   parts before it were removed; once it is removed that is forgotten. *Changes* the tracker, and *asks* the scene. */
+PROXIMITY_API int proximity_ignore(proximity_tracker *tracker, size_t finger, int32_t part, int is_ignored,
+                                   proximity_error *error);
+
 /* Answer for all fingers. One thread at a time ticks a tracker; it *asks* the scene, whose parts may have moved
    since the tick before, and *changes* it if poses were posted (proximity_post). Nothing is allocated, but at the first tick after parts were hidden or shown and where
    paths have another number of corners.
