@@ -24,7 +24,7 @@ from proximity.scene.part import (
     part_cells,
     parts_of_mesh,
 )
-from proximity.scene.queries.queries import Queries
+from proximity.scene.queries.queries import Ignored, Queries
 from proximity.scene.scene_parts import ClosedParts, SceneParts, checked_parts, with_arrays
 from proximity.scene.solid import Solid
 from proximity.system.locks import fork_safe_lock
@@ -119,6 +119,15 @@ class Scene(Queries, MotionQueries):
                 self._parts = self._parts.in_new_memory()
                 model = self._parts.state.latest
             return model
+
+    def _ignoring(self, ignore: Ignored) -> Model:
+        names = ignore if isinstance(ignore, Iterable) and not isinstance(ignore, str) else (ignore,)
+        known = list(names)
+        while True:
+            model, parts = self.snapshot(), self._parts
+            rows = [parts.find(name) for name in known]  # type: ignore[arg-type]
+            if parts.state.epoch == model.epoch:
+                return model.ignoring(rows)
 
     @property
     def parts(self) -> tuple[Part, ...]:

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from proximity import native
-from proximity.checks import positive, whole
+from proximity.checks import is_whole, positive, whole
 from proximity.errors import ArgumentError
 from proximity.kernels.contact_record import CONTACT_RECORD
-from proximity.kernels.layout import NO_PART
+from proximity.kernels.layout import NO_PART, PART
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
@@ -31,6 +31,7 @@ from proximity.tracker.tracker_arguments import (
     as_paths,
     as_radii,
     as_shape,
+    ignoring_none,
     new_arrays,
     new_settings,
     refuse_seconds,
@@ -133,6 +134,7 @@ class Tracker:
         self._last_epoch = -1  # of the parts and faces in `contacts`
         self._epoch = -1
         self._names: tuple[str, ...] = ()  # of the parts to which `reported_part` refers
+        self._ignored: dict[int, set[str]] = {}  # names of parts that fingers ignore
         self.reset()
         self._read_from(NOTHING_GIVEN)
 
@@ -327,6 +329,51 @@ class Tracker:
         self._settings["first_finger"] = self._settings["adaptive_tolerance"] = 0
         track.forget_surfaces(self._arrays["tracks"], self._arrays["balls"])
 
+    def ignore(self, finger: int, part: str | int, is_ignored: bool = True) -> None:
+        """Exclude a part, such as one that the hand holds, from the contacts of a finger.
+
+        This takes effect at the next tick. Other fingers, trackers and queries are not affected. The part
+        stays ignored when it is moved, hidden, shown or deformed, and after `reset`; removing it ends that.
+
+        Parameters
+        ----------
+        finger : int
+            Number of the finger.
+        part : str or int
+            Name or index of the part.
+        is_ignored : bool
+            False: the finger is tracked against the part again.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such finger.
+        SceneError
+            If there is no such part.
+        """
+        if not is_whole(finger, 0) or finger >= len(self.contacts):
+            raise ArgumentError(f"finger is {finger!r}, expected 0 to {len(self.contacts) - 1}")
+        name, names = self._scene.part(part).name, self._ignored.setdefault(int(finger), set())
+        if (name in names) == bool(is_ignored):
+            return
+        (names.add if is_ignored else names.discard)(name)
+        row = slice(finger, finger + 1)
+        track.forget_surfaces(self._arrays["tracks"][row], self._arrays["balls"][row])
+        self._write_ignored()
+        self._packs.clear()
+        self._read_from(self._given or NOTHING_GIVEN)
+
+    def _write_ignored(self) -> None:
+        """Write which parts each finger ignores, of those at the last tick."""
+        rows = {name: row for row, name in enumerate(self._names)}
+        count = len(self.contacts)
+        self._arrays |= ignoring_none(count)
+        if any(self._ignored.values()) and rows:
+            ignored = self._arrays["ignored"] = np.zeros((count, len(rows)), np.bool_)
+            self._arrays["heeded"] = np.zeros(len(rows) + 1, PART)
+            for finger, names in self._ignored.items():
+                ignored[finger, [rows[name] for name in names if name in rows]] = True
+
     def _adopt_model(self, model: Model) -> None:
         """Switch to *model*; its epoch is written last, so that an interrupted switch is repeated."""
         if model.epoch != self._epoch:
@@ -334,6 +381,7 @@ class Tracker:
             count = len(model.parts) - 1
             self._arrays["before"] = np.empty((count, POSE_COLUMNS))
             self._arrays["movers"] = movers_workspace(count)
+            self._write_ignored()
             self._packs.clear()
             self._read_from(self._given or NOTHING_GIVEN)
             track.adopt_parts(model.packed, self._packed)
@@ -346,6 +394,7 @@ class Tracker:
             reported = self._arrays["tracks"]["reported_part"]
             found = [rows.get(self._names[row], GONE) if row >= 0 else row for row in reported.tolist()]
             reported[:], self._names = found, names
+            self._ignored = {finger: known & rows.keys() for finger, known in self._ignored.items()}
 
     def _pack(self) -> None:
         """Pack the present arrays for ticks."""
@@ -408,6 +457,8 @@ def arrays_after(tracker: Tracker, model: Model) -> tuple[track.TrackerArrays, n
     tracker._arrays["movers"] = movers_workspace(count)
     tracker._packs.clear()
     tracker._names, tracker._epoch, tracker._last_epoch = model.names, model.epoch, model.epoch
+    tracker._ignored = {finger: known & rows.keys() for finger, known in tracker._ignored.items()}
+    tracker._write_ignored()
     records = tracker.contacts.view(np.ndarray).view(CONTACT_RECORD)
     return track.TrackerArrays(**tracker._arrays, records=records), rows_after
 

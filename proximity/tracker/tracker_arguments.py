@@ -14,6 +14,7 @@ from proximity.checks import FLOAT64, as_float64, not_negative, positive, shown,
 from proximity.core.receiver_state import AHEAD_NS
 from proximity.errors import ArgumentError
 from proximity.kernels.contact_record import unknown_contact
+from proximity.kernels.layout import PART
 from proximity.kernels.point.coherent_search import FRONTIER_SIZE
 from proximity.kernels.tracking import track
 from proximity.kernels.tracking.conservative_advancement import BALLS_SIZE
@@ -185,7 +186,13 @@ def new_arrays(count: int, settings: np.ndarray) -> dict[str, np.ndarray]:
         "before": np.zeros((0, POSE_COLUMNS)),
         "movers": movers_workspace(0),
         "workspace": np.zeros(WORKSPACE_SIZE, np.float32),
+        **ignoring_none(count),
     }
+
+
+def ignoring_none(count: int) -> dict[str, np.ndarray]:
+    """Return of these the arrays about parts that fingers ignore, where none ignores any."""
+    return {"ignored": np.zeros((count, 0), np.bool_), "heeded": np.zeros(0, PART)}
 
 
 class PoseNotes:

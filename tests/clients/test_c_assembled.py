@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 
+import judging
 import mutated_scenes
 import numpy as np
 import pytest
+import scene_parts
 import shapes
 from project import MESHES
 
@@ -80,6 +82,55 @@ def test_parts_come_and_go_as_in_python_and_trackers_go_on():
         assert library.names == [part.name for part in scene.parts]
         assert tracker.tick(tips, now, now).tobytes() == python.tick(tips, now, now).tobytes()
         assert answers(library, k) == answers(scene, k)
+
+
+def test_parts_are_ignored_as_in_python_while_they_come_and_go():
+    rng = np.random.default_rng(22)
+    scene, copy = (proximity.load(MESHES / "assembly.glb") for _ in range(2))
+    tracker, python = LibraryTracker(copy, fingers=4), proximity.Tracker(scene, fingers=4)
+    library, added, tips = tracker._scene, 0, rng.uniform(-0.05, 0.05, (4, 3))
+    for k in range(200):
+        if k % 5 == 0:
+            pose, added = some_pose(rng), added + 1
+            solid = Solid(*shapes.torus(0.02, 0.007, 20, 12), name=f"ring {added}")
+            library.add(through_library(Scene([solid])), pose.matrix)
+            scene.add(replace(Scene([solid]).parts[0], pose=pose))
+        names = library.names
+        for _ in range(rng.integers(4)):
+            finger, name, is_ignored = int(rng.integers(4)), str(rng.choice(names)), bool(rng.integers(2))
+            tracker.ignore(finger, name, is_ignored)
+            python.ignore(finger, name, is_ignored)
+        if k % 5 == 3:
+            name = str(rng.choice(names))
+            library.remove(name)
+            scene.remove(name)
+        if k % 3 == 0:
+            name, pose = str(rng.choice(library.names)), some_pose(rng)
+            library.move_many([name], [pose.matrix], [[0.1, 0.0, 0.2]], [[0.0, 1.0, 0.0]])
+            scene.move(name, pose, velocity=[0.1, 0.0, 0.2], angular_velocity=[0.0, 1.0, 0.0])
+        tips += rng.uniform(-0.001, 0.001, (4, 3))
+        now = START + k * MS
+        assert tracker.tick(tips, now, now).tobytes() == python.tick(tips, now, now).tobytes()
+        ignored = [str(name) for name in rng.permutation(library.names)[: rng.integers(5)]]
+        points, others = rng.uniform(-0.1, 0.1, (2, 60, 3))
+        for found, expected in zip(
+            scene_parts.answers(library, points, others, ignore=ignored),
+            scene_parts.answers(scene, points, others, ignore=ignored),
+            strict=True,
+        ):
+            assert judging.same_bits(found, expected)
+
+
+def test_what_is_not_there_cannot_be_ignored():
+    tracker = LibraryTracker(Scene([Solid(*shapes.cube(0.1, (0, 0, 0)), name="box")]), fingers=2)
+
+    with pytest.raises(ArgumentError, match="there is no part -1, expected 0 to 0"):
+        tracker.ignore(0, "lid")
+    with pytest.raises(ArgumentError, match="there is no such tracker or finger"):
+        tracker.ignore(2, "box")
+    with pytest.raises(ArgumentError, match="there is no part -1, expected 0 to 0"):
+        tracker._scene.distance([[0.0, 0, 0]], ignore=["lid"])
+    assert tracker._scene.distance([[0.0, 0, 0]], ignore=["box"]) == np.inf
 
 
 def test_empty_scene_is_refused_until_a_part_is_there():

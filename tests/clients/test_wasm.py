@@ -82,6 +82,83 @@ def test_moved_and_hidden_parts_are_answered_to_the_bit(folder):
     )
 
 
+def test_parts_are_ignored_as_in_python(folder):
+    scene, rng = proximity.load(folder / "assembly.prox"), np.random.default_rng(12)
+    lower, upper = scene.bounds
+    points, others = rng.uniform(lower - 0.01, upper + 0.01, (2, 60, 3))
+    names, ticks = [part.name for part in scene.parts], []
+    chosen = [rng.permutation(names)[:count].tolist() for count in range(5)]
+    tracker, where = proximity.Tracker(scene, fingers=4), points[:4].copy()
+    for k in range(100):
+        where += rng.uniform(-1e-3, 1e-3, where.shape)
+        change = int(rng.integers(4)), str(rng.choice(names)), bool(rng.integers(2))
+        tracker.ignore(*change)
+        now = 10**9 + 10**6 * k
+        contacts = tracker.tick(where, now, now)
+        told = {name: contacts[name].tolist() for name in ("lower", "upper", "part", "face")}
+        ticks.append({"where": where.reshape(-1).tolist(), "change": change, "told": told})
+    given = {"points": points.reshape(-1).tolist(), "others": others.reshape(-1).tolist()}
+    given |= {"chosen": chosen, "ticks": ticks}
+    (folder / "ignoring.json").write_text(json.dumps(given).replace("Infinity", "1e999"))
+
+    told = run_module(
+        folder,
+        """
+const { readFileSync } = await import("node:fs");
+const scene = (await load()).open(readFileSync("assembly.prox"));
+const { points, others, chosen, ticks } = JSON.parse(readFileSync("ignoring.json"));
+const texts = ([name, list]) => [name, Array.from(list, String)];
+const plain = (answers) => Object.fromEntries(Object.entries(answers).map(texts));
+const one = (found) => plain({ found });
+const asked = chosen.map((ignore) => [
+  plain(scene.closest(points, { ignore })),
+  one(scene.signedDistance(points, undefined, { ignore })),
+  one(scene.distance(points, undefined, { ignore })),
+  one(scene.contains(points, { ignore })),
+  plain(scene.cast(points, others, { ignore })),
+  one(scene.castDistance(points, others, { ignore })),
+  plain(scene.closestToSegments(points, others, { ignore, maxDistance: 0.01 })),
+]);
+const one = scene.distance(points, undefined, { ignore: chosen[1][0] });
+const isOne = String(one) === asked[1][2].found.join();
+const tracker = scene.tracker(4);
+const differing = ticks.findIndex(({ where, change, told }, tick) => {
+  const now = 1000000000n + 1000000n * BigInt(tick);
+  tracker.ignore(...change);
+  const contacts = tracker.tick(where, now, now);
+  const differs = (name) => told[name].some((value, k) => contacts[k][name] !== value);
+  return Object.keys(told).some(differs);
+});
+let sentence = "";
+try { tracker.ignore(0, "none"); } catch (error) { sentence = error.message; }
+console.log(JSON.stringify({ asked, isOne, differing, sentence }));
+""",
+    )
+    for ignore, (closest, signed, distance, inside, hits, along, segments) in zip(
+        chosen, told["asked"], strict=True
+    ):
+        expected = scene.closest(points, ignore=ignore)
+        assert np.array_equal(numbers(closest["signedDistance"]), expected.signed_distance)
+        assert np.array_equal(numbers(closest["point"]), expected.point.reshape(-1), equal_nan=True)
+        assert np.array_equal(numbers(closest["part"]), expected.part)
+        assert np.array_equal(numbers(signed["found"]), scene.signed_distance(points, ignore=ignore))
+        assert np.array_equal(numbers(distance["found"]), scene.distance(points, ignore=ignore))
+        assert np.array_equal(numbers(inside["found"]), scene.contains(points, ignore=ignore))
+        expected = scene.cast(points, others, ignore=ignore)
+        assert np.array_equal(numbers(hits["distance"]), expected.distance)
+        assert np.array_equal(numbers(hits["normal"]), expected.normal.reshape(-1), equal_nan=True)
+        assert np.array_equal(numbers(along["found"]), expected.distance)
+        expected = scene.closest_to_segments(points, others, max_distance=0.01, ignore=ignore)
+        assert np.array_equal(numbers(segments["distance"]), expected.distance)
+        assert np.array_equal(numbers(segments["part"]), expected.part)
+    assert told["isOne"] and told["differing"] == -1
+    assert "there is no part" in told["sentence"]
+
+
+def numbers(texts):
+    return np.array([float(text.replace("Infinity", "inf")) for text in texts])
+
+
 def test_without_relaxed_instructions_answers_differ_by_rounding_alone(folder):
     scene = proximity.load(MESHES / "bracket.stl", units="mm")
     lower, upper = scene.bounds

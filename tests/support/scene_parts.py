@@ -39,22 +39,24 @@ def some_questions(rng, count, spread=6.0):
     return points, others
 
 
-def answers(scene, points, others):
+def answers(scene, points, others, **how):
     """Run every query of a scene."""
     return [
-        scene.closest(points),
-        scene.signed_distance(points),
-        scene.distance(points),
-        scene.contains(points),
-        scene.cast(points, others),
-        scene.closest_to_segments(points, others),
-        scene.signed_distance(points[:5]),
-        scene.closest(points, max_distance=0.5),
+        scene.closest(points, **how),
+        scene.signed_distance(points, **how),
+        scene.distance(points, **how),
+        scene.contains(points, **how),
+        scene.cast(points, others, **how),
+        scene.cast_distance(points, others, **how),
+        scene.closest_to_segments(points, others, **how),
+        scene.signed_distance(points[:5], **how),
+        scene.closest(points, max_distance=0.5, **how),
     ]
 
 
-def assert_answers_alike(scene, other, points, others):
-    found, expected = answers(scene, points, others), answers(other, points, others)
+def assert_answers_alike(scene, other, points, others, **how):
+    """*how*: the first of the scenes is asked."""
+    found, expected = answers(scene, points, others, **how), answers(other, points, others)
     for number, (one, two) in enumerate(zip(found, expected, strict=True)):
         assert judging.same_bits(one, two), f"question {number}"
 

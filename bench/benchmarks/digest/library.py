@@ -213,46 +213,68 @@ class LibraryScene:
     # --- queries, as in `proximity.scene.queries` ---
 
     def _ask(
-        self, name: str, *given: Any, limit: float | None = None, dtype: type = np.float64
+        self, name: str, *given: Any, ignore: Any = None, limit: float | None = None, dtype: type = np.float64
     ) -> np.ndarray:
         width = WIDTHS.get(name, 1)
         rows = [np.array(each, np.float64, order="C") for each in given]
         table = np.empty((*rows[0].shape[:-1], width), dtype)
         arguments = [_address(each) for each in rows] + [ctypes.c_size_t(rows[0].size // 3)]
         arguments += [] if limit is None else [ctypes.c_double(limit)]
+        if ignore is not None:
+            ignored = np.array([self._part(part) for part in ignore], np.int32)
+            name, arguments = (
+                f"{name}_without",
+                [*arguments, _address(ignored), ctypes.c_size_t(len(ignored))],
+            )
         self.call(name, self._scene, *arguments, _address(table))
         return table
 
-    def _record(self, record: Any, name: str, *given: Any, limit: float) -> Any:
-        record._table = self._ask(name, *given, limit=limit)
+    def _record(self, record: Any, name: str, *given: Any, **how: Any) -> Any:
+        record._table = self._ask(name, *given, **how)
         return record
 
-    def closest(self, points: Any, *, max_distance: float = np.inf, workers: int = 1) -> ClosestPoints:
-        return self._record(ClosestPoints(), "closest", points, limit=max_distance)
+    def closest(
+        self, points: Any, *, max_distance: float = np.inf, workers: int = 1, ignore: Any = None
+    ) -> ClosestPoints:
+        return self._record(ClosestPoints(), "closest", points, limit=max_distance, ignore=ignore)
 
-    def signed_distance(self, points: Any, *, workers: int = 1) -> Any:
-        return self._ask("signed_distance", points)[..., 0][()]
+    def signed_distance(self, points: Any, *, workers: int = 1, ignore: Any = None) -> Any:
+        return self._ask("signed_distance", points, ignore=ignore)[..., 0][()]
 
-    def distance(self, points: Any, *, workers: int = 1) -> Any:
-        return self._ask("distance", points)[..., 0][()]
+    def distance(self, points: Any, *, workers: int = 1, ignore: Any = None) -> Any:
+        return self._ask("distance", points, ignore=ignore)[..., 0][()]
 
-    def contains(self, points: Any, *, workers: int = 1) -> Any:
-        return self._ask("contains", points, dtype=np.bool_)[..., 0][()]
+    def contains(self, points: Any, *, workers: int = 1, ignore: Any = None) -> Any:
+        return self._ask("contains", points, ignore=ignore, dtype=np.bool_)[..., 0][()]
 
     def cast(
-        self, origins: Any, directions: Any, *, max_distance: float = np.inf, workers: int = 1
+        self,
+        origins: Any,
+        directions: Any,
+        *,
+        max_distance: float = np.inf,
+        workers: int = 1,
+        ignore: Any = None,
     ) -> RayHits:
-        return self._record(RayHits(), "cast", origins, directions, limit=max_distance)
+        return self._record(RayHits(), "cast", origins, directions, limit=max_distance, ignore=ignore)
 
     def cast_distance(
-        self, origins: Any, directions: Any, *, max_distance: float = np.inf, workers: int = 1
+        self,
+        origins: Any,
+        directions: Any,
+        *,
+        max_distance: float = np.inf,
+        workers: int = 1,
+        ignore: Any = None,
     ) -> Any:
-        return self._ask("cast_distance", origins, directions, limit=max_distance)[..., 0][()]
+        return self._ask("cast_distance", origins, directions, limit=max_distance, ignore=ignore)[..., 0][()]
 
     def closest_to_segments(
-        self, starts: Any, ends: Any, *, max_distance: float = np.inf, workers: int = 1
+        self, starts: Any, ends: Any, *, max_distance: float = np.inf, workers: int = 1, ignore: Any = None
     ) -> SegmentHits:
-        return self._record(SegmentHits(), "closest_to_segments", starts, ends, limit=max_distance)
+        return self._record(
+            SegmentHits(), "closest_to_segments", starts, ends, limit=max_distance, ignore=ignore
+        )
 
     def clearance(
         self,
@@ -353,6 +375,11 @@ class LibraryTracker:
             _address(self.contacts),
         )  # fmt: skip
         return self.contacts
+
+    def ignore(self, finger: int, part: str, is_ignored: bool = True) -> None:
+        """Have a finger ignore a part."""
+        row = ctypes.c_size_t(finger), self._scene._part(part), int(is_ignored)
+        self._scene.call("ignore", self._tracker, *row)
 
     def reset(self) -> None:
         """Reset all fingers."""

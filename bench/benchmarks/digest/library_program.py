@@ -34,7 +34,10 @@ class ProgramScene(LibraryScene):
 
     __del__ = close
 
-    def _ask(self, name: str, *given: Any, limit: Any = None, dtype: type = np.float64) -> np.ndarray:
+    def _ask(
+        self, name: str, *given: Any, ignore: Any = None, limit: Any = None, dtype: type = np.float64
+    ) -> np.ndarray:
+        assert ignore is None, "programs are not told to ignore parts"
         rows = [np.array(each, np.float64, order="C") for each in given]
         table = np.empty((*rows[0].shape[:-1], WIDTHS.get(name, 1)), dtype)
         assert self._program.stdin is not None and self._program.stdout is not None

@@ -249,63 +249,73 @@ public:
     }
     void hide(std::int32_t part, bool is_hidden = true) { detail::call(proximity_hide, scene_, part, int{is_hidden}); }
 
-    void closest(std::span<const Vector> points, std::span<ClosestPoint> answers, double limit = unlimited) const
+    // Queries; `ignored`: numbers of parts that one leaves out, see proximity_closest_without.
+    void closest(std::span<const Vector> points, std::span<ClosestPoint> answers, double limit = unlimited,
+                 std::span<const std::int32_t> ignored = {}) const
     {
         if (!detail::same(points.size(), answers.size())) {
             return;
         }
-        detail::call(proximity_closest, get(), detail::numbers(points), points.size(), limit, answers.data());
+        detail::call(proximity_closest_without, get(), detail::numbers(points), points.size(), limit, ignored.data(),
+                     ignored.size(), answers.data());
     }
-    void signed_distance(std::span<const Vector> points, std::span<double> distances) const
+    void signed_distance(std::span<const Vector> points, std::span<double> distances,
+                         std::span<const std::int32_t> ignored = {}) const
     {
         if (!detail::same(points.size(), distances.size())) {
             return;
         }
-        detail::call(proximity_signed_distance, get(), detail::numbers(points), points.size(), distances.data());
+        detail::call(proximity_signed_distance_without, get(), detail::numbers(points), points.size(), ignored.data(),
+                     ignored.size(), distances.data());
     }
-    void distance(std::span<const Vector> points, std::span<double> distances) const
+    void distance(std::span<const Vector> points, std::span<double> distances,
+                  std::span<const std::int32_t> ignored = {}) const
     {
         if (!detail::same(points.size(), distances.size())) {
             return;
         }
-        detail::call(proximity_distance, get(), detail::numbers(points), points.size(), distances.data());
+        detail::call(proximity_distance_without, get(), detail::numbers(points), points.size(), ignored.data(),
+                     ignored.size(), distances.data());
     }
-    void contains(std::span<const Vector> points, std::span<std::uint8_t> is_inside) const
+    void contains(std::span<const Vector> points, std::span<std::uint8_t> is_inside,
+                  std::span<const std::int32_t> ignored = {}) const
     {
         if (!detail::same(points.size(), is_inside.size())) {
             return;
         }
-        detail::call(proximity_contains, get(), detail::numbers(points), points.size(), is_inside.data());
+        detail::call(proximity_contains_without, get(), detail::numbers(points), points.size(), ignored.data(),
+                     ignored.size(), is_inside.data());
     }
     void cast(std::span<const Vector> origins, std::span<const Vector> directions, std::span<RayHit> answers,
-              double limit = unlimited) const
+              double limit = unlimited, std::span<const std::int32_t> ignored = {}) const
     {
         if (!(detail::same(origins.size(), directions.size()) &&
               detail::same(origins.size(), answers.size()))) {
             return;
         }
-        detail::call(proximity_cast, get(), detail::numbers(origins), detail::numbers(directions), origins.size(), limit,
-                     answers.data());
+        detail::call(proximity_cast_without, get(), detail::numbers(origins), detail::numbers(directions),
+                     origins.size(), limit, ignored.data(), ignored.size(), answers.data());
     }
-    void cast_distance(std::span<const Vector> origins, std::span<const Vector> directions,
-                       std::span<double> distances, double limit = unlimited) const
+    void cast_distance(std::span<const Vector> origins, std::span<const Vector> directions, std::span<double> distances,
+                       double limit = unlimited, std::span<const std::int32_t> ignored = {}) const
     {
         if (!(detail::same(origins.size(), directions.size()) &&
               detail::same(origins.size(), distances.size()))) {
             return;
         }
-        detail::call(proximity_cast_distance, get(), detail::numbers(origins), detail::numbers(directions),
-                     origins.size(), limit, distances.data());
+        detail::call(proximity_cast_distance_without, get(), detail::numbers(origins), detail::numbers(directions),
+                     origins.size(), limit, ignored.data(), ignored.size(), distances.data());
     }
     void closest_to_segments(std::span<const Vector> starts, std::span<const Vector> ends,
-                             std::span<SegmentHit> answers, double limit = unlimited) const
+                             std::span<SegmentHit> answers, double limit = unlimited,
+                             std::span<const std::int32_t> ignored = {}) const
     {
         if (!(detail::same(starts.size(), ends.size()) &&
               detail::same(starts.size(), answers.size()))) {
             return;
         }
-        detail::call(proximity_closest_to_segments, get(), detail::numbers(starts), detail::numbers(ends),
-                     starts.size(), limit, answers.data());
+        detail::call(proximity_closest_to_segments_without, get(), detail::numbers(starts), detail::numbers(ends),
+                     starts.size(), limit, ignored.data(), ignored.size(), answers.data());
     }
     Clearance clearance(std::int32_t first, std::int32_t second, double limit = unlimited, double tolerance = 0.0,
                         std::size_t budget = 0) const
@@ -376,6 +386,11 @@ public:
             detail::call(proximity_tick, tracker_.get(), detail::numbers(positions), pose_ns.data(), now_ns,
                          detail::numbers(velocities), paths, contacts_.data());
         return {contacts_.data(), is_done ? contacts_.size() : 0};
+    }
+    /// Have a finger ignore a part, or heed it again, from the next tick on; see proximity_ignore.
+    void ignore(std::size_t finger, std::int32_t part, bool is_ignored = true)
+    {
+        detail::call(proximity_ignore, tracker_.get(), finger, part, int{is_ignored});
     }
     /// m, of one fingertip.
     void set_radius(std::size_t finger, double radius)

@@ -35,6 +35,8 @@ export class ProximityError extends Error {
 export type Rows = ArrayLike<number>;
 export type Limit = { maxDistance?: number };
 export type PartName = string | number;
+/** Parts that a query leaves out. */
+export type Ignoring = { ignore?: PartName | PartName[] };
 
 export interface ClosestPoints {
   signedDistance: Float64Array;
@@ -191,13 +193,13 @@ export class Scene {
   move(moves: Move[]): void;
   hide(part: PartName, isHidden?: boolean): void;
   setSurface(part: PartName, surface?: { stiffness?: number; damping?: number }): void;
-  signedDistance(points: Rows, out?: Float64Array): Float64Array;
-  distance(points: Rows, out?: Float64Array): Float64Array;
-  contains(points: Rows): Uint8Array;
-  closest(points: Rows, limit?: Limit & { out?: ClosestPoints }): ClosestPoints;
-  cast(origins: Rows, directions: Rows, limit?: Limit): RayHits;
-  castDistance(origins: Rows, directions: Rows, limit?: Limit): Float64Array;
-  closestToSegments(starts: Rows, ends: Rows, limit?: Limit): SegmentHits;
+  signedDistance(points: Rows, out?: Float64Array, ignoring?: Ignoring): Float64Array;
+  distance(points: Rows, out?: Float64Array, ignoring?: Ignoring): Float64Array;
+  contains(points: Rows, ignoring?: Ignoring): Uint8Array;
+  closest(points: Rows, limit?: Limit & Ignoring & { out?: ClosestPoints }): ClosestPoints;
+  cast(origins: Rows, directions: Rows, limit?: Limit & Ignoring): RayHits;
+  castDistance(origins: Rows, directions: Rows, limit?: Limit & Ignoring): Float64Array;
+  closestToSegments(starts: Rows, ends: Rows, limit?: Limit & Ignoring): SegmentHits;
   clearance(first: PartName, second: PartName, limits?: Limit & { tolerance?: number; budget?: number }): Clearance;
   closestPairs(limits?: Limit & { most?: number; of?: PartName }): Pair[];
   penetration(first: PartName, second: PartName, given?: { direction?: Rows; tolerance?: number }): Penetration;
@@ -209,6 +211,7 @@ export class Tracker {
   private constructor();
   readonly fingers: number;
   tick(positions: Rows, poseNs: bigint | ArrayLike<bigint>, nowNs: bigint, given?: Motion): Contact[];
+  ignore(finger: number, part: PartName, isIgnored?: boolean): void;
   setRadius(finger: number, radius: number): void;
   reset(): void;
   close(): void;

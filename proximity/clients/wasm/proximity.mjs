@@ -120,8 +120,8 @@ const isHtml = (bytes) => /^\s*<(!doctype|html|head|body)/i.test(text.decode(byt
 export class Engine {
   #calls; // functions by their names without "proximity_"
   #memory;
-  #scratch = [0, 0, 0]; // addresses of blocks used by every call
-  #sizes = [0, 0, 0];
+  #scratch = [0, 0, 0, 0]; // addresses of blocks used by every call
+  #sizes = [0, 0, 0, 0];
   #bytes;
   #reals;
   #view;
@@ -389,22 +389,31 @@ export class Scene {
     this.#engine.checked("set_surface", this.#open, this.partNumber(part), stiffness, damping);
   }
 
-  // --- queries -------------------------------------------------------------------------------------------
+  // --- queries; *ignore*: a part or a list of parts, by names or numbers, that a query leaves out ----------
+
+  /** Address and count of the numbers of parts that a query ignores. */
+  #ignored(ignore) {
+    if (ignore === undefined) return NOTHING;
+    const parts = (Array.isArray(ignore) ? ignore : [ignore]).map((part) => this.partNumber(part));
+    const place = this.#engine.block(3, 4 * parts.length + 8), { view } = this.#engine;
+    parts.forEach((part, k) => view.setInt32(place + 4 * k, part, true));
+    return [place, parts.length];
+  }
 
   /** Signed distances of points, m, negative inside. *out*: a Float64Array for them. */
-  signedDistance(points, out) {
-    return this.#numbers("signed_distance", points, out);
+  signedDistance(points, out, { ignore } = {}) {
+    return this.#numbers("signed_distance_without", points, ignore, out);
   }
 
   /** Distances of points to the nearest surface, m. */
-  distance(points, out) {
-    return this.#numbers("distance", points, out);
+  distance(points, out, { ignore } = {}) {
+    return this.#numbers("distance_without", points, ignore, out);
   }
 
-  #numbers(name, points, out) {
+  #numbers(name, points, ignore, out) {
     const engine = this.#engine, count = rowCount(points, "points");
     const rows = engine.written(0, points), answers = engine.block(1, 8 * count);
-    engine.checked(name, this.#open, rows, count, answers);
+    engine.checked(name, this.#open, rows, count, ...this.#ignored(ignore), answers);
     return this.#taken(answers, count, out);
   }
 
@@ -415,47 +424,47 @@ export class Scene {
   }
 
   /** Test whether points are inside a part: a Uint8Array of 0 and 1. */
-  contains(points) {
+  contains(points, { ignore } = {}) {
     const engine = this.#engine, count = rowCount(points, "points");
     const rows = engine.written(0, points), answers = engine.block(1, count);
-    engine.checked("contains", this.#open, rows, count, answers);
+    engine.checked("contains_without", this.#open, rows, count, ...this.#ignored(ignore), answers);
     return engine.bytes.slice(answers, answers + count);
   }
 
   /** The surface points nearest to points: arrays signedDistance, point, gradient, barycentric, part, face, feature,
    * isSigned. Beyond *maxDistance*, m, there is none. *out*: an earlier answer for the same number of points, which
    * is overwritten. */
-  closest(points, { maxDistance = Infinity, out } = {}) {
+  closest(points, { maxDistance = Infinity, out, ignore } = {}) {
     const engine = this.#engine, count = rowCount(points, "points");
     const rows = engine.written(0, points), answers = engine.block(1, CLOSEST.size * count);
-    engine.checked("closest", this.#open, rows, count, maxDistance, answers);
+    engine.checked("closest_without", this.#open, rows, count, maxDistance, ...this.#ignored(ignore), answers);
     return this.#records(CLOSEST, answers, count, out);
   }
 
   /** The first hits of rays: arrays distance, point, normal, barycentric, part, face. Directions have any length. */
-  cast(origins, directions, { maxDistance = Infinity } = {}) {
-    return this.#pairs("cast", HIT, origins, directions, maxDistance);
+  cast(origins, directions, { maxDistance = Infinity, ignore } = {}) {
+    return this.#pairs("cast_without", HIT, origins, directions, maxDistance, ignore);
   }
 
   /** The distances of `cast` alone, faster. */
-  castDistance(origins, directions, { maxDistance = Infinity } = {}) {
-    return this.#pairs("cast_distance", null, origins, directions, maxDistance);
+  castDistance(origins, directions, { maxDistance = Infinity, ignore } = {}) {
+    return this.#pairs("cast_distance_without", null, origins, directions, maxDistance, ignore);
   }
 
   /** The shortest connections between segments and the surface: arrays distance, pointOnSegment, pointOnSolid,
    * fraction, barycentric, part, face. */
-  closestToSegments(starts, ends, { maxDistance = Infinity } = {}) {
-    return this.#pairs("closest_to_segments", SEGMENT, starts, ends, maxDistance);
+  closestToSegments(starts, ends, { maxDistance = Infinity, ignore } = {}) {
+    return this.#pairs("closest_to_segments_without", SEGMENT, starts, ends, maxDistance, ignore);
   }
 
-  #pairs(name, record, first, second, maxDistance) {
+  #pairs(name, record, first, second, maxDistance, ignore) {
     const engine = this.#engine, count = rowCount(first, "the first array");
     if (second.length !== first.length) {
       throw new ProximityError(1, `the second array has ${second.length} numbers, expected ${first.length} as the first`);
     }
     const places = [engine.written(0, first), engine.written(2, second)];
     const answers = engine.block(1, (record?.size ?? 8) * count);
-    engine.checked(name, this.#open, ...places, count, maxDistance, answers);
+    engine.checked(name, this.#open, ...places, count, maxDistance, ...this.#ignored(ignore), answers);
     return record === null ? this.#taken(answers, count) : this.#records(record, answers, count);
   }
 
@@ -529,7 +538,7 @@ export class Scene {
   /** A tracker of *fingers* fingertips. *settings*: radius, latency, workingRange, tolerance, horizon, maxSpeed,
    * maxAcceleration, budget, as in Python's Tracker. It cannot be ticked after the scene was closed. */
   tracker(fingers, settings = {}) {
-    return new Tracker(this.#engine, () => this.#open, fingers, settings);
+    return new Tracker(this.#engine, () => this.#open, (part) => this.partNumber(part), fingers, settings);
   }
 
   /** A tracker of a part, or of a list of parts that move together, among the others. *settings*: connections (1 to 16),
@@ -617,13 +626,15 @@ export class Connection extends recordView(CONNECTION) {}
 export class Tracker {
   #engine;
   #scene; // its address, or an error if it is closed
+  #partNumber;
   #address;
   #records; // address of the contacts
   #contacts;
 
-  constructor(engine, scene, fingers, settings) {
+  constructor(engine, scene, partNumber, fingers, settings) {
     this.#engine = engine;
     this.#scene = scene;
+    this.#partNumber = partNumber;
     this.fingers = fingers;
     const place = engine.block(0, SETTINGS_SIZE), to = engine.block(2, 8);
     engine.call("default_settings", place);
@@ -684,6 +695,13 @@ export class Tracker {
     });
     [places[1], count, places[2], places[3]].forEach((word, k) => view.setUint32(paths + 4 * k, word, true));
     return [places[0], corners ? paths : 0];
+  }
+
+  /** Have a finger ignore a part, such as one that the hand holds, or heed it again, from the next tick on. */
+  ignore(finger, part, isIgnored = true) {
+    if (this.#address === 0) throw new ProximityError(1, "the tracker is closed");
+    this.#scene();
+    this.#engine.checked("ignore", this.#address, finger, this.#partNumber(part), isIgnored ? 1 : 0);
   }
 
   /** Set the radius of one fingertip, m. */

@@ -244,6 +244,35 @@ PROXIMITY_API int proximity_closest_to_segments(const proximity_scene *scene, co
                                                 const double *ends, size_t count, double max_distance,
                                                 proximity_segment_hit *answers, proximity_error *error);
 
+/* --- the same without some parts: `ignored` has `ignored_count` numbers of parts that this call leaves out --
+   Such as the part that a hand holds, where it is to measure the others. Answers are those of a scene in which these
+   parts are hidden, bit for bit; the scene does not change, so that other threads may ask it with them. Each copies
+   some 200 bytes a part. *Ask.* */
+
+PROXIMITY_API int proximity_closest_without(const proximity_scene *scene, const double *points, size_t count,
+                                            double max_distance, const int32_t *ignored, size_t ignored_count,
+                                            proximity_closest_point *answers, proximity_error *error);
+PROXIMITY_API int proximity_signed_distance_without(const proximity_scene *scene, const double *points, size_t count,
+                                                    const int32_t *ignored, size_t ignored_count, double *distances,
+                                                    proximity_error *error);
+PROXIMITY_API int proximity_distance_without(const proximity_scene *scene, const double *points, size_t count,
+                                             const int32_t *ignored, size_t ignored_count, double *distances,
+                                             proximity_error *error);
+PROXIMITY_API int proximity_contains_without(const proximity_scene *scene, const double *points, size_t count,
+                                             const int32_t *ignored, size_t ignored_count, uint8_t *is_inside,
+                                             proximity_error *error);
+PROXIMITY_API int proximity_cast_without(const proximity_scene *scene, const double *origins, const double *directions,
+                                         size_t count, double max_distance, const int32_t *ignored,
+                                         size_t ignored_count, proximity_ray_hit *answers, proximity_error *error);
+PROXIMITY_API int proximity_cast_distance_without(const proximity_scene *scene, const double *origins,
+                                                  const double *directions, size_t count, double max_distance,
+                                                  const int32_t *ignored, size_t ignored_count, double *distances,
+                                                  proximity_error *error);
+PROXIMITY_API int proximity_closest_to_segments_without(const proximity_scene *scene, const double *starts,
+                                                        const double *ends, size_t count, double max_distance,
+                                                        const int32_t *ignored, size_t ignored_count,
+                                                        proximity_segment_hit *answers, proximity_error *error);
+
 /* --- two parts ------------------------------------------------------------------------------------------ */
 
 enum {

@@ -46,6 +46,12 @@ PROXIMITY_API int proximity_create_tracker(const proximity_scene *scene, size_t 
 PROXIMITY_API int proximity_set_radius(proximity_tracker *tracker, size_t finger, double radius,
                                        proximity_error *error);
 
+/* Exclude a part, such as one that the hand holds, from the contacts of a finger (`is_ignored` not 0), or include
+   it again, from the next tick on. Other fingers are not affected. The part stays ignored when it is moved, hidden
+   or shown, and when its number changes; removing it ends that. *Changes* the tracker, and *reads* the scene. */
+PROXIMITY_API int proximity_ignore(proximity_tracker *tracker, size_t finger, int32_t part, int is_ignored,
+                                   proximity_error *error);
+
 /* Compute the contacts of all fingers. One thread at a time ticks a tracker; it *reads* the scene, whose
    parts may have moved since the tick before, and *changes* it if poses were posted (proximity_post). A tick
    allocates memory only if parts were hidden or shown since the last one, or paths have another number of

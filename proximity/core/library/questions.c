@@ -125,10 +125,10 @@ typedef struct {
 } Question;
 
 /* Run a query for rows that are sorted together; return the rejected row, or another result of the kernel. */
-static int ask_block(const proximity_scene *scene, const Question *question, const double *const *rows, int64_t count,
-                     double limit, void *answers, int64_t *said)
+static int ask_block(const proximity_scene *scene, const int64_t *model, const Question *question,
+                     const double *const *rows, int64_t count, double limit, void *answers, int64_t *said)
 {
-    int64_t words[20] = {WORD(scene->model)}, order[10] = {WORD(scene->model)}, at = 1;
+    int64_t words[20] = {WORD(model)}, order[10] = {WORD(scene->model)}, at = 1;
     int of_rays = question->order_entry == RAY_ORDER, taken = of_rays ? 1 : 0;
     Owner *owner = NULL;
     for (int k = 0; k < question->row_arrays; k++) {
@@ -159,13 +159,9 @@ static int ask_block(const proximity_scene *scene, const Question *question, con
     return is_done;
 }
 
-static int ask(const proximity_scene *scene, const Question *question, const double *first, const double *second,
-               size_t count, double limit, void *answers, proximity_error *error)
+static int ask_model(const proximity_scene *scene, const int64_t *model, const Question *question, const double *first,
+                     const double *second, size_t count, double limit, void *answers, proximity_error *error)
 {
-    int unusable = proximity_refuse_scene(scene, error);
-    if (unusable) {
-        return unusable;
-    }
     if (count > 0 && (first == NULL || answers == NULL || (question->row_arrays == 2 && second == NULL))) {
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there are no rows, or no place for answers");
     }
@@ -178,7 +174,7 @@ static int ask(const proximity_scene *scene, const Question *question, const dou
         const double *rows[] = {first + 3 * done, second != NULL ? second + 3 * done : NULL};
         int64_t part = (int64_t)(count - done < BLOCK ? count - done : BLOCK), said;
         char *to = (char *)answers + (int64_t)done * question->width * question->item_bytes;
-        if (!ask_block(scene, question, rows, part, limit, to, &said)) {
+        if (!ask_block(scene, model, question, rows, part, limit, to, &said)) {
             return proximity_no_memory(error, "to sort the rows");
         }
         if (question->entry == CONTAINS_BATCH && said != NO_ROW) {
@@ -199,62 +195,149 @@ static int ask(const proximity_scene *scene, const Question *question, const dou
     return PROXIMITY_OK;
 }
 
+static int ask(const proximity_scene *scene, const Question *question, const double *first, const double *second,
+               size_t count, double limit, const int32_t *ignored, size_t ignored_count, void *answers,
+               proximity_error *error)
+{
+    int code = proximity_refuse_scene(scene, error);
+    if (code || ignored_count == 0) {
+        return code ? code : ask_model(scene, scene->model, question, first, second, count, limit, answers, error);
+    }
+    if (ignored == NULL) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there are no numbers of ignored parts");
+    }
+    const Archive *archive = &scene->archive;
+    for (size_t k = 0; k < ignored_count; k++) {
+        if (!is_part(scene, ignored[k])) {
+            return proximity_no_such_part(scene, ignored[k], error);
+        }
+    }
+    /* Rows that say of these parts that they are hidden, and of the scene's row that there are such. */
+    Archive heeded = *archive;
+    size_t size = (size_t)archive->part_rows * sizeof *heeded.parts;
+    heeded.parts = malloc(size);
+    if (heeded.parts == NULL) {
+        return proximity_no_memory(error, "to ignore parts");
+    }
+    memcpy(heeded.parts, archive->parts, size);
+    heeded.parts[archive->part_count].is_hidden = 1;
+    for (size_t k = 0; k < ignored_count; k++) {
+        heeded.parts[ignored[k]].is_hidden = 1;
+    }
+    int64_t model[8];
+    proximity_write_model(model, &heeded);
+    code = ask_model(scene, model, question, first, second, count, limit, answers, error);
+    free(heeded.parts);
+    return code;
+}
+
 static int ask_points(const proximity_scene *scene, int entry, const double *points, size_t count, double limit,
-                      int64_t width, int64_t item_bytes, void *answers, proximity_error *error)
+                      const int32_t *ignored, size_t ignored_count, int64_t width, int64_t item_bytes, void *answers,
+                      proximity_error *error)
 {
     Question question = {entry, MORTON_ORDER, 1, width, item_bytes, SORT_FROM};
-    return ask(scene, &question, points, NULL, count, limit, answers, error);
+    return ask(scene, &question, points, NULL, count, limit, ignored, ignored_count, answers, error);
+}
+
+static int ask_rays(const proximity_scene *scene, const double *origins, const double *directions, size_t count,
+                    double limit, const int32_t *ignored, size_t ignored_count, int64_t width, void *answers,
+                    proximity_error *error)
+{
+    int is_large = scene != NULL && scene->archive.real_count * 8 >= SORT_RAYS_IN;
+    Question question = {CAST_BATCH, RAY_ORDER, 2, width, 8, is_large ? SORT_RAYS_FROM : INT64_MAX};
+    return ask(scene, &question, origins, directions, count, limit, ignored, ignored_count, answers, error);
+}
+
+int proximity_closest_without(const proximity_scene *scene, const double *points, size_t count, double max_distance,
+                              const int32_t *ignored, size_t ignored_count, proximity_closest_point *answers,
+                              proximity_error *error)
+{
+    return ask_points(scene, CLOSEST_BATCH, points, count, max_distance, ignored, ignored_count, sizeof *answers / 8, 8,
+                      answers, error);
 }
 
 int proximity_closest(const proximity_scene *scene, const double *points, size_t count, double max_distance,
                       proximity_closest_point *answers, proximity_error *error)
 {
-    return ask_points(scene, CLOSEST_BATCH, points, count, max_distance, sizeof *answers / 8, 8, answers, error);
+    return proximity_closest_without(scene, points, count, max_distance, NULL, 0, answers, error);
+}
+
+int proximity_signed_distance_without(const proximity_scene *scene, const double *points, size_t count,
+                                      const int32_t *ignored, size_t ignored_count, double *distances,
+                                      proximity_error *error)
+{
+    return ask_points(scene, SIGNED_BATCH, points, count, INFINITY, ignored, ignored_count, 1, 8, distances, error);
 }
 
 int proximity_signed_distance(const proximity_scene *scene, const double *points, size_t count, double *distances,
                               proximity_error *error)
 {
-    return ask_points(scene, SIGNED_BATCH, points, count, INFINITY, 1, 8, distances, error);
+    return proximity_signed_distance_without(scene, points, count, NULL, 0, distances, error);
+}
+
+int proximity_distance_without(const proximity_scene *scene, const double *points, size_t count, const int32_t *ignored,
+                               size_t ignored_count, double *distances, proximity_error *error)
+{
+    return ask_points(scene, DISTANCE_BATCH, points, count, INFINITY, ignored, ignored_count, 1, 8, distances, error);
 }
 
 int proximity_distance(const proximity_scene *scene, const double *points, size_t count, double *distances,
                        proximity_error *error)
 {
-    return ask_points(scene, DISTANCE_BATCH, points, count, INFINITY, 1, 8, distances, error);
+    return proximity_distance_without(scene, points, count, NULL, 0, distances, error);
+}
+
+int proximity_contains_without(const proximity_scene *scene, const double *points, size_t count, const int32_t *ignored,
+                               size_t ignored_count, uint8_t *is_inside, proximity_error *error)
+{
+    return ask_points(scene, CONTAINS_BATCH, points, count, INFINITY, ignored, ignored_count, 1, 1, is_inside, error);
 }
 
 int proximity_contains(const proximity_scene *scene, const double *points, size_t count, uint8_t *is_inside,
                        proximity_error *error)
 {
-    return ask_points(scene, CONTAINS_BATCH, points, count, INFINITY, 1, 1, is_inside, error);
+    return proximity_contains_without(scene, points, count, NULL, 0, is_inside, error);
 }
 
-static int ask_rays(const proximity_scene *scene, const double *origins, const double *directions, size_t count,
-                    double limit, int64_t width, void *answers, proximity_error *error)
+int proximity_cast_without(const proximity_scene *scene, const double *origins, const double *directions, size_t count,
+                           double max_distance, const int32_t *ignored, size_t ignored_count, proximity_ray_hit *answers,
+                           proximity_error *error)
 {
-    int is_large = scene != NULL && scene->archive.real_count * 8 >= SORT_RAYS_IN;
-    Question question = {CAST_BATCH, RAY_ORDER, 2, width, 8, is_large ? SORT_RAYS_FROM : INT64_MAX};
-    return ask(scene, &question, origins, directions, count, limit, answers, error);
+    return ask_rays(scene, origins, directions, count, max_distance, ignored, ignored_count, sizeof *answers / 8, answers,
+                    error);
 }
 
 int proximity_cast(const proximity_scene *scene, const double *origins, const double *directions, size_t count,
                    double max_distance, proximity_ray_hit *answers, proximity_error *error)
 {
-    return ask_rays(scene, origins, directions, count, max_distance, sizeof *answers / 8, answers, error);
+    return proximity_cast_without(scene, origins, directions, count, max_distance, NULL, 0, answers, error);
+}
+
+int proximity_cast_distance_without(const proximity_scene *scene, const double *origins, const double *directions,
+                                    size_t count, double max_distance, const int32_t *ignored, size_t ignored_count,
+                                    double *distances, proximity_error *error)
+{
+    return ask_rays(scene, origins, directions, count, max_distance, ignored, ignored_count, 1, distances, error);
 }
 
 int proximity_cast_distance(const proximity_scene *scene, const double *origins, const double *directions,
                             size_t count, double max_distance, double *distances, proximity_error *error)
 {
-    return ask_rays(scene, origins, directions, count, max_distance, 1, distances, error);
+    return proximity_cast_distance_without(scene, origins, directions, count, max_distance, NULL, 0, distances, error);
+}
+
+int proximity_closest_to_segments_without(const proximity_scene *scene, const double *starts, const double *ends,
+                                          size_t count, double max_distance, const int32_t *ignored,
+                                          size_t ignored_count, proximity_segment_hit *answers, proximity_error *error)
+{
+    Question question = {SEGMENT_BATCH, MORTON_ORDER, 2, sizeof *answers / 8, 8, SORT_FROM};
+    return ask(scene, &question, starts, ends, count, max_distance, ignored, ignored_count, answers, error);
 }
 
 int proximity_closest_to_segments(const proximity_scene *scene, const double *starts, const double *ends, size_t count,
                                   double max_distance, proximity_segment_hit *answers, proximity_error *error)
 {
-    Question question = {SEGMENT_BATCH, MORTON_ORDER, 2, sizeof *answers / 8, 8, SORT_FROM};
-    return ask(scene, &question, starts, ends, count, max_distance, answers, error);
+    return proximity_closest_to_segments_without(scene, starts, ends, count, max_distance, NULL, 0, answers, error);
 }
 
 /* --- two parts ----------------------------------------------------------------------------------------- */

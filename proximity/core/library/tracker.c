@@ -24,9 +24,12 @@ struct proximity_tracker {
     int64_t corners;          /* capacity of the paths */
     int64_t changes, epoch;   /* of the scene at the last tick; -1 before it */
     int64_t last_now_ns;      /* of the last tick */
-    int64_t noted;            /* bits of the answers of ticks */
+    int64_t noted;            /* bits of answers of ticks */
     int64_t *identities;      /* of the scene's parts at the last tick */
     int64_t part_count;
+    uint8_t *ignored;         /* for each finger, 1 for each part that it ignores; NULL if none ever did */
+    Part *heeded;             /* rows of parts, with those that a finger ignores hidden */
+    size_t ignored_count;
 };
 
 static void set_array(proximity_tracker *tracker, int at, const void *array, int64_t rows)
@@ -153,6 +156,8 @@ void proximity_destroy_tracker(proximity_tracker *tracker)
         free(tracker->of_parts);
         free(tracker->identities);
         free(tracker->of_corners);
+        free(tracker->ignored);
+        free(tracker->heeded);
         free(tracker);
     }
 }
@@ -196,8 +201,46 @@ static void renumber_parts(proximity_tracker *tracker, const int64_t *identities
     }
 }
 
-/* Adopt other parts: some were added, removed, hidden or shown, or this is the first tick. */
-static int adopt_parts(proximity_tracker *tracker)
+/* Make rows of ignored parts for so many of them, with what is known of parts that are still there; whether there is
+   memory. */
+static int renumber_ignored(proximity_tracker *tracker, const int64_t *identities, int64_t part_count)
+{
+    uint8_t *ignored = calloc(tracker->count, (size_t)part_count);
+    Part *heeded = malloc(((size_t)part_count + 1) * sizeof *heeded);
+    if (ignored == NULL || heeded == NULL) {
+        free(ignored);
+        free(heeded);
+        return 0;
+    }
+    size_t left = 0;
+    for (int64_t before = 0; tracker->ignored != NULL && before < tracker->part_count; before++) {
+        for (int64_t now = 0; now < part_count; now++) {
+            for (size_t k = 0; k < tracker->count && identities[now] == tracker->identities[before]; k++) {
+                uint8_t is_ignored = tracker->ignored[k * (size_t)tracker->part_count + (size_t)before];
+                ignored[k * (size_t)part_count + (size_t)now] = is_ignored;
+                left += is_ignored;
+            }
+        }
+    }
+    free(tracker->ignored);
+    free(tracker->heeded);
+    tracker->ignored = ignored;
+    tracker->heeded = heeded;
+    tracker->ignored_count = left;
+    return 1;
+}
+
+/* Hand the rows of ignored parts to ticks, if there are any. */
+static void set_ignored(proximity_tracker *tracker)
+{
+    int is_any = tracker->ignored_count > 0;
+    set_array(tracker, AT_IGNORED, tracker->ignored, (int64_t)tracker->count);
+    tracker->table[AT_IGNORED + 2] = is_any ? tracker->part_count : 0;
+    set_array(tracker, AT_HEEDED, tracker->heeded, is_any ? tracker->part_count + 1 : 0);
+}
+
+/* Take in the present parts of the scene: poses, numbers in the last answers, ignored parts; whether there is memory. */
+static int read_parts(proximity_tracker *tracker)
 {
     const Archive *archive = &tracker->scene->archive;
     int64_t poses = archive->part_count * POSE_COLUMNS;
@@ -206,12 +249,15 @@ static int adopt_parts(proximity_tracker *tracker)
     if (tracker->part_count != archive->part_count || memcmp(tracker->identities, tracker->scene->identities, kept) != 0) {
         double *of_parts = calloc(1, (size_t)poses * sizeof(double) + (size_t)movers * sizeof(EightMovers));
         int64_t *identities = malloc(kept);
-        if (of_parts == NULL || identities == NULL) {
+        if (identities != NULL) {
+            memcpy(identities, tracker->scene->identities, kept);
+        }
+        if (of_parts == NULL || identities == NULL ||
+            (tracker->ignored != NULL && !renumber_ignored(tracker, identities, archive->part_count))) {
             free(of_parts);
             free(identities);
             return 0;
         }
-        memcpy(identities, tracker->scene->identities, kept);
         renumber_parts(tracker, identities, archive->part_count);
         free(tracker->of_parts);
         free(tracker->identities);
@@ -221,8 +267,41 @@ static int adopt_parts(proximity_tracker *tracker)
     }
     set_array(tracker, AT_BEFORE, tracker->of_parts, archive->part_count);
     set_array(tracker, AT_MOVERS, tracker->of_parts + poses, movers);
+    set_ignored(tracker);
+    return 1;
+}
+
+/* Adopt other parts: some were added, removed, hidden or shown, or this is the first tick. */
+static int adopt_parts(proximity_tracker *tracker)
+{
+    if (!read_parts(tracker)) {
+        return 0;
+    }
     int64_t words[] = {WORD(tracker->scene->model), WORD(tracker->table)};
     return proximity_call(tracker->scene->set, ADOPT_PARTS, words);
+}
+
+int proximity_ignore(proximity_tracker *tracker, size_t finger, int32_t part, int is_ignored, proximity_error *error)
+{
+    if (tracker == NULL || finger >= tracker->count) {
+        return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there is no such tracker or finger");
+    }
+    if (part < 0 || part >= tracker->scene->archive.part_count) {
+        return proximity_no_such_part(tracker->scene, part, error);
+    }
+    if ((tracker->epoch != tracker->scene->epoch && !read_parts(tracker)) ||
+        (tracker->ignored == NULL && !renumber_ignored(tracker, tracker->identities, tracker->part_count))) {
+        return proximity_no_memory(error, "for the tracker");
+    }
+    uint8_t *place = &tracker->ignored[finger * (size_t)tracker->part_count + (size_t)part];
+    if (*place != (is_ignored != 0)) {
+        *place = is_ignored != 0;
+        tracker->ignored_count = *place ? tracker->ignored_count + 1 : tracker->ignored_count - 1;
+        set_ignored(tracker);
+        int64_t words[] = {WORD(tracker->tracks + finger), 1, WORD(tracker->balls + finger * BALLS_SIZE), 1, BALLS_SIZE};
+        proximity_call(tracker->scene->set, FORGET_SURFACES, words); /* which needs no memory */
+    }
+    return PROXIMITY_OK;
 }
 
 /* Set the velocities and paths that ticks read; return whether there is memory for the corners. */

@@ -47,6 +47,12 @@ def is_alone(parts):
 
 
 @inlined
+def ignores_some(parts):
+    """Whether rows say of parts that they are hidden which the trees over parts have."""
+    return parts[len(parts) - 1].is_hidden != 0
+
+
+@inlined
 def direction_to_local(frames, parts, part, x, y, z):
     """Rotate a direction from the scene's frame to the frame of *part*.
 

@@ -19,6 +19,7 @@ from proximity.kernels.geometry.frames import to_local
 from proximity.kernels.layout import MOMENT_STRIDE, NODE_STRIDE
 from proximity.kernels.point.walk import best_of_block, nearer_in_block, slot_distance_sq
 from proximity.kernels.traverse.best_first import best_first
+from proximity.kernels.traverse.ignored_parts import heed_some
 from proximity.kernels.tree.normal_slab import SMALLEST_BOUND, slabs_distance_sq
 from proximity.native import inlined
 from proximity.native.simd import maximum, minimum, narrow, select, splat, splat32
@@ -144,7 +145,8 @@ def _bounds_with_slabs(words, parts, reference, query, above):
     return bounds
 
 
-_walk = best_first(_query_in, _bounds, _bounds_with_slabs, _nearer_in_leaf, _target_sq, _prune_bound)
+_FUNCTIONS = _query_in, _bounds, _bounds_with_slabs, _nearer_in_leaf, _target_sq, _prune_bound
+_walk, _walk_heeded = best_first(*_FUNCTIONS), best_first(*_FUNCTIONS, heed_some)
 
 
 @inlined
@@ -158,4 +160,13 @@ def nearest_with_budget(model, start, part, point, best, tolerance, budget, work
     found, or less by the tolerance.
     """
     (best_sq, slot), lower_sq, work = _walk(model, start, part, point, best, tolerance, budget, workspace)
+    return best_sq, slot, lower_sq, work
+
+
+@inlined
+def nearest_of_heeded(model, start, part, point, best, tolerance, budget, workspace):
+    """The same of a scene of which some parts are ignored."""
+    (best_sq, slot), lower_sq, work = _walk_heeded(
+        model, start, part, point, best, tolerance, budget, workspace
+    )
     return best_sq, slot, lower_sq, work

@@ -15,7 +15,7 @@ the nearest (3 times the time, except with a known bound).
 import numpy as np
 
 from proximity.kernels.geometry.box import bound_of, lanes_of_point, node_bounds_sq
-from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
+from proximity.kernels.geometry.frames import ignores_some, is_alone, part_of_slot, to_local
 from proximity.kernels.geometry.triangle import point_block_distance_sq, point_triangle_distance_sq
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_PART, NO_SLOT, ORIENTED_STRIDE
 from proximity.kernels.nodes import corners_at, offset_of
@@ -26,6 +26,7 @@ from proximity.kernels.traverse.depth_first import (
     in_blocks,
     in_blocks_and_parts,
 )
+from proximity.kernels.traverse.ignored_parts import heed_some
 from proximity.kernels.tree.oriented_box import oriented_box_distance_sq, reach_into_boxes
 from proximity.native import inlined
 from proximity.native.simd import bits, horizontal_min, select, splat, splat32, trailing_zeros
@@ -137,7 +138,11 @@ def _nearer_in_part(model, part, start, query, best, stacks):
     return bound_of(found_sq / ratio_sq, offset), found_sq / ratio_sq, slot
 
 
-_walk_scene = depth_first(_open_children, in_blocks_and_parts(_nearer_in_leaf, _nearer_in_part, fetch_ahead))
+_at_leaf = in_blocks_and_parts(_nearer_in_leaf, _nearer_in_part, fetch_ahead)
+_walk_scene, _walk_heeded = (
+    depth_first(_open_children, _at_leaf),
+    depth_first(_open_children, _at_leaf, heed=heed_some),
+)
 
 
 @inlined
@@ -158,7 +163,11 @@ def nearest_in_scene(model, point, best_sq, best_part, best_slot, seen, stacks):
     lanes = lanes_of_point(p[0], p[1], p[2])
     best = bound_of(best_sq, lanes[2]), best_sq, best_slot
     query = lanes, seen, point, _boxes_of(model, len(parts) - 1, p, lanes[2])
-    _, best_sq, best_slot = _walk_scene(model, parts[len(parts) - 1].root, SCENE_STACKS, query, best, stacks)
+    root = parts[len(parts) - 1].root
+    if ignores_some(parts):
+        _, best_sq, best_slot = _walk_heeded(model, root, SCENE_STACKS, query, best, stacks)
+    else:
+        _, best_sq, best_slot = _walk_scene(model, root, SCENE_STACKS, query, best, stacks)
     if best_slot >= 0:
         best_part = part_of_slot(words, parts, best_slot)
     return best_sq, best_part, best_slot

@@ -22,6 +22,7 @@ from proximity.kernels.geometry.triangle import difference_of_products
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_SLOT, NODE_UPPER
 from proximity.kernels.nodes import lower_along, turned_corners_of_block, upper_along
 from proximity.kernels.traverse.depth_first import depth_first, in_blocks, in_blocks_and_parts, in_order
+from proximity.kernels.traverse.ignored_parts import heed_some
 from proximity.native import inlined
 from proximity.native.simd import (
     absolute,
@@ -320,7 +321,8 @@ def _first_in_part(model, part, start, query, best, stacks):
     return bound_of_parameter(found / ratio, entry), found / ratio, slot, weights
 
 
-first_hit_in_scene = depth_first(
-    _open_children, in_blocks_and_parts(_first_in_leaf, _first_in_part), in_order
-)
+_at_leaf = in_blocks_and_parts(_first_in_leaf, _first_in_part)
+first_hit_in_scene = depth_first(_open_children, _at_leaf, in_order)
 """The same over all parts of a scene; the additional data are origin and direction in the scene's frame."""
+first_hit_of_heeded = depth_first(_open_children, _at_leaf, in_order, heed_some)
+"""The same over those parts of a scene that are not ignored."""

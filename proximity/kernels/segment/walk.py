@@ -9,7 +9,7 @@ order of traversal.
 import numpy as np
 
 from proximity.kernels.geometry.closest_feature import read_corners
-from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
+from proximity.kernels.geometry.frames import ignores_some, is_alone, part_of_slot, to_local
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_PART, NO_SLOT
 from proximity.kernels.nodes import turned_corners_of_block
 from proximity.kernels.segment.box import node_bounds_sq, open_bound
@@ -22,6 +22,7 @@ from proximity.kernels.segment.triangle import (
     segment_triangle_distance_sq,
 )
 from proximity.kernels.traverse.depth_first import SCENE_STACKS, depth_first, in_blocks, in_blocks_and_parts
+from proximity.kernels.traverse.ignored_parts import heed_some
 from proximity.native import inlined, kernel
 from proximity.native.simd import bits, horizontal_min, select, splat, splat32, trailing_zeros
 
@@ -139,7 +140,11 @@ def _nearer_in_part(model, part, start, query, best, stacks):
     return open_bound(scene_plan, best_sq, fraction), best_sq, fraction, slot
 
 
-_walk_scene = depth_first(_open_children, in_blocks_and_parts(_nearer_in_leaf, _nearer_in_part))
+_at_leaf = in_blocks_and_parts(_nearer_in_leaf, _nearer_in_part)
+_walk_scene, _walk_heeded = (
+    depth_first(_open_children, _at_leaf),
+    depth_first(_open_children, _at_leaf, heed=heed_some),
+)
 
 
 @kernel
@@ -175,7 +180,10 @@ def segment_in_scene(model, segment, best_sq, known_slot, plans, probes, witness
     is_far = scene_plan.is_far != 0
     query = scene_plan, scene_probe, is_far, witness, (segment, plan, probe)
     best = open_bound(scene_plan, best_sq, fraction), best_sq, fraction, slot
-    _, best_sq, _, slot = _walk_scene(model, parts[scene].root, SCENE_STACKS, query, best, stacks)
+    if ignores_some(parts):
+        _, best_sq, _, slot = _walk_heeded(model, parts[scene].root, SCENE_STACKS, query, best, stacks)
+    else:
+        _, best_sq, _, slot = _walk_scene(model, parts[scene].root, SCENE_STACKS, query, best, stacks)
     if slot >= 0:
         found_part = part_of_slot(words, parts, slot)
     return best_sq, found_part, slot

@@ -14,6 +14,7 @@ from proximity.kernels.geometry.closest_feature import (
 )
 from proximity.kernels.geometry.frames import (
     LENGTH_ROUNDING,
+    ignores_some,
     is_alone,
     rounding_at,
     to_local,
@@ -169,7 +170,7 @@ def _search(model, arrays, i, finger, is_outside, is_moved, tolerance, budget, s
     best_sq, is_found, steps = 0.0, False, np.int64(0)
     # The frontier of the only part moves with it. In a scene of several parts, a part with a separate frame
     # is traversed fully.
-    may_keep = len(arrays.frontiers) > 0 and slot >= 0
+    may_keep = len(arrays.frontiers) > 0 and slot >= 0 and not ignores_some(parts)
     may_keep = may_keep and (is_alone(parts) or (parts[part].is_fused == 1 and not is_moved))
     kept = track.frontier_count
     if may_keep and (kept > 0 or kept == FRONTIER_BEGINS):

@@ -20,7 +20,7 @@ from proximity.kernels.contact_record import (
     TRACKED,
 )
 from proximity.kernels.geometry.closest_feature import stack_closest
-from proximity.kernels.geometry.frames import can_be_asked, is_alone, looks_like_millimetres
+from proximity.kernels.geometry.frames import can_be_asked, ignores_some, is_alone, looks_like_millimetres
 from proximity.kernels.geometry.rows import vector
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NO_PART, ModelArrays
 from proximity.kernels.nodes import fetch_block
@@ -45,7 +45,9 @@ from proximity.kernels.tracking.track import (
     Finger,
     Scratch,
     TrackerArrays,
+    begin_heeding,
     forget_distances,
+    heeded_by,
 )
 from proximity.native import ROWS_WITH_GIL, entry, inlined
 
@@ -86,6 +88,7 @@ def tick(model, arrays, positions, pose_ns, now_ns, is_moved):
     straight = Path(stack_f64_rows(2, 3), stack_f64(2))
     settings.steps_left = steps_for_all(settings.budget, count)
     settings.prediction_steps_left = PREDICTION_BUDGETS * settings.budget
+    begin_heeding(model, arrays)
     if is_moved:
         _follow_parts(model, arrays)
     answer = DONE | _observe_all(model, arrays, positions, pose_ns, now_ns)
@@ -210,7 +213,7 @@ def _find_all_distances(model, arrays, is_moved, scratch):
         flags = np.int64(finger.record["flags"])
         if not flags & TRACKED:
             continue
-        flags |= find_distance(model, arrays, i, finger, is_moved, scratch)
+        flags |= find_distance(heeded_by(model, arrays, i), arrays, i, finger, is_moved, scratch)
         part, track = finger.record.part, finger.track
         if track.reported_part != part and track.reported_part != NO_PART:
             flags |= PART_CHANGED
@@ -227,15 +230,17 @@ def _fetch_face(reals, slot):
 
 
 @inlined
-def _predict_all(model, arrays, straight, scratch):
+def _predict_all(whole, arrays, straight, scratch):
     """Write the predictions and the advice of each tracked finger; return the same as `_find_all_distances`.
 
-    *straight*: scratch, a path of two corners.
+    *whole*: the model with all parts; each finger uses those that it does not ignore. *straight*: scratch, a
+    path of two corners.
     """
     settings, count = arrays.settings[0], len(arrays.tracks)
     first, late = np.int64(settings.first_finger), count
     latency_ns = np.int64(1e9 * settings.latency)
-    movers = Movers(arrays.movers, np.int64(settings.mover_count), settings.any_stands != 0.0)
+    movers = all_movers = Movers(arrays.movers, np.int64(settings.mover_count), settings.any_stands != 0.0)
+    are_all = True
     for turn in range(count):
         i = (first + turn) % count
         if settings.prediction_steps_left <= 0.0:
@@ -244,6 +249,10 @@ def _predict_all(model, arrays, straight, scratch):
         flags = np.int64(finger.record["flags"])
         if not flags & TRACKED:
             continue
+        model = heeded_by(whole, arrays, i)
+        if all_movers.moving_count and not (are_all and not ignores_some(model.parts)):
+            are_all = not ignores_some(model.parts)
+            movers = Movers(arrays.movers, *gather_movers(model.frames, model.parts, arrays.movers))
         ahead = 1e-9 * (float(arrays.records[i].age_ns) + float(latency_ns))
         motion = relative_motion(model.frames, settings, movers, finger, flags)
         predict_distance(model, settings, finger, motion, ahead, flags, scratch)
@@ -255,6 +264,8 @@ def _predict_all(model, arrays, straight, scratch):
             )
         finger.record["flags"] = flags
         _advise(finger.record)
+    if not are_all:
+        gather_movers(whole.frames, whole.parts, arrays.movers)
     return late
 
 

@@ -79,6 +79,8 @@ class TrackerArrays(NamedTuple):
     before: np.ndarray  # (P, 12) float64, poses of the parts at the previous tick
     movers: np.ndarray  # float64, see `part_drift`
     workspace: np.ndarray  # float32, of searches, see `budgeted_walk`
+    ignored: np.ndarray  # (N, P) bool, the parts that each finger ignores; (N, 0) where none ignores any
+    heeded: np.ndarray  # (P + 1,) PART, scratch: the model's rows, as a finger heeds them; or as few
 
 
 class Finger(NamedTuple):
@@ -115,7 +117,31 @@ bundle(
     before=f"float64[:, {POSE_COLUMNS}]",
     movers="EightMovers[:]",
     workspace="float32[:]",
+    ignored="bool[:, :]",
+    heeded="Part[:]",
 )
+
+
+@inlined
+def begin_heeding(model, arrays):
+    """Copy the rows of parts, if some finger ignores any."""
+    if arrays.ignored.shape[1]:
+        for row in range(len(model.parts)):
+            arrays.heeded[row] = model.parts[row]
+
+
+@inlined
+def heeded_by(model, arrays, i):
+    """The model as finger *i* heeds it; until that of the next finger is asked for."""
+    if not arrays.ignored.shape[1]:
+        return model
+    heeded, scene = arrays.heeded, len(model.parts) - 1
+    heeded[scene].is_hidden = 0
+    for part in range(scene):
+        heeded[part].is_hidden = model.parts[part].is_hidden
+        if arrays.ignored[i, part]:
+            heeded[part].is_hidden = heeded[scene].is_hidden = 1
+    return ModelArrays(model.reals, model.words, model.frames, heeded)
 
 
 @inlined

@@ -17,6 +17,7 @@ import numpy as np
 from proximity.kernels.layout import ENTRY, LANES, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.nodes import child_at, children_of
 from proximity.kernels.traverse.depth_first import fetch
+from proximity.kernels.traverse.ignored_parts import heed_all
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,
@@ -98,7 +99,7 @@ def _nearest_waiting(workspace, first, end):
     return nearest
 
 
-def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of):
+def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of, heed=heed_all):
     """Return a walk within a budget, for squared distances in the scene's scaled frame.
 
     - ``query_in(frames, parts, part, point)``: the query in the frame of a part, passed to the others;
@@ -108,6 +109,7 @@ def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of):
     - ``leaf(reals, reference, query, best)``: *best* updated with a block; *best*: squared distance, slot;
     - ``target(best, tolerance)``: the squared distance at which the search ends;
     - ``reach_of(target_sq)``: the float32 limit for bounds of subtrees to open.
+    - ``heed``: see `ignored_parts`.
 
     The walk returns the best, a lower bound of the squared distance, and the steps taken. A step is a node or
     a leaf.
@@ -168,14 +170,15 @@ def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of):
                         continue
                     bounds = close_bounds(words, parts, reference, query, above)
                     references = children_of(words, NODE_STRIDE * reference)
-                    opened = _push(workspace, count, bounds, references, part, bounds <= splat32(reach))
+                    bounds, is_open = heed(model, reference, bounds, bounds <= splat32(reach))
+                    opened = _push(workspace, count, bounds, references, part, is_open)
                     follows = follows and opened > count
                     if follows:
                         following = _nearest_waiting(workspace, count, opened)
                     count = opened
             share = 2.0 * share if SWEEP_RATIO * (work - before) < end else SWEEP_SHARE
 
-    @inlined
+    @(inlined if heed is heed_all else kernel)
     def walk(model, start, part, point, best, tolerance, budget, workspace):
         """Walk from the reference *start*, in the frame of *part* (the scene's row: the tree over parts)."""
         reals, words, frames, parts = model
@@ -193,7 +196,7 @@ def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of):
             if reference >= 0:
                 base = NODE_STRIDE * reference
                 bounds = node_bounds(words, base, query)
-                is_open = bounds <= splat32(reach)
+                bounds, is_open = heed(model, reference, bounds, bounds <= splat32(reach))
                 if bits(is_open):
                     nearest, it = lowest_lane(bounds)
                     left = is_open

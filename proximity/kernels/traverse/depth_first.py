@@ -17,7 +17,8 @@ import numpy as np
 
 from proximity.kernels.layout import BLOCK_STRIDE, ENTRY, NODE_STRIDE, STACK_SIZE
 from proximity.kernels.nodes import child_at, children_of, fetch_block, fetch_node
-from proximity.native import inlined
+from proximity.kernels.traverse.ignored_parts import heed_all
+from proximity.native import inlined, kernel
 from proximity.native.simd import (
     bits,
     compress,
@@ -121,13 +122,15 @@ def fetch(reals, words, reference):
         fetch_block(reals, BLOCK_STRIDE * ~reference)
 
 
-def depth_first(open_children, at_leaf, descend=to_nearest):
+def depth_first(open_children, at_leaf, descend=to_nearest, heed=heed_all):
     """Return a walk from the reference *start* over a stack that begins at *bottom*; it returns the best.
 
-    *at_leaf*: made by `in_blocks` or `in_blocks_and_parts`. *tables*: the model, or its reals and words.
+    *at_leaf*: made by `in_blocks` or `in_blocks_and_parts`. *heed*: see `ignored_parts`; a walk that skips
+    parts is a separate function, so that other walks do not pay for it. *tables*: the model, or its reals and
+    words.
     """
 
-    @inlined
+    @(inlined if heed is heed_all else kernel)
     def walk(tables, start, bottom, query, best, stacks):
         reals, words = tables[0], tables[1]
         reference, at = start, bottom
@@ -135,6 +138,7 @@ def depth_first(open_children, at_leaf, descend=to_nearest):
             if reference >= 0:
                 base = NODE_STRIDE * reference
                 bounds, leaving, is_open = open_children(words, base, query, best[0])
+                bounds, is_open = heed(tables, reference, bounds, is_open)
                 if bits(is_open):
                     reference, at = descend(reals, words, base, bounds, leaving, is_open, stacks, at)
                     continue

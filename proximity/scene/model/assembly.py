@@ -49,6 +49,7 @@ class Model:
     packed: Any  # the four, as entry points take them
     epoch: int = 0  # of the scene: grows whenever part indices, faces or visibility change
     names: tuple[str, ...] = ()  # of the scene's parts, row by row
+    whole: "Model | None" = None  # of one that ignores parts: the model that has them, and owns the memory
 
     def __reduce__(self) -> tuple[Any, ...]:
         return finished, (self.reals, self.words, self.frames, self.parts, self.epoch, self.names)
@@ -67,6 +68,15 @@ class Model:
         for each in (0, 1):
             update_box(frames, parts, each)
         return finished(self.reals, self.words, frames, parts)
+
+    def ignoring(self, rows: Collection[int]) -> "Model":
+        """Return a model that ignores the parts of these rows, in this model's memory."""
+        if not rows:
+            return self
+        parts = self.parts.copy()
+        parts["is_hidden"][[*rows, -1]] = 1  # in the last row: that there are such
+        packed = native.packed(ModelArrays(self.reals, self.words, self.frames, parts))
+        return Model(self.reals, self.words, self.frames, parts, packed, self.epoch, self.names, self)
 
     def folded_faces(self, row: int) -> np.ndarray:
         """Return the faces of a part near which the winding number gives the sign, (K,) int32."""

@@ -1,12 +1,13 @@
 """Point, ray and segment queries, common to solids and scenes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numpy import inf  # looked up in NumPy, it would add 2 % to calls of five points
 
+from proximity.checks import shown
 from proximity.errors import ArgumentError, NotWatertightError, ProximityError
 from proximity.kernels.answers import (
     DISTANCE_WIDTH,
@@ -71,6 +72,10 @@ _closest_to_segments = CheckedQuery(
 ).quick()
 
 
+Ignored = str | int | Iterable[str | int] | None
+"""Parts that a query leaves out: a name or an index, several, or none."""
+
+
 class Queries:
     """Distance, containment, ray and segment queries; a base class of owners of a `Model`."""
 
@@ -80,8 +85,17 @@ class Queries:
         """Return the up-to-date arrays for queries."""
         raise NotImplementedError
 
+    def _ignoring(self, ignore: Ignored) -> Model:
+        """Return the same without the parts named; only a scene has some."""
+        raise ArgumentError(f"ignore is {shown(ignore)}, but a solid has no parts that could be ignored")
+
     def closest(
-        self, points: npt.ArrayLike, *, max_distance: npt.ArrayLike = inf, workers: int = 1
+        self,
+        points: npt.ArrayLike,
+        *,
+        max_distance: npt.ArrayLike = inf,
+        workers: int = 1,
+        ignore: Ignored = None,
     ) -> ClosestPoints:
         """Return the surface points nearest to *points*, with signed distances.
 
@@ -96,6 +110,9 @@ class Queries:
             than this have no answer.
         workers : int
             Threads; -1 for all cores. The answers are the same, bit for bit.
+        ignore : str, int, or several
+            Parts of a scene that this query leaves out, by name or index. An unknown one is a
+            `SceneError`.
 
         Returns
         -------
@@ -122,10 +139,11 @@ class Queries:
         Source: Bærentzen & Aanæs 2005; Barill et al. 2018; see `kernels`.
         """
         record = ClosestPoints()
-        record._table = _closest(self.snapshot(), points, max_distance, workers)
+        model = self.snapshot() if ignore is None else self._ignoring(ignore)
+        record._table = _closest(model, points, max_distance, workers)
         return record
 
-    def signed_distance(self, points: npt.ArrayLike, *, workers: int = 1) -> Reals:
+    def signed_distance(self, points: npt.ArrayLike, *, workers: int = 1, ignore: Ignored = None) -> Reals:
         """Return signed distances, m, negative inside: as `closest`, and faster.
 
         Parameters
@@ -134,6 +152,9 @@ class Queries:
             Points to measure from. A point that is not finite is answered with nan.
         workers : int
             Threads; -1 for all cores.
+        ignore : str, int, or several
+            Parts of a scene that this query leaves out, by name or index. An unknown one is a
+            `SceneError`.
 
         Returns
         -------
@@ -144,9 +165,10 @@ class Queries:
         ArgumentError
             If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
         """
-        return _signed_distance(self.snapshot(), points, inf, workers)
+        model = self.snapshot() if ignore is None else self._ignoring(ignore)
+        return _signed_distance(model, points, inf, workers)
 
-    def distance(self, points: npt.ArrayLike, *, workers: int = 1) -> Reals:
+    def distance(self, points: npt.ArrayLike, *, workers: int = 1, ignore: Ignored = None) -> Reals:
         """Return distances to the nearest surface of any part, m, without sign: the fastest query.
 
         Parameters
@@ -155,6 +177,9 @@ class Queries:
             Points to measure from. A point that is not finite is answered with nan.
         workers : int
             Threads; -1 for all cores.
+        ignore : str, int, or several
+            Parts of a scene that this query leaves out, by name or index. An unknown one is a
+            `SceneError`.
 
         Returns
         -------
@@ -165,9 +190,12 @@ class Queries:
         ArgumentError
             If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
         """
-        return _distance(self.snapshot(), points, inf, workers)
+        model = self.snapshot() if ignore is None else self._ignoring(ignore)
+        return _distance(model, points, inf, workers)
 
-    def contains(self, points: npt.ArrayLike, *, workers: int = 1) -> npt.NDArray[np.bool_]:
+    def contains(
+        self, points: npt.ArrayLike, *, workers: int = 1, ignore: Ignored = None
+    ) -> npt.NDArray[np.bool_]:
         """Return whether points are inside some part.
 
         Parameters
@@ -176,6 +204,9 @@ class Queries:
             Points to test. A point that is not finite is not inside.
         workers : int
             Threads; -1 for all cores.
+        ignore : str, int, or several
+            Parts of a scene that this query leaves out, by name or index. An unknown one is a
+            `SceneError`.
 
         Returns
         -------
@@ -189,7 +220,8 @@ class Queries:
         NotWatertightError
             If no part has an inside.
         """
-        return _contains(self.snapshot(), points, inf, workers)
+        model = self.snapshot() if ignore is None else self._ignoring(ignore)
+        return _contains(model, points, inf, workers)
 
     def cast(
         self,
@@ -198,6 +230,7 @@ class Queries:
         *,
         max_distance: npt.ArrayLike = inf,
         workers: int = 1,
+        ignore: Ignored = None,
     ) -> RayHits:
         """Return the first hits of rays.
 
@@ -212,6 +245,9 @@ class Queries:
             rays.
         workers : int
             Threads; -1 for all cores.
+        ignore : str, int, or several
+            Parts of a scene that this query leaves out, by name or index. An unknown one is a
+            `SceneError`.
 
         Returns
         -------
@@ -234,7 +270,8 @@ class Queries:
         Source: Woop, Benthin, Wald 2013, "Watertight ray/triangle intersection".
         """
         record = RayHits()
-        record._table = _cast(self.snapshot(), origins, directions, max_distance, workers)
+        model = self.snapshot() if ignore is None else self._ignoring(ignore)
+        record._table = _cast(model, origins, directions, max_distance, workers)
         return record
 
     def cast_distance(
@@ -244,6 +281,7 @@ class Queries:
         *,
         max_distance: npt.ArrayLike = inf,
         workers: int = 1,
+        ignore: Ignored = None,
     ) -> Reals:
         """Return the distances of `cast`, m, faster than `cast`.
 
@@ -258,6 +296,9 @@ class Queries:
             rays.
         workers : int
             Threads; -1 for all cores.
+        ignore : str, int, or several
+            Parts of a scene that this query leaves out, by name or index. An unknown one is a
+            `SceneError`.
 
         Returns
         -------
@@ -271,7 +312,8 @@ class Queries:
             If shapes or types do not fit, a direction is zero, *max_distance* is negative or nan, or
             *workers* is not a number of threads.
         """
-        return _cast_distance(self.snapshot(), origins, directions, max_distance, workers)
+        model = self.snapshot() if ignore is None else self._ignoring(ignore)
+        return _cast_distance(model, origins, directions, max_distance, workers)
 
     def closest_to_segments(
         self,
@@ -280,6 +322,7 @@ class Queries:
         *,
         max_distance: npt.ArrayLike = inf,
         workers: int = 1,
+        ignore: Ignored = None,
     ) -> SegmentHits:
         """Return the shortest connections between segments and the surface.
 
@@ -291,6 +334,9 @@ class Queries:
             Search no farther than this; an array broadcasts against the leading shape of the segments.
         workers : int
             Threads; -1 for all cores.
+        ignore : str, int, or several
+            Parts of a scene that this query leaves out, by name or index. An unknown one is a
+            `SceneError`.
 
         Returns
         -------
@@ -311,5 +357,6 @@ class Queries:
         Ties: the lowest part; within a part any of the nearest faces, the same on every run.
         """
         record = SegmentHits()
-        record._table = _closest_to_segments(self.snapshot(), starts, ends, max_distance, workers)
+        model = self.snapshot() if ignore is None else self._ignoring(ignore)
+        record._table = _closest_to_segments(model, starts, ends, max_distance, workers)
         return record

@@ -13,28 +13,29 @@ public static class LibraryProgram
         output.Write(MemoryMarshal.AsBytes(answers).ToArray());
     }
 
-    private static void AskAll(ProximityScene scene, ProximityVector[] points, ProximityVector[] others, BinaryWriter output)
+    private static void AskAll(ProximityScene scene, ProximityVector[] points, ProximityVector[] others, BinaryWriter output,
+        int[] ignored = null)
     {
         int count = points.Length;
         var numbers = new double[count];
         var nearest = new ProximityClosestPoint[count];
-        scene.Closest(points, nearest);
+        scene.Closest(points, nearest, Far, ignored);
         Write<ProximityClosestPoint>(output, nearest);
-        nearest[0] = scene.Closest(points[0]);
-        scene.Closest(new ReadOnlySpan<ProximityVector>(points, 1, count - 1), new Span<ProximityClosestPoint>(nearest, 1, count - 1), 0.01);
+        nearest[0] = scene.Closest(points[0], Far, ignored);
+        scene.Closest(new ReadOnlySpan<ProximityVector>(points, 1, count - 1), new Span<ProximityClosestPoint>(nearest, 1, count - 1), 0.01, ignored);
         Write<ProximityClosestPoint>(output, nearest);
-        scene.SignedDistance(points, numbers);
+        scene.SignedDistance(points, numbers, ignored);
         Write<double>(output, numbers);
-        scene.Distance(points, numbers);
+        scene.Distance(points, numbers, ignored);
         Write<double>(output, numbers);
         var isInside = new bool[count];
-        scene.Contains(points, isInside);
+        scene.Contains(points, isInside, ignored);
         Write<bool>(output, isInside);
         var hits = new ProximityRayHit[count];
-        scene.Cast(points, others, hits, 0.2);
+        scene.Cast(points, others, hits, 0.2, ignored);
         Write<ProximityRayHit>(output, hits);
         var segments = new ProximitySegmentHit[count];
-        scene.ClosestToSegments(points, others, segments);
+        scene.ClosestToSegments(points, others, segments, Far, ignored);
         Write<ProximitySegmentHit>(output, segments);
         var pose = new double[16];
         scene.GetPose(0, pose);
@@ -53,6 +54,8 @@ public static class LibraryProgram
             tracker.SetRadius(1, 0.002);
             for (int k = 0; k < 6; k++)
             {
+                if (k == 2 || k == 4)
+                    tracker.Ignore(1, 1, k == 2);
                 if (k == 3)
                     scene.Post(0, pose, 0); // like Move
                 if (k == 4)
@@ -92,6 +95,7 @@ public static class LibraryProgram
             copy.Move(new[] { 0 }, pose, new[] { points[0] });
             copy.Hide(copy.Find(words[3]));
             AskAll(copy, points, others, output);
+            AskAll(scene, points, others, output, new[] { scene.Find(words[3]) });
             Tick(scene, points, pose, output);
             Console.WriteLine(scene.PartCount + " " + scene.NameOf(scene.Find(words[3])) + " " + scene.Find("none")
                 + " '" + scene.NameOf(-1) + "'");

@@ -30,6 +30,9 @@ static void use(proximity_scene *scene)
         proximity_tick(tracker, points, instants, now_ns, NULL, step ? &paths : NULL, contacts, NULL);
         proximity_closest(scene, points, 50, INFINITY, found, NULL);
         proximity_contains(scene, points, 50, inside, NULL);
+        proximity_closest_without(scene, points, 50, INFINITY, &part, 1, found, NULL);
+        proximity_cast_distance_without(scene, points, points + 3, 49, INFINITY, &part, 1, distances, NULL);
+        proximity_ignore(tracker, 3 + step, part, step != 1, NULL);
         proximity_cast_distance(scene, points, points + 3, 49, INFINITY, distances, NULL);
         proximity_pose(scene, part, pose, NULL);
         proximity_tick_part(held, step ? pose : NULL, now_ns, now_ns, NULL, NULL, connections, NULL);
@@ -74,6 +77,8 @@ static int all_nulls_are_told(void)
            proximity_use_instructions(NULL, "v3", NULL) == PROXIMITY_BAD_ARGUMENT &&
            proximity_create_tracker(NULL, 1, NULL, &tracker, NULL) == PROXIMITY_BAD_ARGUMENT &&
            proximity_set_radius(NULL, 0, 0.0, NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_ignore(NULL, 0, 0, 1, NULL) == PROXIMITY_BAD_ARGUMENT &&
+           proximity_distance_without(NULL, numbers, 1, &part, 1, numbers, NULL) == PROXIMITY_BAD_ARGUMENT &&
            proximity_tick(NULL, numbers, &instant, 0, NULL, NULL, &contact, &error) == PROXIMITY_BAD_ARGUMENT &&
            proximity_tick_part(NULL, NULL, 0, 0, NULL, NULL, NULL, NULL) == PROXIMITY_BAD_ARGUMENT &&
            proximity_create_part_tracker(NULL, &part, 1, 1, NULL, NULL, NULL) == PROXIMITY_BAD_ARGUMENT &&

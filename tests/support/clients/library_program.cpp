@@ -46,6 +46,25 @@ try {
     scene.cast_distance(points, up, along);
     if (along[0] != hits[0].distance || scene.is_hidden(0) || scene.face_count(0) == 0)
         std::printf("answers differ\n");
+    scene.closest(points, found, proximity::unlimited, parts);
+    scene.cast(points, up, hits, proximity::unlimited, parts);
+    scene.closest_to_segments(points, up, nearest, proximity::unlimited, parts);
+    scene.contains(points, inside, parts);
+    if (found[1].part != PROXIMITY_NO_PART || hits[0].part != PROXIMITY_NO_PART || std::isfinite(nearest[0].distance) || inside[1])
+        std::printf("an ignored part answers\n");
+    for (int k = 0; k < 3; k++) {
+        k == 0   ? scene.distance(points, along, parts)
+        : k == 1 ? scene.signed_distance(points, along, parts)
+                 : scene.cast_distance(points, up, along, proximity::unlimited, parts);
+        if (std::isfinite(along[0]))
+            std::printf("an ignored part answers\n");
+    }
+    tracker.ignore(0, 0);
+    contacts = tracker.tick(points, instants, 1000000500);
+    if (std::isfinite(contacts[0].lower) || !std::isfinite(contacts[1].lower))
+        std::printf("an ignored part answers\n");
+    tracker.ignore(0, 0, false);
+    contacts = tracker.tick(points, instants, 1000000500);
     try {
         scene.clearance("bracket", "nothing");
     } catch (const proximity::Error &error) {

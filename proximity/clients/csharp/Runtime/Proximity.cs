@@ -255,40 +255,45 @@ namespace Proximity
         public void SetSurface(int part, double stiffness, double damping = 0) =>
             Native.Check(Native.proximity_set_surface(Handle, part, stiffness, damping, out NativeError error), ref error);
 
-        // --- queries: an answer for each row; none is farther than the limit, m ---
+        // --- queries: an answer for each row; none is farther than the limit, m. Ignored parts are left out ---
 
         public void Closest(ReadOnlySpan<ProximityVector> points, Span<ProximityClosestPoint> answers,
-            double limit = Unlimited) =>
-            Ask(Question.Closest, points, default, answers, limit);
+            double limit = Unlimited, ReadOnlySpan<int> ignored = default) =>
+            Ask(Question.Closest, points, default, answers, limit, ignored);
 
-        public ProximityClosestPoint Closest(ProximityVector point, double limit = Unlimited)
+        public ProximityClosestPoint Closest(ProximityVector point, double limit = Unlimited,
+            ReadOnlySpan<int> ignored = default)
         {
             ProximityClosestPoint answer;
-            Closest(new ReadOnlySpan<ProximityVector>(&point, 1), new Span<ProximityClosestPoint>(&answer, 1), limit);
+            Closest(new ReadOnlySpan<ProximityVector>(&point, 1), new Span<ProximityClosestPoint>(&answer, 1), limit,
+                ignored);
             return answer;
         }
 
         /// <summary>Signed distances, m: as Closest, and faster.</summary>
-        public void SignedDistance(ReadOnlySpan<ProximityVector> points, Span<double> distances) =>
-            Ask(Question.Signed, points, default, distances, Unlimited);
+        public void SignedDistance(ReadOnlySpan<ProximityVector> points, Span<double> distances,
+            ReadOnlySpan<int> ignored = default) =>
+            Ask(Question.Signed, points, default, distances, Unlimited, ignored);
 
         /// <summary>Distances without sign, m: the fastest.</summary>
-        public void Distance(ReadOnlySpan<ProximityVector> points, Span<double> distances) =>
-            Ask(Question.Distance, points, default, distances, Unlimited);
+        public void Distance(ReadOnlySpan<ProximityVector> points, Span<double> distances,
+            ReadOnlySpan<int> ignored = default) =>
+            Ask(Question.Distance, points, default, distances, Unlimited, ignored);
 
         /// <summary>Whether points are inside a part.</summary>
-        public void Contains(ReadOnlySpan<ProximityVector> points, Span<bool> isInside) =>
-            Ask(Question.Contains, points, default, isInside, Unlimited);
+        public void Contains(ReadOnlySpan<ProximityVector> points, Span<bool> isInside,
+            ReadOnlySpan<int> ignored = default) =>
+            Ask(Question.Contains, points, default, isInside, Unlimited, ignored);
 
         /// <summary>The first hits of rays; directions have any length but zero.</summary>
         public void Cast(ReadOnlySpan<ProximityVector> origins, ReadOnlySpan<ProximityVector> directions,
-            Span<ProximityRayHit> answers, double limit = Unlimited) =>
-            Ask(Question.Cast, origins, directions, answers, limit);
+            Span<ProximityRayHit> answers, double limit = Unlimited, ReadOnlySpan<int> ignored = default) =>
+            Ask(Question.Cast, origins, directions, answers, limit, ignored);
 
         /// <summary>The shortest connections between segments and the surface.</summary>
         public void ClosestToSegments(ReadOnlySpan<ProximityVector> starts, ReadOnlySpan<ProximityVector> ends,
-            Span<ProximitySegmentHit> answers, double limit = Unlimited) =>
-            Ask(Question.Segments, starts, ends, answers, limit);
+            Span<ProximitySegmentHit> answers, double limit = Unlimited, ReadOnlySpan<int> ignored = default) =>
+            Ask(Question.Segments, starts, ends, answers, limit, ignored);
 
         /// <summary>The shortest connection of two parts, within the tolerance.</summary>
         public ProximityClearance Clearance(int first, int second, double limit = Unlimited, double tolerance = 0,
@@ -324,19 +329,25 @@ namespace Proximity
         private enum Question { Closest, Signed, Distance, Contains, Cast, Segments }
 
         private void Ask<T>(Question question, ReadOnlySpan<ProximityVector> rows, ReadOnlySpan<ProximityVector> others,
-            Span<T> answers, double limit) where T : struct
+            Span<T> answers, double limit, ReadOnlySpan<int> ignored) where T : struct
         {
             Native.Expect(answers.Length == rows.Length && (others.IsEmpty || others.Length == rows.Length));
-            var count = (UIntPtr)rows.Length;
+            UIntPtr count = (UIntPtr)rows.Length, k = (UIntPtr)ignored.Length;
             NativeError e;
             int code;
             fixed (ProximityVector* a = rows, b = others) fixed (byte* to = MemoryMarshal.AsBytes(answers))
-                code = question == Question.Closest ? Native.proximity_closest(Handle, a, count, limit, to, out e)
-                    : question == Question.Signed ? Native.proximity_signed_distance(Handle, a, count, to, out e)
-                    : question == Question.Distance ? Native.proximity_distance(Handle, a, count, to, out e)
-                    : question == Question.Contains ? Native.proximity_contains(Handle, a, count, to, out e)
-                    : question == Question.Cast ? Native.proximity_cast(Handle, a, b, count, limit, to, out e)
-                    : Native.proximity_closest_to_segments(Handle, a, b, count, limit, to, out e);
+            fixed (int* parts = ignored)
+                code = question == Question.Closest
+                        ? Native.proximity_closest_without(Handle, a, count, limit, parts, k, to, out e)
+                    : question == Question.Signed
+                        ? Native.proximity_signed_distance_without(Handle, a, count, parts, k, to, out e)
+                    : question == Question.Distance
+                        ? Native.proximity_distance_without(Handle, a, count, parts, k, to, out e)
+                    : question == Question.Contains
+                        ? Native.proximity_contains_without(Handle, a, count, parts, k, to, out e)
+                    : question == Question.Cast
+                        ? Native.proximity_cast_without(Handle, a, b, count, limit, parts, k, to, out e)
+                    : Native.proximity_closest_to_segments_without(Handle, a, b, count, limit, parts, k, to, out e);
             Native.Check(code, ref e);
         }
     }
@@ -366,6 +377,12 @@ namespace Proximity
         /// <summary>Set the radius of one fingertip, m.</summary>
         public void SetRadius(int finger, double radius) =>
             Native.Check(Native.proximity_set_radius(handle, (UIntPtr)(uint)finger, radius, out NativeError e), ref e);
+
+        /// <summary>Exclude a part, such as one that the hand holds, from the contacts of a finger, or include it again,
+        /// from the next tick on.</summary>
+        public void Ignore(int finger, int part, bool isIgnored = true) =>
+            Native.Check(Native.proximity_ignore(handle, (UIntPtr)(uint)finger, part, isIgnored ? 1 : 0,
+                out NativeError e), ref e);
 
         /// <summary>Compute the contacts of all fingers, a row each; a finger whose position is not finite is not
         /// tracked. Instants are ns of one clock, velocities m/s; paths have equal numbers of corners, stored by
@@ -541,23 +558,25 @@ namespace Proximity
             double stiffness, double damping, out NativeError error);
         [DllImport("proximity")] internal static extern int proximity_clearance(NativeHandle s, int first,
             int second, double limit, double tolerance, UIntPtr budget, out ProximityClearance to, out NativeError error);
-        [DllImport("proximity")] internal static extern int proximity_closest(NativeHandle s, void* points,
-            UIntPtr n, double limit, void* to, out NativeError error);
-        [DllImport("proximity")] internal static extern int proximity_signed_distance(NativeHandle s, void* points,
-            UIntPtr n, void* to, out NativeError error);
-        [DllImport("proximity")] internal static extern int proximity_distance(NativeHandle s, void* points,
-            UIntPtr n, void* to, out NativeError error);
-        [DllImport("proximity")] internal static extern int proximity_contains(NativeHandle s, void* points,
-            UIntPtr n, void* to, out NativeError error);
-        [DllImport("proximity")] internal static extern int proximity_cast(NativeHandle s, void* a, void* b,
-            UIntPtr n, double limit, void* to, out NativeError error);
-        [DllImport("proximity")] internal static extern int proximity_closest_to_segments(NativeHandle s, void* a,
-            void* b, UIntPtr n, double limit, void* to, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_closest_without(NativeHandle s, void* points,
+            UIntPtr n, double limit, void* parts, UIntPtr k, void* to, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_signed_distance_without(NativeHandle s, void* points,
+            UIntPtr n, void* parts, UIntPtr k, void* to, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_distance_without(NativeHandle s, void* points,
+            UIntPtr n, void* parts, UIntPtr k, void* to, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_contains_without(NativeHandle s, void* points,
+            UIntPtr n, void* parts, UIntPtr k, void* to, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_cast_without(NativeHandle s, void* a, void* b,
+            UIntPtr n, double limit, void* parts, UIntPtr k, void* to, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_closest_to_segments_without(NativeHandle s, void* a,
+            void* b, UIntPtr n, double limit, void* parts, UIntPtr k, void* to, out NativeError error);
         [DllImport("proximity")] internal static extern ProximityTrackerSettings proximity_default_settings();
         [DllImport("proximity")] internal static extern int proximity_create_tracker(NativeHandle s, UIntPtr fingers,
             void* settings, IntPtr* made, out NativeError error);
         [DllImport("proximity")] internal static extern int proximity_set_radius(NativeHandle tracker,
             UIntPtr finger, double radius, out NativeError error);
+        [DllImport("proximity")] internal static extern int proximity_ignore(NativeHandle tracker, UIntPtr finger,
+            int part, int isIgnored, out NativeError error);
         [DllImport("proximity")] internal static extern int proximity_tick(NativeHandle t, void* at, void* poseNs,
             long ns, void* v, void* paths, void* to, out NativeError error);
         [DllImport("proximity")] internal static extern void proximity_reset_tracker(NativeHandle tracker);

@@ -11,7 +11,7 @@ The parts of a point are processed in *turns* of up to `LANES`: first the lists,
 import numpy as np
 
 from proximity.kernels.geometry.box import point_boxes_distance_sq
-from proximity.kernels.geometry.frames import LENGTH_ROUNDING, to_local
+from proximity.kernels.geometry.frames import LENGTH_ROUNDING, ignores_some, to_local
 from proximity.kernels.layout import CELLS_PER_WORD, LANES, NO_GRID, NODE_PARTS, NODE_STRIDE
 from proximity.kernels.sign.inside_grid import CELL_SLACK
 from proximity.native import entry, inlined, kernel
@@ -87,8 +87,14 @@ def dynamic_bits(words, parts, turn, sx, sy, sz):
     else:
         node += 1 + turn
     base = NODE_STRIDE * node
-    within = bits(point_boxes_distance_sq(words, base, sx, sy, sz) <= splat32(np.float32(0.0)))
-    return mask & within, base + NODE_PARTS
+    within = mask & bits(point_boxes_distance_sq(words, base, sx, sy, sz) <= splat32(np.float32(0.0)))
+    if ignores_some(parts):
+        left = within
+        while left:
+            part = load_int(words, base + NODE_PARTS + trailing_zeros(left))
+            within &= ~(left & -left) if parts[part].is_hidden else np.int64(-1)
+            left &= left - 1
+    return within, base + NODE_PARTS
 
 
 @inlined

@@ -10,14 +10,13 @@ Source: Benthin, Woop, Wald, Áfra 2017, "Improved two-level BVHs using partial 
 import numpy as np
 
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
-from proximity.kernels.geometry.frames import part_of_slot
 from proximity.kernels.geometry.rows import copy_numbers, copy_row
 from proximity.kernels.layout import BOX_STRIDE, ENTRY, LANES, NODE_CHILDREN, NODE_STRIDE
 from proximity.kernels.nodes import child_at, is_used, lower_at, upper_at
 from proximity.kernels.stack_arrays import stack_f64
+from proximity.kernels.traverse.ignored_parts import part_of_child
 from proximity.kernels.tree.collapse import clear_box, node_box, write_lane
-from proximity.native import entry, inlined, kernel
-from proximity.native.simd import load_int
+from proximity.native import entry, kernel
 
 
 @kernel
@@ -97,28 +96,6 @@ def gather_entries(words, frames, parts, target):
     return boxes[: BOX_STRIDE * done].copy(), references[:done].copy()
 
 
-@inlined
-def part_of_node(parts, node):
-    """Return the part of a node. It is the last part whose root does not follow the node."""
-    # Branchless binary search: the comparisons are unpredictable.
-    low, count = np.int64(0), np.int64(len(parts) - 1)
-    while count > 1:
-        half = count // 2
-        low += half if parts[low + half].root <= node else 0
-        count -= half
-    return low
-
-
-@inlined
-def _part_of_child(words, parts, reference, entries_at):
-    """Return the part of a leaf of the static tree. The leaf is an entry, or a node or block of a part."""
-    if reference >= 0:
-        return part_of_node(parts, reference)
-    if ~reference < ENTRY:
-        return part_of_slot(words, parts, LANES * ~reference)
-    return np.int64(load_int(words, entries_at + 2 * (~reference - ENTRY)))
-
-
 @entry("float32[:], Part[:], int, int, int, int -> bool", makes_arrays=True)
 def thin_out(words, parts, first, count, target, entries_at):
     """Copy *count* nodes of a static tree from *first* to *target*, without the dynamic and hidden parts.
@@ -139,7 +116,7 @@ def thin_out(words, parts, first, count, target, entries_at):
                 reference += target - first
                 node_box(words, reference, box)
             else:
-                part = _part_of_child(words, parts, reference, entries_at)
+                part = part_of_child(words, parts, reference, entries_at)
                 if not parts[part].is_dynamic and not parts[part].is_hidden:
                     continue
                 clear_box(box)

@@ -16,7 +16,7 @@ from proximity.kernels.geometry.closest_feature import (
     over_face,
     read_corners,
 )
-from proximity.kernels.geometry.frames import is_alone, part_of_slot, to_local
+from proximity.kernels.geometry.frames import ignores_some, is_alone, part_of_slot, to_local
 from proximity.kernels.layout import (
     CELL_CROSSED,
     CELL_INSIDE,
@@ -27,7 +27,13 @@ from proximity.kernels.layout import (
     SIGN_NONE,
     SIGN_WINDING,
 )
-from proximity.kernels.point.budgeted_walk import DOWN, NO_TOLERANCE, known_sq, nearest_with_budget
+from proximity.kernels.point.budgeted_walk import (
+    DOWN,
+    NO_TOLERANCE,
+    known_sq,
+    nearest_of_heeded,
+    nearest_with_budget,
+)
 from proximity.kernels.scene.inside.containment import state_in_part
 from proximity.kernels.scene.inside.part_grid import containing_bits, lowest_part, sought, turns_of
 from proximity.kernels.sign.side import closest_of_slot, is_inside_by_winding, signed_of_slot
@@ -56,9 +62,15 @@ def nearest_from_face(model, point, part, slot, limit_sq, tolerance, budget, wor
         else:
             slot = np.int64(NO_SLOT)
     walk_row = np.int64(0) if is_alone(parts) else len(parts) - 1
-    best_sq, slot, lower_sq, work = nearest_with_budget(
-        model, parts[walk_row].root, walk_row, point, (best_sq, slot), tolerance, budget, workspace
-    )
+    start, best = parts[walk_row].root, (best_sq, slot)
+    if ignores_some(parts):
+        best_sq, slot, lower_sq, work = nearest_of_heeded(
+            model, start, walk_row, point, best, tolerance, budget, workspace
+        )
+    else:
+        best_sq, slot, lower_sq, work = nearest_with_budget(
+            model, start, walk_row, point, best, tolerance, budget, workspace
+        )
     if slot >= 0:
         part = part_of_slot(words, parts, slot)
     return best_sq, part, slot, lower_sq, work

@@ -8,7 +8,7 @@ the smallest to metres.
 import numpy as np
 
 from proximity.kernels.answers import DISTANCE_WIDTH, RAY_ANSWER_DISTANCE
-from proximity.kernels.geometry.frames import is_alone
+from proximity.kernels.geometry.frames import ignores_some, is_alone
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES, NO_ROW, NO_SLOT, STACKS_SIZE, ModelArrays
 from proximity.kernels.ray.hit_rows import HIT_OFFSETS_SIZE, HITS_SIZE, fill_hits, write_hit, write_no_hit
@@ -28,7 +28,7 @@ from proximity.kernels.ray.ray_lanes import (
     make_ready,
     view_of,
 )
-from proximity.kernels.ray.walk import first_hit, first_hit_in_scene
+from proximity.kernels.ray.walk import first_hit, first_hit_in_scene, first_hit_of_heeded
 from proximity.kernels.scene.queries.point_queries import fetch_row, limit_of
 from proximity.kernels.stack_arrays import stack_f32, stack_f64, stack_i64
 from proximity.kernels.traverse.depth_first import SCENE_STACKS
@@ -80,9 +80,11 @@ def _hits_of_parts(model, count, origins, rows, aims, views, slots, stacks):
         row = rows[k]
         ray = (origins[row, 0], origins[row, 1], origins[row, 2]), direction_of(views, k)
         query = aim_of(aims, k), view_of(views, k), views[RAY_CHUNK * VIEW_START + k], ray
-        best = first_hit_in_scene(
-            model, root, SCENE_STACKS, query, _before_walk(aims, views, k, scale), stacks
-        )
+        best = _before_walk(aims, views, k, scale)
+        if ignores_some(model.parts):
+            best = first_hit_of_heeded(model, root, SCENE_STACKS, query, best, stacks)
+        else:
+            best = first_hit_in_scene(model, root, SCENE_STACKS, query, best, stacks)
         _keep_hit(views, slots, k, best)
 
 
@@ -114,7 +116,7 @@ def cast_batch(model, origins, directions, order, limits, answers):
     scale, root, is_one_tree = (
         frames[walk_row].scale,
         parts[walk_row].root,
-        is_single or parts[walk_row].all_fused,
+        is_single or (parts[walk_row].all_fused and not ignores_some(parts)),
     )
     owners, hit_offsets, hits = stack_i64(RAY_CHUNK), stack_i64(HIT_OFFSETS_SIZE), stack_f64(HITS_SIZE)
     zero_row = np.int64(NO_ROW)

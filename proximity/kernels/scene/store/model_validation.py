@@ -28,7 +28,7 @@ from proximity.kernels.layout import (
     ORIENTED_STRIDE,
 )
 from proximity.kernels.nodes import child_at, lower_along, upper_along
-from proximity.kernels.scene.parts.static_tree import part_of_node
+from proximity.kernels.traverse.ignored_parts import part_of_node
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import absolute, bits, load, load_int, splat, splat32
 
