@@ -76,6 +76,7 @@ model
 """,
     "proximity.scene.queries": """
 queries
+crossings
 checked_query
 results
 """,
