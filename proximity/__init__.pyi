@@ -50,6 +50,7 @@ from proximity.scene.queries.results import NO_FACE as NO_FACE
 from proximity.scene.queries.results import NO_PART as NO_PART
 from proximity.scene.queries.results import ClosestPoints as ClosestPoints
 from proximity.scene.queries.results import Feature as Feature
+from proximity.scene.queries.results import RayCrossings as RayCrossings
 from proximity.scene.queries.results import RayHits as RayHits
 from proximity.scene.queries.results import SegmentHits as SegmentHits
 from proximity.scene.scene import Scene as Scene

@@ -76,6 +76,7 @@ html_table · model
 """,
     "proximity.scene.queries": """
 queries
+crossings
 checked_query
 results
 """,

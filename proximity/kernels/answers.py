@@ -31,6 +31,9 @@ RAY_ANSWER_PART = 2 * RAY_ANSWER_REALS
 RAY_ANSWER_FACE = RAY_ANSWER_PART + 1
 RAY_ANSWER_WIDTH = RAY_ANSWER_REALS + 1
 """Width of a row in float64."""
+CROSSING_IS_ENTERING = RAY_ANSWER_FACE + 1
+"""Third int32 of a crossing; the fourth is unused."""
+CROSSING_WIDTH = RAY_ANSWER_REALS + 2
 DISTANCE_WIDTH = 1
 """Width in float64 of a row that holds only the distance."""
 

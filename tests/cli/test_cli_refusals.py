@@ -35,6 +35,8 @@ query box.stl 1 2 3 --points - | points are given as arguments already
 query box.stl 1 2 3 --segment | points are taken in pairs (start, end), but there are 1
 query box.stl 1 2 3 --segment --ray 0 0 1 | give one of them, not both
 query box.stl 1 2 3 --json --csv - | give one of them, not both
+query box.stl 1 2 3 --all | is for --ray
+query box.stl 1 2 3 --segment --min-distance 1 | is for --ray
 query box.stl 1 2 3 --workers 0 | 0 threads: expected 1 or more, or -1
 query box.stl 1 2 3 --workers two | Invalid value for '--workers'
 query box.stl 1 2 3 --unpacked-limit 0 | 0: expected more than 0

@@ -26,7 +26,7 @@ PUBLIC = {
     "Loading": ("load", "from_mesh", "from_trimesh", "to_trimesh", "LoadReport"),
     "Scenes and parts": ("Scene", "Part", "Solid", "TriangleMesh", "Pose", "SignMethod", "Surface"),
     "Answers": (
-        "ClosestPoints", "RayHits", "SegmentHits", "Feature", "Clearance", "Relation",
+        "ClosestPoints", "RayHits", "RayCrossings", "SegmentHits", "Feature", "Clearance", "Relation",
         "Motion", "MotionClearance", "overlap", "Overlap", "NO_FACE", "NO_PART",
     ),
     "Tracker": (

@@ -56,6 +56,8 @@ def write_text(question: Question, chunks: Iterator[Answers], *, is_whole: bool 
             _write_rows(columns, has_titles=not row)
         row += count_of(chunk)
         sys.stdout.flush()
+    if question.mode == "crossings" and not row:
+        report("note: no ray crosses a part")
     if count > row or more:
         known = f"{count} or more" if more else str(count)
         report(f"these are {row} of {known}; --csv FILE or a pipe shows all")
@@ -73,7 +75,7 @@ def _shown(question: Question, answers: Answers, first_row: int) -> list[Column]
         behind = [column.name for column in columns].index("signed_distance") + 1
         sides = [_side(*pair) for pair in signs]
         columns.insert(behind, Column("side", "side", "", FIELDS["side"], sides, -TEXT_WIDTHS["side"], 0))
-    if "name" not in columns[0].name:
+    if "name" not in columns[0].name and columns[0].name != "ray":
         rows = list(range(first_row, first_row + count_of(answers)))
         columns.insert(0, Column("#", "#", "", GIVEN, rows, 5, 0))
     return columns

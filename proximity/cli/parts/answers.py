@@ -66,6 +66,7 @@ FIELDS = {
     "name": _text("name", "name"),
     "start_name": _text("name", "start name"),
     "end_name": _text(label="end name"),
+    "ray": _text("ray"),
     "query": Field("{}_{unit}", axes="xyz", is_length=True),
     "origin": Field("{}_{unit}", axes="xyz", is_length=True),
     "direction": Field(axes="xyz"),
@@ -74,6 +75,7 @@ FIELDS = {
     "signed_distance": Field("distance_{unit}", "signed distance", is_length=True),
     "distance": Field("distance_{unit}", "distance", is_length=True),
     "side": _text("side"),
+    "crossing": _text("crossing", "the ray"),
     "is_signed": Field(),
     "fraction": Field(label="fraction"),
     "point": Field("point_{}", "closest point", axes="xyz", is_length=True),
@@ -91,12 +93,16 @@ FIELDS = {
 TITLED = ("name", "start_name", "end_name")
 GIVEN = _text()
 """Field of a column that is copied from the points."""
-TEXT_WIDTHS = {"name": 10, "start_name": 10, "side": len("outside"), "part_name": 24}
+TEXT_WIDTHS = {
+    "name": 10, "start_name": 10, "ray": 5, "side": len("outside"), "crossing": len("crossing"),
+    "part_name": 24,
+}  # fmt: skip
 FACES = ("part", "part_name", "face", "face_id")
 """``face`` is the row in the faces of the file, ``face_id`` that in the mesh of the part."""
 ANSWERED = {  # by kind of query, after the query points; named as in the library's results
     "closest": ("signed_distance", "is_signed", "point", "gradient", *FACES, "feature", "barycentric"),
     "ray": ("distance", "point", "normal", *FACES, "barycentric"),
+    "crossings": ("ray", "distance", "crossing", "point", "normal", *FACES, "barycentric"),
     "segment": ("distance", "fraction", "point_on_segment", "point_on_solid", *FACES),
 }
 Answers = dict[str, list[Any]]
@@ -115,10 +121,13 @@ class Question:
         workers: int,
         *,
         is_segment: bool,
+        is_all: bool = False,
+        min_distance: float = 0.0,
     ) -> None:
         self.scene, self.units, self._metres, self._workers = scene, units, metres, workers
-        self.mode = "segment" if is_segment else "closest" if direction is None else "ray"
-        self._direction = direction
+        ray_mode = "crossings" if is_all else "ray"
+        self.mode = "segment" if is_segment else "closest" if direction is None else ray_mode
+        self._direction, self._min_distance = direction, min_distance * metres
         self._lower, self._upper = in_units(np.array(scene.bounds), metres)
         self._size = float((self._upper - self._lower).max())
         self._asked, self._far_count, self._farthest = 0, 0, 0.0
@@ -135,7 +144,7 @@ class Question:
             rows = np.array(chunk.coordinates, dtype=np.float64).reshape(-1, 3)
             self._count_far(rows)
             rows = rows[: len(rows) // 2 * 2] if is_pair else rows
-            yield self._given(chunk.kept, len(rows)) | self._answered(rows)
+            yield self._answered(rows, self._given(chunk.kept, len(rows)))
         if is_pair and self._asked % 2 == 1:
             raise ArgumentError(f"points are taken in pairs (start, end), but there are {self._asked}")
 
@@ -151,7 +160,8 @@ class Question:
             for name, values in texts.items()
         }
 
-    def _answered(self, rows: np.ndarray) -> Answers:
+    def _answered(self, rows: np.ndarray, texts: Answers) -> Answers:
+        """Return the fields of the answers behind *texts*, those of the points."""
         with np.errstate(over="ignore"):  # beyond float64 the point is not finite
             points = rows * self._metres
         if self.mode == "closest":
@@ -159,20 +169,33 @@ class Question:
             given, ends = {"query": rows}, (points, hits.point)
         elif self.mode == "ray":
             directions = np.broadcast_to(np.array(self._direction), rows.shape)
-            hits = self.scene.cast(points, directions, workers=self._workers)
+            # Without a least distance the answers are the same, and faster.
+            least: dict[str, Any] = {"min_distance": self._min_distance} if self._min_distance else {}
+            hits = self.scene.cast(points, directions, workers=self._workers, **least)
             given, ends = {"origin": rows, "direction": directions}, (points, hits.point)
+        elif self.mode == "crossings":
+            directions = np.broadcast_to(np.array(self._direction), rows.shape)
+            hits = self.scene.cast_all(
+                points, directions, min_distance=self._min_distance, workers=self._workers
+            )
+            first_ray, rays = self._asked - len(rows), hits.ray
+            texts = {name: [values[ray] for ray in rays.tolist()] for name, values in texts.items()}
+            texts["ray"] = (first_ray + rays).tolist()
+            given, ends = {"origin": rows[rays], "direction": directions[rays]}, (points[rays], hits.point)
         else:
             hits = self.scene.closest_to_segments(points[0::2], points[1::2], workers=self._workers)
             given, ends = (
                 {"start": rows[0::2], "end": rows[1::2]},
                 (hits.point_on_segment, hits.point_on_solid),
             )
-        found = {name: values.tolist() for name, values in given.items()}
+        found = texts | {name: values.tolist() for name, values in given.items()}
         for name in ANSWERED[self.mode]:
             if FIELDS[name].is_length:
                 between = ends if name.endswith("distance") else ()
                 found[name] = in_units(getattr(hits, name), self._metres, *between).tolist()
-            elif name not in (*FACES, "feature"):
+            elif name == "crossing":
+                found[name] = ["enters" if each else "leaves" for each in hits.is_entering.tolist()]
+            elif name not in (*FACES, "feature", "ray"):
                 found[name] = getattr(hits, name).tolist()
             elif name == "part":
                 found |= self._faces(hits)

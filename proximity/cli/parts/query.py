@@ -43,6 +43,13 @@ def query(
     ray: Annotated[
         tuple[str, str, str] | None, option("DX DY DZ", "Cast a ray from each point in this direction.")
     ] = None,
+    cast_all: Annotated[
+        bool, flag("--all", "Report every crossing along each ray, not only the first hit.")
+    ] = False,
+    min_distance: Annotated[
+        float | None,
+        option("LENGTH", "Skip hits of a ray that are nearer than this.", callback=in_range(0.0)),
+    ] = None,
     segment: Annotated[
         bool, flag("--segment", "Use the points in pairs: start and end of a segment.")
     ] = False,
@@ -72,6 +79,9 @@ def query(
     fields, and lengths with 15 digits. Signed distance is negative inside. A part without an inside has
     unsigned distances, which are marked.
 
+    With --all a ray has a line for each crossing: its distance, and whether the ray enters or leaves the
+    part there. A ray that only touches an edge or a corner does not cross there.
+
     A file of points is a mesh or point cloud (.ply, .stl, .obj), or has one point per line, separated by
     commas, semicolons or spaces, optionally followed by a normal. The first line may name the columns and
     their unit, which must be that of --points-units or --units. All other columns are copied to CSV and
@@ -93,6 +103,7 @@ def query(
       proximity query gearbox.step --points scan.csv --csv answers.csv --within 0.1
       proximity query gearbox.step --points scan.stl --within 0.1 --report report.html
       proximity query bracket.stl 30 10 50 --ray 0 0 -1
+      proximity query bracket.stl 30 10 50 --ray 0 0 -1 --all
       proximity query bracket.stl 0 0 50  60 0 50 --segment --json
       shuf points.txt | proximity query bracket.stl --points - --workers -1
     """
@@ -101,6 +112,8 @@ def query(
         (as_json and csv, "--json and --csv", "give one of them, not both"),
         (workers == 0 or workers < -1, "--workers", f"{workers} threads: expected 1 or more, or -1"),
         (within is not None and (ray or segment), "--within", "is for points, not for rays or segments"),
+        (cast_all and not ray, "--all", "is for --ray"),
+        (min_distance is not None and not ray, "--min-distance", "is for --ray"),
         (points_units and points is None, "--points-units", "is for --points"),
         (report_page and (points is None or within is None), "--report", "requires --points and --within"),
     )
@@ -120,7 +133,16 @@ def query(
         from proximity.scene.loader import notes_on_sizes
 
         metres, scene = metres_per_unit(reading.units), reading.load(file)
-        question = answers.Question(scene, reading.units, metres, direction, workers, is_segment=segment)
+        question = answers.Question(
+            scene,
+            reading.units,
+            metres,
+            direction,
+            workers,
+            is_segment=segment,
+            is_all=cast_all,
+            min_distance=min_distance or 0.0,
+        )
     for note in notes_on_sizes(scene):
         report(f"note: {note}")
     collected = summary = None

@@ -168,20 +168,23 @@ def pick(axis, x, y, z):
 
 
 @inlined
+def corner_seen_along(origin, lean_x, lean_y, corner):
+    """Shear a corner so that the ray is the z axis, from the origin on; see `ray_triangle_sides`."""
+    (ox, oy, oz), (x, y, z) = origin, corner
+    height = z - oz
+    return fma(lean_x, height, x - ox), fma(lean_y, height, y - oy), height
+
+
+@inlined
 def ray_triangle_sides(origin, lean_x, lean_y, a, b, c):
     """Return the unnormalized weights of the corners, and the weighted height; scalars or vectors.
 
     *origin* of the ray and corners *a b c*: (x, y, z) each, axes permuted so that the ray runs mostly along
     z; *lean_x*, *lean_y* are -dx/dz, -dy/dz. A line hits if no two weights differ in sign.
     """
-    ox, oy, oz = origin
-    ax, ay, az = a
-    bx, by, bz = b
-    cx, cy, cz = c
-    az, bz, cz = az - oz, bz - oz, cz - oz
-    ax, ay = fma(lean_x, az, ax - ox), fma(lean_y, az, ay - oy)
-    bx, by = fma(lean_x, bz, bx - ox), fma(lean_y, bz, by - oy)
-    cx, cy = fma(lean_x, cz, cx - ox), fma(lean_y, cz, cy - oy)
+    ax, ay, az = corner_seen_along(origin, lean_x, lean_y, a)
+    bx, by, bz = corner_seen_along(origin, lean_x, lean_y, b)
+    cx, cy, cz = corner_seen_along(origin, lean_x, lean_y, c)
     u = difference_of_products(bx, cy, by, cx)
     v = difference_of_products(cx, ay, cy, ax)
     w = difference_of_products(ax, by, ay, bx)
@@ -209,7 +212,7 @@ def look_along(ox, oy, oz, dx, dy, dz):
 
 
 @inlined
-def _seen_along(reals, base, view):
+def seen_along(reals, base, view):
     """Compute `ray_triangle_sides` of the eight triangles at *base*, and the mask of hits by the line."""
     axis, px, py, pz, lean_x, lean_y, _ = view
     z = np.int64(axis)
@@ -227,7 +230,7 @@ def hits_in_block(reals, base, view, longest):
 
     *view* from `look_along`; the ray starts within `FAR`.
     """
-    u, v, w, height, is_hit = _seen_along(reals, base, view)
+    u, v, w, height, is_hit = seen_along(reals, base, view)
     hits = bits(is_hit)
     if hits:
         parameters = height / (u + v + w) * splat(view[6])
@@ -244,7 +247,7 @@ def first_in_block(reals, base, view, entry, best):
     found, first = best, np.int64(-1)
     weight_a, weight_b, weight_c = 0.0, 0.0, 0.0
     zero, pace = splat(0.0), view[6]
-    u, v, w, height, is_hit = _seen_along(reals, base, view)
+    u, v, w, height, is_hit = seen_along(reals, base, view)
     if bits(is_hit):
         # Without area: 0/0, which fails every comparison.
         parameters = splat(entry) + height / (u + v + w) * splat(pace)
@@ -265,7 +268,8 @@ def aim_and_view(ox, oy, oz, dx, dy, dz, margin):
 
 
 @inlined
-def _open_children(words, base, query, reach):
+def open_children(words, base, query, reach):
+    """Apply `open_boxes` to the node at *base*; the query begins with the aim."""
     return open_boxes(words, base, query[0], splat32(np.float32(0.0)), reach)
 
 
@@ -280,10 +284,25 @@ def _first_in_leaf(reals, reference, query, best):
     return best
 
 
-first_hit = depth_first(_open_children, in_blocks(_first_in_leaf), in_order)
+first_hit = depth_first(open_children, in_blocks(_first_in_leaf), in_order)
 """Walk for the first hit of a ray below a reference. The query: `aim_and_view`, the entry from `approach`,
 and data for `into_part`; the best: a bound of boxes, parameter, slot, and unnormalized barycentric
 coordinates, 0 if the initial best was not improved."""
+
+
+@inlined
+def aim_in_part(origin, direction):
+    """Return whether a ray, in a part's frame, approaches the part, the entry from `approach`, aim and view.
+
+    The largest component of *direction* is between 0.5 and 2. Aim and view: see `aim_and_view`.
+    """
+    ox, oy, oz = origin
+    dx, dy, dz = direction
+    is_near, entry = True, 0.0
+    if is_from_afar(ox, oy, oz):
+        is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)
+    aim, view = aim_and_view(ox, oy, oz, dx, dy, dz, SLAB_MARGIN)
+    return is_near, entry, aim, view
 
 
 @inlined
@@ -292,12 +311,7 @@ def ray_in_part(reals, words, start, origin, direction, parameter, slot, stacks)
 
     The largest component of *direction* is between 0.5 and 2.
     """
-    ox, oy, oz = origin
-    dx, dy, dz = direction
-    is_near, entry = True, 0.0
-    if is_from_afar(ox, oy, oz):
-        is_near, entry, ox, oy, oz = approach(ox, oy, oz, dx, dy, dz)
-    aim, view = aim_and_view(ox, oy, oz, dx, dy, dz, SLAB_MARGIN)
+    is_near, entry, aim, view = aim_in_part(origin, direction)
     # A ray that misses the cube opens no box.
     reach = bound_of_parameter(parameter, entry) if is_near else np.float32(-1.0)
     best = reach, parameter, slot, (0.0, 0.0, 0.0)
@@ -322,7 +336,7 @@ def _first_in_part(model, part, start, query, best, stacks):
 
 
 _at_leaf = in_blocks_and_parts(_first_in_leaf, _first_in_part)
-first_hit_in_scene = depth_first(_open_children, _at_leaf, in_order)
+first_hit_in_scene = depth_first(open_children, _at_leaf, in_order)
 """The same over all parts of a scene; the additional data are origin and direction in the scene's frame."""
-first_hit_of_heeded = depth_first(_open_children, _at_leaf, in_order, heed_some)
+first_hit_of_heeded = depth_first(open_children, _at_leaf, in_order, heed_some)
 """The same over those parts of a scene that are not ignored."""

@@ -1,8 +1,8 @@
 """Parts that a walk over a scene skips although they are in the trees over parts.
 
-A query or a finger may ignore parts. It then passes rows of ``parts`` in which these are marked as hidden, and
-the scene's row is marked as having such parts. In the trees over parts, each child of a node is another node of
-these trees or belongs to one part: the walk closes the children of ignored parts.
+A query or a finger may ignore parts. It then passes rows of ``parts`` in which these are marked as hidden,
+and the scene's row is marked as having such parts. In the trees over parts, each child of a node is another
+node of these trees or belongs to one part: the walk closes the children of ignored parts.
 """
 
 import numpy as np

@@ -79,9 +79,9 @@ class CheckedQuery:
         rows = [as_points(each, name) for each, name in zip(given, self.names, strict=True)]
         limits = _NO_LIMIT
         if len(rows) > 1 and rows[0].shape != rows[1].shape:
-            rows = _broadcast_rows(rows, self.names)
+            rows = broadcast_rows(rows, self.names)
         if max_distance is not inf:
-            limits, rows = _broadcast_limits(max_distance, rows, self.subject)
+            limits, rows = broadcast_limits(max_distance, rows, self.subject)
         flat = [each.reshape(-1, 3) for each in rows]
         answers: np.ndarray = np.empty((len(flat[0]), self.width), self.dtype)
         if len(answers) < SORT_FROM:
@@ -144,7 +144,7 @@ def in_millimetres(what: str, distance: float, size: float, names: str) -> str:
     )
 
 
-def _broadcast_rows(rows: list[np.ndarray], names: tuple[str, ...]) -> list[np.ndarray]:
+def broadcast_rows(rows: list[np.ndarray], names: tuple[str, ...]) -> list[np.ndarray]:
     """Return two arrays of rows, (..., 3), in one shape, C-ordered."""
     first, second = rows
     try:
@@ -154,11 +154,11 @@ def _broadcast_rows(rows: list[np.ndarray], names: tuple[str, ...]) -> list[np.n
             f"{names[0]} have shape {first.shape} and {names[1]} {second.shape}, "
             "expected shapes that broadcast together"
         ) from unfit
-    return [_spread(first, shape), _spread(second, shape)]
+    return [spread(first, shape), spread(second, shape)]
 
 
-def _broadcast_limits(
-    max_distance: Any, rows: list[np.ndarray], name: str
+def broadcast_limits(
+    max_distance: Any, rows: list[np.ndarray], subject: str, name: str = "max_distance"
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return the largest distance, m, (1,) for all rows or (N,) for each, and the rows in the same shape.
 
@@ -166,37 +166,37 @@ def _broadcast_limits(
     *rows*: (..., 3).
     """
     if isinstance(max_distance, (str, bytes)):
-        raise ArgumentError(f"max_distance is {shown(max_distance)}, expected a length in metres")
+        raise ArgumentError(f"{name} is {shown(max_distance)}, expected a length in metres")
     if np.ndim(max_distance) == 0:
-        return np.array([_checked_limit(max_distance)]), rows
-    limits = as_float64(max_distance, "values of max_distance", expected="lengths in metres")
+        return np.array([_checked_limit(max_distance, name)]), rows
+    limits = as_float64(max_distance, f"values of {name}", expected="lengths in metres")
     is_unfit = ~(limits >= 0.0)
     if is_unfit.any():
         row = tuple(np.argwhere(is_unfit)[0].tolist())
         where = ", ".join(map(str, row))
-        raise ArgumentError(f"max_distance[{where}] is {limits[row]}, expected a length of 0 m or more")
+        raise ArgumentError(f"{name}[{where}] is {limits[row]}, expected a length of 0 m or more")
     leading = rows[0].shape[:-1]
     try:
         shape = np.broadcast_shapes(leading, limits.shape)
     except ValueError as unfit:
         raise ArgumentError(
-            f"max_distance has shape {limits.shape} and {name} {rows[0].shape}, "
+            f"{name} has shape {limits.shape} and {subject} {rows[0].shape}, "
             f"expected a shape that broadcasts against {leading}"
         ) from unfit
-    return _spread(limits, shape).reshape(-1), [_spread(array, (*shape, 3)) for array in rows]
+    return spread(limits, shape).reshape(-1), [spread(array, (*shape, 3)) for array in rows]
 
 
-def _checked_limit(max_distance: Any) -> float:
+def _checked_limit(max_distance: Any, name: str) -> float:
     try:
         limit = float(max_distance)
     except (OverflowError, TypeError, ValueError) as unfit:
-        raise ArgumentError(f"max_distance is {max_distance!r}, expected a length in metres") from unfit
+        raise ArgumentError(f"{name} is {max_distance!r}, expected a length in metres") from unfit
     if not limit >= 0.0:
-        raise ArgumentError(f"max_distance is {limit}, expected a length of 0 m or more")
+        raise ArgumentError(f"{name} is {limit}, expected a length of 0 m or more")
     return limit
 
 
-def _spread(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def spread(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return the array broadcast to that shape, C-ordered."""
     return array if array.shape == shape else copied(np.broadcast_to(array, shape))
 

@@ -27,7 +27,7 @@ Rows = npt.NDArray[np.int32]
 """Types of fields, for type checkers. A single query answers with NumPy's scalars, which have the methods of
 arrays and count as numbers."""
 
-__all__ = ["NO_FACE", "NO_PART", "ClosestPoints", "Feature", "RayHits", "SegmentHits"]
+__all__ = ["NO_FACE", "NO_PART", "ClosestPoints", "Feature", "RayCrossings", "RayHits", "SegmentHits"]
 
 
 class Feature(IntEnum):
@@ -177,6 +177,93 @@ class RayHits(_Record):
     def barycentric(self) -> Reals:
         """S + (3,) float64, weights of the corners of the face; at least 0, sum 1."""
         return self._vector(7)
+
+
+class RayCrossings(_Record):
+    """All crossings of rays, in the frame of the scene or solid that was asked.
+
+    H crossings of all rays, one ray after the other, each in order of distance. S is the leading shape of the
+    rays, R their number. ``crossings[k]`` has the crossings of one ray; k has as many indices as S has axes.
+    """
+
+    __slots__ = ("_is_valid", "_offsets", "_shape")
+    _choice_count = 4
+    _fields = ("distance", "point", "normal", "is_entering", "part", "face_id", "barycentric")
+
+    _is_valid: np.ndarray
+    _offsets: np.ndarray
+    _shape: tuple[int, ...]
+
+    @property
+    def offsets(self) -> npt.NDArray[np.int64]:
+        """(R + 1,) int64: the crossings of ray k are rows ``offsets[k]`` to ``offsets[k + 1]``."""
+        return _kept(self._offsets)
+
+    @property
+    def ray(self) -> npt.NDArray[np.int64]:
+        """H int64, the ray of each crossing: a row of the rays in one list."""
+        return np.repeat(np.arange(len(self._offsets) - 1), np.diff(self._offsets))
+
+    @property
+    def count(self) -> npt.NDArray[np.int64]:
+        """S int64, number of crossings of each ray."""
+        return _kept(np.diff(self._offsets).reshape(self._shape))
+
+    @property
+    def is_valid(self) -> npt.NDArray[np.bool_]:
+        """S bool, False for a ray that is not finite, or starts too far away: it has no crossings."""
+        return _kept(self._is_valid.reshape(self._shape))
+
+    @property
+    def distance(self) -> Reals:
+        """H float64, m along the ray."""
+        return self._real(0)
+
+    @property
+    def point(self) -> Reals:
+        """H x 3 float64, m, where the ray crosses the surface."""
+        return self._vector(1)
+
+    @property
+    def normal(self) -> Reals:
+        """H x 3 float64, unit, outward normal of the face."""
+        return self._vector(4)
+
+    @property
+    def is_entering(self) -> npt.NDArray[np.bool_]:
+        """H bool, True where the ray enters the part, against the normal; False where it leaves."""
+        return _kept(self._choice(2) != 0)
+
+    @property
+    def part(self) -> Rows:
+        """H int32, index into ``scene.parts``."""
+        return self._choice(0)
+
+    @property
+    def face_id(self) -> Rows:
+        """H int32, row of that part's ``solid.mesh.faces``."""
+        return self._choice(1)
+
+    @property
+    def barycentric(self) -> Reals:
+        """H x 3 float64, weights of the corners of the face; at least 0, sum 1."""
+        return self._vector(7)
+
+    def __len__(self) -> int:
+        """Return the length of the first axis of the rays."""
+        if not self._shape:
+            raise TypeError("crossings of a single ray have no length; its distance has")
+        return self._shape[0]
+
+    def __getitem__(self, index: int | tuple[int, ...]) -> "RayCrossings":
+        """Return the crossings of one ray."""
+        row = np.arange(len(self._is_valid)).reshape(self._shape)[index]
+        if np.ndim(row):
+            raise IndexError(f"rays have shape {self._shape}: {index} is not the index of one ray")
+        one, first, last = RayCrossings(), self._offsets[row], self._offsets[row + 1]
+        one._table, one._offsets = self._table[first:last], np.array([0, last - first])
+        one._is_valid, one._shape = self._is_valid[row : row + 1], ()
+        return one
 
 
 class SegmentHits(_Record):
