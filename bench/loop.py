@@ -179,7 +179,7 @@ def main() -> None:
     print(f"{report['missed']} of {report['missed'] + report['ticks']} ticks were missed")
 
 
-COLUMNS = "loop,beside,priority,load,least_ns,most_ns,ticks"
+COLUMNS = "loop,beside,priority,load,min_ns,max_ns,ticks"
 
 
 def append(path: Path, options: argparse.Namespace, rows: list[tuple[int, int, int]]) -> None:
@@ -205,7 +205,7 @@ def draw(source: Path, path: Path) -> None:
             own = [row for row in rows if row["priority"] == priority]
             for key in dict.fromkeys((row["loop"], row["beside"]) for row in own):
                 bins = [row for row in own if (row["loop"], row["beside"]) == key]
-                late = np.array([1e-3 * float(row["most_ns"]) for row in bins])
+                late = np.array([1e-3 * float(row["max_ns"]) for row in bins])
                 ticks = np.array([int(row["ticks"]) for row in bins])[np.argsort(late)]
                 share = 1.0 - np.cumsum(ticks)[:-1] / ticks.sum()
                 style = {"color": COLOURS[key[0]], "linestyle": LINES[key[1]]}

@@ -20,7 +20,7 @@ READABLE_DEVICES = (1, 3, 11, 13)
 """DLPack device types whose memory the processor can read: CPU, CUDA host, ROCm host, CUDA managed."""
 COPIED_AT_ONCE = 1 << 20
 """Number of rows that are copied together, which takes about 10 ms."""
-FEW_SHOWN, LONGEST_SHOWN = 4, 200
+FEW_SHOWN, MAX_SHOWN = 4, 200
 """Maximum numbers of an array, and maximum characters of any other value, in a message."""
 DIGITS_SHOWN = 9
 """Number of digits of a number in a message, which show nanometres of a length of a metre."""
@@ -116,7 +116,7 @@ def shown(value: Any) -> str:
     if isinstance(value, np.ndarray) and value.size > FEW_SHOWN:
         return f"an array of {value.dtype}, shape {value.shape}"
     text = " ".join(repr(value).split())
-    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
+    return text if len(text) <= MAX_SHOWN else text[: MAX_SHOWN - 3] + "..."
 
 
 def shown_number(value: Any) -> str:

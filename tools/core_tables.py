@@ -31,7 +31,7 @@ from proximity.kernels.tracking.finger_distance import CROWD
 from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES
 from proximity.kernels.tracking.part_drift import EIGHT_MOVERS, POSE_COLUMNS
 from proximity.kernels.tracking.tick import ALL_IN_MILLIMETRES, DONE, HAS_DEFECT
-from proximity.kernels.tracking.track import MOST_NS, SETTINGS, TRACK
+from proximity.kernels.tracking.track import MAX_NS, SETTINGS, TRACK
 from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
 from proximity.message.c_header import structure
 from proximity.message.instant_advice import OTHER_CLOCK_NS
@@ -75,7 +75,7 @@ _NUMBERS = {
     "ALL_IN_MILLIMETRES": ALL_IN_MILLIMETRES,
     "SHORTEST_NS": tracker_arguments.SHORTEST_NS,
     "EARLY_NS": tracker_arguments.EARLY_NS,
-    "LARGEST_SECONDS": tracker_arguments.LARGEST_SECONDS,
+    "MAX_SECONDS": tracker_arguments.MAX_SECONDS,
     "STATIC_COPIES": STATIC_COPIES,
     "SORT_FROM": SORT_FROM,
     "SORT_STEPS": SORT_STEPS,
@@ -92,7 +92,7 @@ _NUMBERS = {
     "NODE_STRIDE": layout.NODE_STRIDE,
     "PART_GONE": GONE,
     "MOVING_MARGIN": thresholds.MOVING_MARGIN,
-    "LARGEST_COORDINATE": thresholds.LARGEST_COORDINATE,
+    "MAX_COORDINATE": thresholds.MAX_COORDINATE,
     "SMALLEST_SIZE": thresholds.SMALLEST_SIZE,
     "CONTACT_SIZE": CONTACT_RECORD.itemsize,
     "FRONTIER_SIZE": FRONTIER_SIZE,
@@ -101,25 +101,25 @@ _NUMBERS = {
     "ESTIMATES": ESTIMATES,
     "POSE_COLUMNS": POSE_COLUMNS,
     "WORKSPACE_SIZE": WORKSPACE_SIZE,
-    "MOST_NS": MOST_NS,
+    "MAX_NS": MAX_NS,
     "USABLE": motion.USABLE,
     "FUTURE": motion.FUTURE,
     "TOO_OLD": motion.TOO_OLD,
     "BACKWARDS": motion.BACKWARDS,
     "AHEAD_NS": receiver_state.AHEAD_NS,
     "OTHER_CLOCK_NS": OTHER_CLOCK_NS,
-    "MOST_BUDGET": tracker_arguments.MOST,
+    "MAX_BUDGET": tracker_arguments.MOST,
     "LONGEST_LATENCY": tracker_arguments.LONGEST_LATENCY,
-    "LARGEST_RADIUS": tracker_arguments.LARGEST_RADIUS,
-    "LARGEST_WORKING_RANGE": tracker_arguments.LARGEST_WORKING_RANGE,
+    "MAX_RADIUS": tracker_arguments.MAX_RADIUS,
+    "MAX_WORKING_RANGE": tracker_arguments.MAX_WORKING_RANGE,
     "DEFAULT_BUDGET": tracker_arguments.DEFAULT_BUDGET,
     "PART_HORIZON": part_tracker.HORIZON,
-    "MOST_RECORDS": tracked_tick.MOST_RECORDS,
+    "MAX_RECORDS": tracked_tick.MAX_RECORDS,
     "FRONTIER_ENTRIES": tracked_records.FRONTIER_ENTRIES,
     "LINEAR_GIVEN": tracked_group.LINEAR_GIVEN,
     "ANGULAR_GIVEN": tracked_group.ANGULAR_GIVEN,
     "DEEPEST_BUDGET": penetration.DEEPEST_BUDGET,
-    "LEAST_TOLERANCE": pairs.LEAST_TOLERANCE,
+    "MIN_TOLERANCE": pairs.MIN_TOLERANCE,
 }
 _DEFAULTS = "radius", "latency", "working_range", "tolerance", "horizon", "max_speed", "max_acceleration"
 _RECORDS = {

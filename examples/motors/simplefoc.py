@@ -25,7 +25,7 @@ STATES = 7  # target, voltages q and d, currents q and d, velocity, angle
 CURRENT_PLACE, ANGLE_PLACE = 3, 6
 ASK_AGAIN = 0.01  # s without an answer
 TORQUE_LEAD = 0.5  # turns, by which the target of a torque is ahead of the shaft
-LONGEST_LINE = 256  # characters of an answer
+MAX_LINE = 256  # characters of an answer
 
 
 class SimpleFoc:
@@ -42,7 +42,7 @@ class SimpleFoc:
         """Read answers, and request all states and whether the motor is on."""
         self._text += self._received()
         *lines, self._text = self._text[-(1 << 16) :].split(b"\n")
-        if len(self._text) > LONGEST_LINE:
+        if len(self._text) > MAX_LINE:
             self._text = b""
         for line in lines:
             self._take(line.decode("ascii", "replace").strip())

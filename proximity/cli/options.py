@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from proximity.lab.figures.style import Sheet
 
 LARGEST = sys.float_info.max
-LONGEST_S = 1e9
+MAX_S = 1e9
 SLOW_S = 2.0
 """Reading time above which a faster command is suggested, s."""
 SOFTEST_CABLE, STIFFEST_CABLE = 10.0, 1e6  # N/m at the fingertip
@@ -166,7 +166,7 @@ ADDRESS = Annotated[
 JSON = Annotated[bool, flag("--json", "Write one JSON document.")]
 JSON_SI = Annotated[bool, flag("--json", "Write one JSON document, in SI units.")]
 JSON_SUMMARY = Annotated[bool, flag("--json", "Write the summary as a JSON document.")]
-SECONDS = within(0.0, LONGEST_S, "seconds", is_open=True)
+SECONDS = within(0.0, MAX_S, "seconds", is_open=True)
 LIMIT = Annotated[
     float | None, option("S", "Stop after this many seconds; Ctrl-C stops at any time.", callback=SECONDS)
 ]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-LONGEST_VALID_NS = 1_000_000_000
+MAX_VALID_NS = 1_000_000_000
 """Longest validity of a frame after its oldest pose, whatever the frame states."""
 STALE_AFTER_NS = 80_000_000
 """Time after the end of validity at which a frame is stale."""
@@ -20,17 +20,17 @@ UNIT_ERROR = 1e-3
 """Largest deviation of the length of a normal from 1."""
 RESTART_SILENCE_NS = 50_000_000
 """A publisher that is silent for longer may have restarted with its calendar set back."""
-MOST_SKIPPED = 100_000_000
+MAX_SKIPPED = 100_000_000
 """Largest gap between two sequence numbers of a run; beyond it the message belongs to another run."""
-MOST_RUNS = 64
+MAX_RUNS = 64
 """Number of earlier runs of the publisher whose messages are recognised as repeated."""
-MOST_KINDS = 4
+MAX_KINDS = 4
 """Number of kinds of messages of one receiver."""
-MOST_NAMES = 1 << 20
+MAX_NAMES = 1 << 20
 """Largest number of names in a description."""
-MOST_AT_ONCE = 1024
+MAX_AT_ONCE = 1024
 """Largest number of messages read in one call: more than a transport buffers for a reader."""
-MOST_FLAWED = 256
+MAX_FLAWED = 256
 """Largest number of flawed messages read in one call: a flood must not block a reader."""
 NS_PER_DRIFT = 5000
 """Ns in which two quartz clocks may drift apart by one: 200e-6, twice their specification."""
@@ -77,8 +77,8 @@ RECEIVER = record(
     "is_new_run",  # whether the last used message is of another run than the one before
     ("received lost sessions newest_session", COUNT),
     ("flawed", COUNT, 9),  # by Defect, from 1 on
-    ("seen", SEEN, MOST_KINDS),
-    ("ended", RUN, MOST_RUNS),  # oldest first
+    ("seen", SEEN, MAX_KINDS),
+    ("ended", RUN, MAX_RUNS),  # oldest first
     ("ended_count", COUNT),
     ("clock", CLOCK),
 )

@@ -36,7 +36,7 @@ from proximity.message.contact import ContactFlag, Contacts
 from proximity.system.time_units import S_PER_NS
 from proximity.transport import Reading
 
-LONGEST_STEP = 0.1  # s, maximum duration of one action
+MAX_STEP = 0.1  # s, maximum duration of one action
 
 
 class DrumPlant:
@@ -81,7 +81,7 @@ class DrumPlant:
         """
         served = self._served
         command = commanded(action, action.force if action.mode == DriveMode.FORCE else action.position)
-        time = self._left + min(max(seconds, 0.0), LONGEST_STEP)
+        time = self._left + min(max(seconds, 0.0), MAX_STEP)
         samples = int(time / served.period)
         self._left = time - samples * served.period
         self.force = max(0.0, self._stiffness * (finger - served.arm))

@@ -10,7 +10,7 @@ import numpy as np
 
 from proximity.errors import MeshFormatError
 
-LARGEST_EXACT_INTEGER = 2.0**53
+MAX_EXACT_INTEGER = 2.0**53
 """Largest integer up to which float64 is exact. Indices are read as float64."""
 
 PADDING = b"\0\x1a \t\r\n"
@@ -46,7 +46,7 @@ def as_integers(values: np.ndarray, locate: Callable[[int], str]) -> np.ndarray:
     """
     if values.dtype.kind in "iu" and values.dtype.itemsize < 8:
         return values.astype(np.int64)
-    is_good = np.abs(values.astype(np.float64)) <= LARGEST_EXACT_INTEGER
+    is_good = np.abs(values.astype(np.float64)) <= MAX_EXACT_INTEGER
     if values.dtype.kind == "f":
         is_good &= values == np.rint(values)
     if not is_good.all():

@@ -34,7 +34,7 @@ SYNONYMS |= {
 
 SMALLEST_PART = 0.0005
 """Minimum likely size of a part, m."""
-LARGEST_PART = 50.0
+MAX_PART = 50.0
 """Maximum likely size of a part, m."""
 SMALL_FILE = 0.010
 """Size of a whole file without a unit below which it is probably in inches, m. Parts this small are less
@@ -73,7 +73,7 @@ def likely_unit(size: float, units: str) -> str | None:
     number = size / UNITS[units]
     sizes = {name: number * UNITS[name] for name in (units, *UNIT_NAMES)}
     nearest = min(sizes, key=lambda name: abs(math.log10(sizes[name]) - math.log10(TYPICAL_PART)))
-    return nearest if SMALLEST_PART <= sizes[nearest] <= LARGEST_PART else None
+    return nearest if SMALLEST_PART <= sizes[nearest] <= MAX_PART else None
 
 
 def scan_unit(scan: Sequence[float], part: Sequence[float], units: str) -> str | None:
@@ -96,14 +96,14 @@ def scan_unit(scan: Sequence[float], part: Sequence[float], units: str) -> str |
 def size_notes(parts: Sequence[tuple[str, float]], whole: float, units: str, is_declared: bool) -> list[str]:
     """Return sentences that report unlikely sizes and the likely unit."""
     small = [part for part in parts if part[1] < SMALLEST_PART]
-    large = [part for part in parts if part[1] > LARGEST_PART]
+    large = [part for part in parts if part[1] > MAX_PART]
     what = []
     if small:
         extreme = min(small, key=lambda part: part[1])
         what.append(_outliers(small, parts, extreme, f"less than {_length(SMALLEST_PART)}", "smallest"))
     if large:
         extreme = max(large, key=lambda part: part[1])
-        what.append(_outliers(large, parts, extreme, f"more than {_length(LARGEST_PART)}", "largest"))
+        what.append(_outliers(large, parts, extreme, f"more than {_length(MAX_PART)}", "largest"))
     if not what and whole < SMALL_FILE and not is_declared and likely_unit(whole, units) != units:
         what.append(f"the whole is {_length(whole)} across")
     return [f"{' and '.join(what)}: {_reason(whole, units, is_declared)}"] if what else []

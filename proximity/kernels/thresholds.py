@@ -1,6 +1,6 @@
 """Sizes and tolerances used by both Python and kernels."""
 
-LARGEST_COORDINATE = 1e150
+MAX_COORDINATE = 1e150
 SMALLEST_SIZE = 1e-150
 """m; fourth powers stay within float64."""
 MILLIMETRES_FROM, MILLIMETRES_TO = 100.0, 10_000.0

@@ -19,7 +19,7 @@ from proximity.kernels.layout import (
     NODE_CHILDREN,
     NODE_STRIDE,
 )
-from proximity.kernels.thresholds import LARGEST_COORDINATE, MOVING_MARGIN, SMALLEST_SIZE
+from proximity.kernels.thresholds import MAX_COORDINATE, MOVING_MARGIN, SMALLEST_SIZE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,10 +54,10 @@ def local_frame(lower: np.ndarray, upper: np.ndarray) -> LocalFrame:
     """
     largest = float(np.maximum(np.abs(lower), np.abs(upper)).max())
     extent = float((upper - lower).max())
-    if largest > LARGEST_COORDINATE or 0.0 < extent < SMALLEST_SIZE:
+    if largest > MAX_COORDINATE or 0.0 < extent < SMALLEST_SIZE:
         raise MeshError(
             f"the part reaches to {largest:.3g} m and is {extent:.3g} m long; coordinates up to "
-            f"{LARGEST_COORDINATE:g} m and sizes from {SMALLEST_SIZE:g} m can be computed with"
+            f"{MAX_COORDINATE:g} m and sizes from {SMALLEST_SIZE:g} m can be computed with"
         )
     centre = np.empty(3)
     corners = (np.ascontiguousarray(corner, np.float64) for corner in (lower, upper))

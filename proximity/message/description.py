@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from proximity.core.receiver_state import MOST_NAMES
+from proximity.core.receiver_state import MAX_NAMES
 from proximity.message.changes import NAME_BYTES
 from proximity.message.envelope import PREFIX_FIELDS, Defect, Kind, parts_of
 from proximity.message.fields import Field, dtype_of, reserved
@@ -96,7 +96,7 @@ class DescriptionMessages:
         header, records = parts_of(data, DESCRIPTION)
         of = tuple(int(header[name]) for name in ("session", "epoch", "part_count", "finger_count"))
         first, total = int(header["first"]), of[2] + of[3]
-        if total > MOST_NAMES or first + len(records) > total:
+        if total > MAX_NAMES or first + len(records) > total:
             return Defect.CONTENT
         if of != self._key or first == 0:
             self._key, self._labels = of, {}

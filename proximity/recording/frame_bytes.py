@@ -13,7 +13,7 @@ import numpy as np
 from proximity.message import CONTACT, FRAME, FRAME_HEADER, MAX_RECORDS, PREFIX, VERSION
 
 MAGIC = FRAME.magic.to_bytes(4, "little")
-LARGEST_FRAME = FRAME.size(MAX_RECORDS)
+MAX_FRAME = FRAME.size(MAX_RECORDS)
 """Maximum size of a frame, bytes."""
 UNDECIDED = -1
 """Result if more bytes are needed to decide."""
@@ -34,7 +34,7 @@ def frame_at(data: memoryview, offset: int) -> int:
     if left < PREFIX.itemsize:
         return UNDECIDED if MAGIC.startswith(bytes(data[offset : offset + len(MAGIC)])) else 0
     magic, checksum, _, _, size = _BEGINNING.unpack_from(data, offset)
-    if magic != FRAME.magic or not PREFIX.itemsize <= size <= LARGEST_FRAME:
+    if magic != FRAME.magic or not PREFIX.itemsize <= size <= MAX_FRAME:
         return 0
     if size > left:
         return UNDECIDED

@@ -14,7 +14,7 @@ from types import TracebackType
 import numpy as np
 
 from proximity.errors import RecordingError
-from proximity.recording.frame_bytes import LARGEST_FRAME, MAGIC, last_end
+from proximity.recording.frame_bytes import MAGIC, MAX_FRAME, last_end
 
 try:
     import fcntl
@@ -134,10 +134,10 @@ class FrameLog:
         beginning = self._bytes_at(0, len(MAGIC))
         if not MAGIC.startswith(beginning):
             raise RecordingError(f"{self.path}: not a frame log, expected a file that begins with a frame")
-        first = max(0, size - 2 * LARGEST_FRAME)  # enough for a torn frame and the previous one
+        first = max(0, size - 2 * MAX_FRAME)  # enough for a torn frame and the previous one
         end = first + last_end(memoryview(self._bytes_at(first, size - first)))
         torn = size - end
-        if not 0 < torn <= LARGEST_FRAME:
+        if not 0 < torn <= MAX_FRAME:
             return 0
         os.ftruncate(self._file, end)
         return torn

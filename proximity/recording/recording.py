@@ -18,7 +18,7 @@ GAP_LIMIT_S = 0.05
 """Maximum time between two samples of a finger between which its position is interpolated, s."""
 MIDDLE_SHARE = 0.8
 """Share of all samples along each axis that is inside the box of a hand, so that jumps do not affect it."""
-LARGEST_TICK_COUNT = 10_000_000  # ticks of a resampled recording: 2 hours and 46 minutes at 1 kHz
+MAX_TICK_COUNT = 10_000_000  # ticks of a resampled recording: 2 hours and 46 minutes at 1 kHz
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 
@@ -88,10 +88,10 @@ class Recording:
             raise RecordingError(f"a period of {period_s:g} s is too short, expected 1 ns or more")
         period_ns = round(period_s * NANOSECONDS)
         count = int(self.times_ns[-1] - self.times_ns[0]) // period_ns + 1
-        if count > LARGEST_TICK_COUNT:
+        if count > MAX_TICK_COUNT:
             raise RecordingError(
                 f"{self.path}: {self.duration_s:g} s in steps of {period_s:g} s are {count} ticks, "
-                f"expected at most {LARGEST_TICK_COUNT}"
+                f"expected at most {MAX_TICK_COUNT}"
             )
         ticks_ns = self.times_ns[0] + np.arange(count, dtype=np.int64) * period_ns
         positions = np.full((count, len(self.fingers), 3), np.nan)

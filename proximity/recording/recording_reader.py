@@ -24,10 +24,10 @@ SEPARATORS = ",;\t"
 COMMA_SEPARATORS = ";\t"  # with these separators 0,5 is a number
 MIN_FINGERS = 3
 """Minimum number of coinciding fingers that mark a lost hand. Two fingers may be a pinch."""
-LARGEST_HAND_COUNT = 32  # a sensor renumbers a hand after losing it; more are not hands
-LARGEST_HAND = 2**31 - 1
-LARGEST_POSITION = 1e6  # m; beyond the range of any sensor
-LARGEST_TIME_NS = 2.0**62
+MAX_HAND_COUNT = 32  # a sensor renumbers a hand after losing it; more are not hands
+MAX_HAND = 2**31 - 1
+MAX_POSITION = 1e6  # m; beyond the range of any sensor
+MAX_TIME_NS = 2.0**62
 LINE_ENDS = "\n\r"
 MAYBE_CUT = "the last line has no line end: the file may be cut off"
 LINES_PER_CHUNK = 4096  # number of lines that are converted together
@@ -48,7 +48,7 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     text = _read_text(name)
     table = _Table(text, name)
     times_ns = table.times()
-    hands = table.whole("hand", LARGEST_HAND, "a whole number from 0")
+    hands = table.whole("hand", MAX_HAND, "a whole number from 0")
     fingers = table.whole("finger", len(FINGERS) - 1, "0 (thumb) to 4 (little finger)")
     points = table.points()
 
@@ -56,8 +56,8 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     frame = np.concatenate(([0], np.cumsum(np.diff(times_ns) > 0)))
     labels, column = np.unique(hands * len(FINGERS) + fingers, return_inverse=True)
     hand_count = len(np.unique(labels // len(FINGERS)))
-    if hand_count > LARGEST_HAND_COUNT:
-        raise RecordingError(f"{name}: there are {hand_count} hands, expected at most {LARGEST_HAND_COUNT}")
+    if hand_count > MAX_HAND_COUNT:
+        raise RecordingError(f"{name}: there are {hand_count} hands, expected at most {MAX_HAND_COUNT}")
     table.refuse_repeats(frame * len(labels) + column, hands, fingers)
     positions = np.full((int(frame[-1]) + 1, len(labels), 3), np.nan)
     positions[frame, column] = points
@@ -219,7 +219,7 @@ class _Table:
         values = self.columns[self.time]
         with np.errstate(over="ignore"):
             exact_ns = values * NANOSECONDS_IN[self.time]
-        self._check(self.time, values, np.abs(exact_ns) <= LARGEST_TIME_NS, "a time within 146 years")
+        self._check(self.time, values, np.abs(exact_ns) <= MAX_TIME_NS, "a time within 146 years")
         times_ns = np.rint(exact_ns).astype(np.int64)
         backwards = np.flatnonzero(np.diff(times_ns) < 0)
         if backwards.size:
@@ -244,8 +244,8 @@ class _Table:
         for axis, title in enumerate(self.axes):
             values = self.columns[title]
             points[:, axis] = values * METRES_IN[self.unit]
-            fits = ~(np.abs(points[:, axis]) > LARGEST_POSITION)
-            self._check(title, values, fits, f"a position within {LARGEST_POSITION:g} m")
+            fits = ~(np.abs(points[:, axis]) > MAX_POSITION)
+            self._check(title, values, fits, f"a position within {MAX_POSITION:g} m")
         points[np.isnan(points).any(axis=1)] = np.nan
         return points
 

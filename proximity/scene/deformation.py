@@ -13,11 +13,11 @@ from proximity.kernels import layout
 from proximity.kernels.entries import refit_part, survey_vertices
 from proximity.kernels.layout import CELL_CROSSED, NO_ROW
 from proximity.kernels.thresholds import SMALLEST_SHARE
-from proximity.mesh.bvh import LARGEST_COORDINATE, SMALLEST_SIZE, LocalFrame, local_frame
+from proximity.mesh.bvh import MAX_COORDINATE, SMALLEST_SIZE, LocalFrame, local_frame
 from proximity.scene.model.assembly import Model
 from proximity.scene.solid import Solid
 
-FARTHEST = LARGEST_COORDINATE / 4.0
+FARTHEST = MAX_COORDINATE / 4.0
 """m. Limit of a coordinate, which leaves room for any rotation and for the farthest move of a part."""
 INSIDE_OUT = 1e-12
 """Rounding error of the enclosed volume, relative to area times size in the local frame.

@@ -38,7 +38,7 @@ class Relation(StrEnum):
 
 SHARING = (Relation.CROSSING, Relation.FIRST_INSIDE, Relation.SECOND_INSIDE)
 """Relations of parts with common volume; open parts may cross without."""
-LEAST_TOLERANCE = 1e-9
+MIN_TOLERANCE = 1e-9
 """Relative to a depth: the search does not bring its bounds closer than this."""
 _RELATIONS = tuple(Relation)
 """In the order of the numbers in kernels."""
@@ -173,7 +173,7 @@ class PairQueries:
         Thread: as all queries.
         Source: directional penetration depth, Dobkin, Hershberger, Kirkpatrick, Suri 1993.
         """
-        tolerance = max(not_negative("tolerance", tolerance, "shares"), LEAST_TOLERANCE)
+        tolerance = max(not_negative("tolerance", tolerance, "shares"), MIN_TOLERANCE)
         along = np.zeros(3) if direction is None else _direction(direction)
         model, solids, (row, other) = self._state_with_rows(first, second)
         if row == other:

@@ -35,7 +35,7 @@ from proximity.native import entry, inlined, record
 DISTANCE_ERROR = 0  # sum of the present track
 DISTANCE_ERROR_BEFORE = 1  # upper bound for the track before the last jump
 ERROR_SUMS_SIZE = 2
-LARGEST_DISTANCE_ERROR = 1e3
+MAX_DISTANCE_ERROR = 1e3
 """Limit of the error of a distance, m. A larger error makes a distance useless, and must decay like
 others."""
 
@@ -144,7 +144,7 @@ def _distance_error(motions, error_sums, i, error, status, weight_before):
     The slope is the sum of weight times deviation of age times distance, divided by the sum of weight times
     squared deviation. The bound follows from the Cauchy-Schwarz inequality.
     """
-    error_sq = min(error, LARGEST_DISTANCE_ERROR) ** 2 if error >= 0.0 else LARGEST_DISTANCE_ERROR**2
+    error_sq = min(error, MAX_DISTANCE_ERROR) ** 2 if error >= 0.0 else MAX_DISTANCE_ERROR**2
     weights = motions[i, 0].weights
     weight = weights[0]
     if status & STARTED:

@@ -32,9 +32,9 @@ from proximity.service.sensed_contacts import SensedContacts
 from proximity.system.time_units import NS_PER_S
 from proximity.tracker.tracker import arrays_after, arrays_of, note_answers
 from proximity.transport import forget
-from proximity.transport.udp import LARGEST_DATAGRAM
+from proximity.transport.udp import MAX_DATAGRAM
 
-SHORTEST_PERIOD, LONGEST_PERIOD = 1e-5, 10.0
+SHORTEST_PERIOD, MAX_PERIOD = 1e-5, 10.0
 """Minimum and maximum period, s."""
 
 
@@ -60,8 +60,8 @@ def words_of(arrays: Any) -> np.ndarray:
 
 def nanoseconds(name: str, seconds: Any) -> int:
     """Return a duration of a service in nanoseconds. Raise `ServiceError` if it is out of range."""
-    if not SHORTEST_PERIOD <= as_number(seconds) <= LONGEST_PERIOD:
-        raise ServiceError(f"{name} is {seconds!r}, expected {SHORTEST_PERIOD:g} to {LONGEST_PERIOD:g} s")
+    if not SHORTEST_PERIOD <= as_number(seconds) <= MAX_PERIOD:
+        raise ServiceError(f"{name} is {seconds!r}, expected {SHORTEST_PERIOD:g} to {MAX_PERIOD:g} s")
     return round(NS_PER_S * seconds)
 
 
@@ -212,7 +212,7 @@ class LoopMemory:
             "given": np.zeros((rows, 3)),
             "fingers": np.zeros(rows, np.int64),
             "defects": np.zeros(rows, np.uint8),
-            "datagram": np.zeros(LARGEST_DATAGRAM, np.uint8),
+            "datagram": np.zeros(MAX_DATAGRAM, np.uint8),
         }
         longest = PATH_POSES.size(MAX_RECORDS), MEASURED.size(MAX_RECORDS), given_size(count)
         self._received = np.zeros(max(longest) + 8, np.uint8)

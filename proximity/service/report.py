@@ -7,9 +7,9 @@ from typing import Any
 from proximity.message import State
 
 SHARE_BITS = 5  # leading bits of a value that decide its bin
-LARGEST_BITS = 42  # 2**42 ns are 73 minutes; longer durations are in the last bin
-BIN_COUNT = (LARGEST_BITS - SHARE_BITS + 1) << SHARE_BITS
-LARGEST_NS = (1 << LARGEST_BITS) - 1
+MAX_BITS = 42  # 2**42 ns are 73 minutes; longer durations are in the last bin
+BIN_COUNT = (MAX_BITS - SHARE_BITS + 1) << SHARE_BITS
+MAX_NS = (1 << MAX_BITS) - 1
 
 
 class Histogram:
@@ -42,7 +42,7 @@ class Histogram:
         shift = duration_ns.bit_length() - SHARE_BITS - 1
         if shift <= 0 or duration_ns < 0:
             self._counts[max(duration_ns, 0)] += 1
-        elif duration_ns <= LARGEST_NS:
+        elif duration_ns <= MAX_NS:
             self._counts[(shift << SHARE_BITS) + (duration_ns >> shift)] += 1
         else:
             self._counts[-1] += 1
@@ -57,7 +57,7 @@ class Histogram:
         for _, upper_ns, count in self.rows():
             seen += count
             # The last bin has no upper end.
-            if seen >= wanted and upper_ns < LARGEST_NS:
+            if seen >= wanted and upper_ns < MAX_NS:
                 return min(upper_ns, self.max_ns)
         return self.max_ns
 

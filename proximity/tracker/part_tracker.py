@@ -114,8 +114,8 @@ class PartTracker:
         if not self._names or len(set(self._names)) < len(self._names):
             raise ArgumentError(f"part is {part!r}, expected one name, or several that differ")
         count = whole("connections", connections)
-        if count > tracked_tick.MOST_RECORDS:
-            raise ArgumentError(f"connections is {count}, expected 1 to {tracked_tick.MOST_RECORDS}")
+        if count > tracked_tick.MAX_RECORDS:
+            raise ArgumentError(f"connections is {count}, expected 1 to {tracked_tick.MAX_RECORDS}")
         settings = np.zeros(1, tracked_records.HELD_SETTINGS)
         settings["working_range"] = positive("working_range", working_range, "metres", may_be_infinite=True)
         settings["tolerance"] = not_negative("tolerance", tolerance, "shares")

@@ -16,7 +16,7 @@ from proximity.kernels.tracking import track
 from proximity.kernels.tracking.motion import MAX_ACCELERATION, MAX_SPEED
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
 from proximity.kernels.tracking.tick import DONE, NOT_DONE, tick
-from proximity.kernels.tracking.track import MOST_NS
+from proximity.kernels.tracking.track import MAX_NS
 from proximity.message import CONTACT
 from proximity.message.contact import Contacts
 from proximity.scene.model.assembly import Model
@@ -45,7 +45,7 @@ HORIZON = 0.25
 _Given = tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None, np.ndarray | None]
 """Velocities, paths, bends at their corners, and bends, as a tick reads them."""
 NOTHING_GIVEN: _Given = (None, None, None, None)
-MOST_PACKS = 8  # in the cache
+MAX_PACKS = 8  # in the cache
 
 
 class Tracker:
@@ -130,7 +130,7 @@ class Tracker:
         self._packs: dict[tuple[int, ...], tuple[_Given, Any]] = {}  # by the arrays they read
         # A weak reference: the scene cannot overwrite a model that a tracker keeps alive.
         self._last_model: Callable[[], Model | None] = lambda: None
-        self._last_now_ns = -MOST_NS  # of the last tick
+        self._last_now_ns = -MAX_NS  # of the last tick
         self._last_epoch = -1  # of the parts and faces in `contacts`
         self._epoch = -1
         self._names: tuple[str, ...] = ()  # of the parts to which `reported_part` refers
@@ -227,8 +227,8 @@ class Tracker:
         # The usual case.
         if (
             type(t_pose_ns) is type(now_ns) is int
-            and EARLY_NS <= t_pose_ns <= MOST_NS
-            and EARLY_NS <= now_ns <= MOST_NS
+            and EARLY_NS <= t_pose_ns <= MAX_NS
+            and EARLY_NS <= now_ns <= MAX_NS
             and now_ns - self._last_now_ns >= SHORTEST_NS
         ):
             self._pose_ns.fill(t_pose_ns)
@@ -325,7 +325,7 @@ class Tracker:
         """Reset all fingers: the next tick is treated as the first."""
         self._arrays["motions"][:] = 0
         self._arrays["tracks"]["reported_part"] = NO_PART
-        self._last_now_ns = -MOST_NS
+        self._last_now_ns = -MAX_NS
         self._settings["first_finger"] = self._settings["adaptive_tolerance"] = 0
         track.forget_surfaces(self._arrays["tracks"], self._arrays["balls"])
 
@@ -417,7 +417,7 @@ class Tracker:
         self._has_velocities[0], self._has_paths[0] = velocities is not None, paths is not None
         key = id(velocities), id(paths), id(path_bends), id(bends)
         if key not in self._packs:
-            if len(self._packs) == MOST_PACKS:
+            if len(self._packs) == MAX_PACKS:
                 self._packs.clear()
             if velocities is not None:
                 arrays["velocities"] = velocities

@@ -22,7 +22,7 @@ from proximity.kernels.tracking.finger_distance import CROWD
 from proximity.kernels.tracking.motion import ESTIMATE, ESTIMATES, FUTURE, TOO_OLD
 from proximity.kernels.tracking.part_drift import POSE_COLUMNS, movers_workspace
 from proximity.kernels.tracking.tick import ALL_IN_MILLIMETRES, DONE, HAS_DEFECT
-from proximity.kernels.tracking.track import MOST_NS
+from proximity.kernels.tracking.track import MAX_NS
 from proximity.kernels.traverse.best_first import WORKSPACE_SIZE
 from proximity.message import ContactFlag
 from proximity.message.instant_advice import FROM_FUTURE, OTHER_CLOCK_NS, on_future, on_too_old
@@ -39,15 +39,15 @@ MOST = 2**31 - 1
 """Nodes and leaves: more than in any scene."""
 LONGEST_LATENCY = 1.0
 """s, as in a scene file; 20 ms given as 20 exceed it."""
-LARGEST_RADIUS = 0.1
+MAX_RADIUS = 0.1
 """m; larger than any fingertip; 7 mm given as 7 exceed it."""
-LARGEST_WORKING_RANGE = 10.0
+MAX_WORKING_RANGE = 10.0
 """m; 120 mm given as 120 exceed it."""
 SHORTEST_NS = 1000
 """Shortest time between ticks, and from a clock's 0 to the first: a tick takes longer."""
 EARLY_NS = 100_000
 """Smaller instants are in seconds if the other instant of the tick is more than `OTHER_CLOCK_NS` away."""
-LARGEST_SECONDS = 10_000_000_000
+MAX_SECONDS = 10_000_000_000
 """More seconds than any clock or calendar shows."""
 NOT_NANOSECONDS = "expected nanoseconds, as time.monotonic_ns() gives them: it looks like seconds"
 TWO_CLOCKS = "t_pose_ns and now_ns may be of two clocks: take both from time.monotonic_ns()"
@@ -76,8 +76,8 @@ def as_nanoseconds(now_ns: Any) -> int:
     try:
         now = operator.index(now_ns)
     except TypeError:
-        now = MOST_NS + 1
-    if not -MOST_NS <= now <= MOST_NS:
+        now = MAX_NS + 1
+    if not -MAX_NS <= now <= MAX_NS:
         raise ArgumentError(
             f"now_ns is {now_ns!r}, expected whole nanoseconds, at most 2**62, as of time.monotonic_ns()"
         )
@@ -88,7 +88,7 @@ def as_instants(t_pose_ns: Any, count: int) -> np.ndarray:
     """Return the instants of poses, ns, () or (count,)."""
     try:
         array = np.asarray(t_pose_ns)
-        if array.dtype.kind not in "iu" or ((array < -MOST_NS) | (array > MOST_NS)).any():
+        if array.dtype.kind not in "iu" or ((array < -MAX_NS) | (array > MAX_NS)).any():
             raise ValueError("no instants")
         return np.broadcast_to(array, (count,))
     except ValueError as unfit:
@@ -102,7 +102,7 @@ def refuse_seconds(pose_ns: np.ndarray, now_ns: int, last_now_ns: int) -> None:
     """Raise an error for instants, of poses and of a tick, that are probably in seconds."""
     first_ns = pose_ns.item(0)
     is_apart = abs(now_ns - first_ns) > OTHER_CLOCK_NS
-    is_too_soon = 0 < now_ns - last_now_ns < SHORTEST_NS and 0 < now_ns < LARGEST_SECONDS
+    is_too_soon = 0 < now_ns - last_now_ns < SHORTEST_NS and 0 < now_ns < MAX_SECONDS
     if 0 < now_ns < (EARLY_NS if is_apart else SHORTEST_NS) or is_too_soon:
         raise ArgumentError(f"now_ns is {now_ns}, {NOT_NANOSECONDS}")
     # For one finger alone it may be a defect of its sensor.
@@ -118,8 +118,8 @@ def as_radii(radius: Any, count: int) -> np.ndarray:
             f"radius is {shown(radius)}, expected metres of 0 or more: one, or one for each of {count} "
             "fingers"
         )
-    if (array > LARGEST_RADIUS).any():
-        raise ArgumentError(f"radius is {length_error(float(array.max()), LARGEST_RADIUS)}")
+    if (array > MAX_RADIUS).any():
+        raise ArgumentError(f"radius is {length_error(float(array.max()), MAX_RADIUS)}")
     return np.broadcast_to(array, (count,))
 
 
@@ -153,8 +153,8 @@ def new_settings(
 ) -> np.ndarray:
     """Return the settings of ticks, a record of `kernels.tracking.track`."""
     reach = not_negative("working_range", working_range, "metres")
-    if reach > LARGEST_WORKING_RANGE:
-        raise ArgumentError(f"working_range is {length_error(reach, LARGEST_WORKING_RANGE)}")
+    if reach > MAX_WORKING_RANGE:
+        raise ArgumentError(f"working_range is {length_error(reach, MAX_WORKING_RANGE)}")
     settings = np.zeros(1, track.SETTINGS)
     settings["working_range"] = reach
     settings["latency"] = not_negative("latency", latency, "seconds", most=LONGEST_LATENCY)

@@ -60,7 +60,7 @@ NOTHING = -1
 """Result of `receive` if no message is waiting."""
 SHORTEST_NAP = 50e-6
 """Minimum time between two polls, s. The system adds the same delay again."""
-LONGEST_NAP = 1e-3
+MAX_NAP = 1e-3
 """Maximum time between two polls, after a long silence, s."""
 NAP_SHARE = 0.125
 """Time between two polls as a share of the time already waited. A long wait tolerates more delay and releases
@@ -94,6 +94,6 @@ def wait_until(is_there: Callable[[], bool], timeout: float) -> bool:
         waited = time.monotonic() - began
         if waited >= timeout:
             return False
-        nap = min(max(NAP_SHARE * waited, SHORTEST_NAP), LONGEST_NAP)
+        nap = min(max(NAP_SHARE * waited, SHORTEST_NAP), MAX_NAP)
         time.sleep(min(nap, timeout - waited))
     return True

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from proximity.core.library_in_c import receiver_in_c
-from proximity.core.receiver_state import MOST_AT_ONCE, MOST_FLAWED, RECEIVER
+from proximity.core.receiver_state import MAX_AT_ONCE, MAX_FLAWED, RECEIVER
 from proximity.message import MAX_RECORDS, PREFIX, Defect, Kind, validate
 from proximity.message.envelope import unpack_prefix
 from proximity.transport.link import NOTHING, Inlet
@@ -64,8 +64,8 @@ class MessageReader:
         inlet: Inlet,
         kinds: Sequence[Kind],
         clock: Callable[[], int] = time.monotonic_ns,
-        max_at_once: int = MOST_AT_ONCE,
-        max_flawed: int = MOST_FLAWED,
+        max_at_once: int = MAX_AT_ONCE,
+        max_flawed: int = MAX_FLAWED,
         uncounted: Kind | None = None,
     ) -> None:
         self._inlet = inlet

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from proximity.core.library_in_c import receiver_in_c
-from proximity.core.receiver_state import LONGEST_VALID_NS
+from proximity.core.receiver_state import MAX_VALID_NS
 from proximity.message import FRAME, Defect, State, parts_of
 from proximity.message.contact import Contacts
 from proximity.message.envelope import PREFIX_FIELDS
@@ -48,5 +48,5 @@ class ReceivedFrame:
         defect = _DEFECTS[self._content_flaw(self._data, self.publish_ns if now_ns is None else now_ns)]
         if defect is None:
             self.state = _STATES[numbers[-2]]
-            self.expires_ns = min(valid_until_ns, self.pose_ns + LONGEST_VALID_NS)
+            self.expires_ns = min(valid_until_ns, self.pose_ns + MAX_VALID_NS)
         return defect

@@ -27,7 +27,7 @@ MAX_SPEED = 3.0
 """Maximum speed of a finger, m/s, which is the tracker's default."""
 MAX_ACCELERATION = 120.0
 """Maximum acceleration of a finger, m/s², which is the tracker's default."""
-LONGEST_WAIT = 3600.0
+MAX_WAIT = 3600.0
 """Maximum time of one wait, s. A longer wait is split."""
 
 _VALID = (State.OK, State.DEGRADED)
@@ -239,7 +239,7 @@ class Subscriber:
             left = ends - time.monotonic()
             if reading.is_new or left <= 0.0:
                 return reading
-            self._inlet.wait(min(left, LONGEST_WAIT))
+            self._inlet.wait(min(left, MAX_WAIT))
 
     def frames(self) -> Iterator[np.ndarray]:
         """Yield the bytes of every usable frame that has arrived, oldest first, for recorders.

@@ -38,7 +38,7 @@ MAX_STRANGERS = 64
 """Maximum number of datagrams of other senders dropped in one call, so that a flood cannot block a reader."""
 MAX_FORGED_BYTES = 1 << 17
 """Maximum number of unverified bytes read in one call, which takes some 0.3 ms."""
-LARGEST_DATAGRAM = 1 << 16
+MAX_DATAGRAM = 1 << 16
 """Number of bytes that is larger than any datagram."""
 BUFFER_BYTES = 1 << 19
 """Size of a reader's buffer that is requested from the system, which may provide less."""
@@ -157,7 +157,7 @@ class UdpInlet:
         self._text = address.text
         self._key = key_of(address)
         self.is_keyed = self._key is not None
-        self._datagram = memoryview(bytearray(LARGEST_DATAGRAM if self.is_keyed else 0))
+        self._datagram = memoryview(bytearray(MAX_DATAGRAM if self.is_keyed else 0))
         endpoint = _look_up(address, address.location, needs_port=True)
         source = address.options.get("from")
         if source is not None:

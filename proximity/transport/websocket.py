@@ -28,7 +28,7 @@ from proximity.transport.link import NOTHING
 
 BUFFER = 64
 """Maximum number of messages that wait for a reader or for the pages. Beyond, the oldest are lost."""
-LARGEST_MESSAGE = 1 << 21
+MAX_MESSAGE = 1 << 21
 UNREAD_BYTES = 1 << 17
 """Maximum number of bytes that wait for one page. Beyond, the page misses messages."""
 TIMEOUT_S = 10.0
@@ -80,7 +80,7 @@ class _Site:
         named = [] if self.origin is None else [Origin(self.origin)]
         origins: list[Any] = [None, OF_THIS_MACHINE, *named]
         return await serve(
-            self._take, "127.0.0.1", self._port, origins=origins, max_size=LARGEST_MESSAGE, compression=None
+            self._take, "127.0.0.1", self._port, origins=origins, max_size=MAX_MESSAGE, compression=None
         )
 
     async def _end(self) -> None:

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 LOOK_S = 0.05
 RECORDED_STEP_S = 1 / 90
-LONGEST_RECORDED_S = 300.0
+MAX_RECORDED_S = 300.0
 """Maximum duration of a recorded hand that a page replays."""
 FINGERS_OF_PAGE = 10
 """Number of fingers of two hands, from thumb to little finger with the left hand first."""
@@ -293,7 +293,7 @@ def _recorded(
 ) -> dict[str, Any] | None:
     """Return a recorded hand for the page, or None if it cannot be placed."""
     try:
-        recording = recording.first(LONGEST_RECORDED_S).resampled(RECORDED_STEP_S)
+        recording = recording.first(MAX_RECORDED_S).resampled(RECORDED_STEP_S)
         if settings.is_recording_fitted:
             recording = recording.placed(fitted_pose(scene, recording, radius))
     except ProximityError as unfit:

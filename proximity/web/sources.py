@@ -21,7 +21,7 @@ from proximity.transport import open_subscriber
 from proximity.web.page_content import shown_contents
 from proximity.web.page_inbox import PageInbox
 
-LARGEST_LOG = 2_000_000_000
+MAX_LOG = 2_000_000_000
 """Maximum size of the frames of a log, bytes. They are in memory while the log is shown."""
 SHARED = ("shm://", "zenoh://")
 """Addresses at which any number of programs can listen."""
@@ -117,7 +117,7 @@ class LoggedFrames:
             self._runs.append(run)
             begins.append(begins[-1] + len(run))
             size += run.nbytes
-            if size > LARGEST_LOG:
+            if size > MAX_LOG:
                 raise RecordingError(f"{reader.path}: has more than 2 GB of frames, expected a shorter log")
         if not self._runs:
             raise RecordingError(f"{reader.path}: has no frame yet")

@@ -34,7 +34,7 @@ def test_rays_without_crossings_have_no_row_and_the_others_keep_their_columns(ru
     assert [row["crossing"] for row in rows] == ["enters", "leaves"] * (len(rows) // 2)
 
 
-def test_least_distance_is_in_the_unit_of_the_points(run):
+def test_min_distance_is_in_the_unit_of_the_points(run):
     asked = HOLLOW, 10, 10, 50, "--ray", 0, 0, -1, "--units", "cm", "--json"
 
     every, rest = (

@@ -13,7 +13,7 @@ from proximity.decaff.calibration import fit
 from proximity.decaff.calibration.fit import backlash, cable_compliance, step_latency, touch_offset
 from proximity.decaff.glove.calibrated_glove import TOUCH_TOLERANCE, CalibratedGlove, read_glove
 from proximity.decaff.glove.calibration import (
-    LARGEST_FILE,
+    MAX_FILE,
     Calibration,
     check_age,
     read_calibration,
@@ -264,7 +264,7 @@ def test_folder_that_is_not_there_is_told(tmp_path):
         (b"[" * 60000, "is not JSON…"),
         (b'{"latency_s": 0.1, "name": "", "latency_s": 0.9}',
          "has 'latency_s' twice, expected each field once…"),
-        (b" " * (LARGEST_FILE + 1), f"has more than {LARGEST_FILE} bytes…"),
+        (b" " * (MAX_FILE + 1), f"has more than {MAX_FILE} bytes…"),
         (b'{"format": "proximity glove calibration"}', "has version None, expected 1…"),
     ],
     ids=lambda value: value[:40] if isinstance(value, str) else "",

@@ -20,7 +20,7 @@ from proximity.formats.step.step_records import StepText
 
 SIZES = [1 << power for power in (8, 9, 12, 14, 16, 18, 20)]
 """Bytes; small sizes first, so that quadratic time is found quickly."""
-MULTIPLE, LEAST_S = 100, 0.02
+MULTIPLE, MIN_S = 100, 0.02
 
 BOX = step_text.box_step((1, 2, 3))
 HEAD, TAIL = BOX[: BOX.index("DATA;\n") + 6], "ENDSEC;\nEND-ISO-10303-21;\n"
@@ -107,7 +107,7 @@ def test_hostile_text_costs_a_multiple_of_an_ordinary_file(tmp_path, case):
     for size in SIZES:
         usual = seconds(path, ordinary(kind, size))
         spent = seconds(path, repeated(unit, size, before, behind))
-        assert spent < MULTIPLE * max(usual, LEAST_S), f"{spent:.2f} s for {size} bytes, usually {usual:.3f}"
+        assert spent < MULTIPLE * max(usual, MIN_S), f"{spent:.2f} s for {size} bytes, usually {usual:.3f}"
 
 
 def test_names_of_blanks_are_looked_at_once():
@@ -115,7 +115,7 @@ def test_names_of_blanks_are_looked_at_once():
     start = time.process_time()
     header = b'{"meshes": [{"name": "' + b" " * 1_000_000 + b'x"}]}'
     product_structure.with_names_of_products(header, StepText(""))
-    assert time.process_time() - start < MULTIPLE * LEAST_S
+    assert time.process_time() - start < MULTIPLE * MIN_S
 
 
 def test_numbered_names_are_found_without_trying_all():
@@ -124,7 +124,7 @@ def test_numbered_names_are_found_without_trying_all():
     start = time.process_time()
     unique, _ = file_reader.unique_names(names)
     assert len(set(unique)) == len(names)
-    assert time.process_time() - start < MULTIPLE * LEAST_S
+    assert time.process_time() - start < MULTIPLE * MIN_S
 
 
 def test_lines_that_a_backslash_continues_keep_their_numbers(tmp_path):

@@ -356,7 +356,7 @@ def test_cubes_that_touch_come_apart_though_they_are_inside_out(offset, seed):
 
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("is_float32", [False, True])
-def test_cavity_that_lies_on_most_sides_of_its_body_belongs_to_it(seed, is_float32):
+def test_cavity_that_lies_on_max_sides_of_its_body_belongs_to_it(seed, is_float32):
     """A slot through the body, and one at its corner; rotated, so that sides coincide within rounding."""
     for lower, upper in [((0, 0.5, 0), (3, 1, 3)), ((0, 0, 0), (1, 1, 1))]:
         cavity = shapes.inside_out(shapes.box(lower, upper))

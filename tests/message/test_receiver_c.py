@@ -284,7 +284,7 @@ def test_with_a_key_recordings_are_old_however_long_it_was_silent(program, key, 
     assert (counts["received"], counts["old"], counts["unverified"]) == (5, 4, 0)
 
 
-def test_most_fingers_fit_with_their_tag(program, key, port):
+def test_max_fingers_fit_with_their_tag(program, key, port):
     keyed = listening(program, port, "127.0.0.1", "127.0.0.1", key)
     with keyed as receiver, open_publisher(f"udp://127.0.0.1:{port}?key={key}") as publisher:
         publisher.publish(frame(time.monotonic_ns(), 65, valid_for=900 * MS))

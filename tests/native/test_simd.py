@@ -321,7 +321,7 @@ def test_compress_moves_chosen_lanes_to_the_front_in_order(dtype):
 
 
 @compiled
-def least_of(values):
+def min_of(values):
     return horizontal_min(load(values, 0))
 
 
@@ -342,7 +342,7 @@ def test_horizontal_min_and_lane_take_the_right_lanes(dtype):
         values = np.random.default_rng(seed).normal(size=8).astype(dtype)
         values[seed % 8] = [np.inf, -np.inf, 0.0, np.finfo(dtype).smallest_subnormal][seed % 4]
 
-        assert least_of(values) == values.min()
+        assert min_of(values) == values.min()
         assert [lane_of(values, i) for i in range(LANES)] == values.tolist()
         assert [bool(truth_of(values, -values, i)) for i in range(LANES)] == (values < 0.0).tolist()
 

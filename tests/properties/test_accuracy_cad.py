@@ -108,7 +108,7 @@ def test_cycloidal_is_bodies_with_an_inside_and_no_more_than_a_sheet_without():
     assert all(not solid.is_watertight and solid.sign_method is SignMethod.NONE for solid in unsigned)
 
 
-def test_scene_of_many_bodies_is_the_least_of_its_parts():
+def test_scene_of_many_bodies_is_the_min_of_its_parts():
     scene = scene_of("cycloidal.ply")
     rng = np.random.default_rng(3)
     lower, upper = scene.bounds

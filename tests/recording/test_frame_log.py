@@ -207,7 +207,7 @@ def test_frame_of_another_version_at_the_end_is_not_torn(path):
 
 
 def test_more_damage_than_a_crash_leaves_is_not_cut(path, monkeypatch):
-    monkeypatch.setattr(frame_log, "LARGEST_FRAME", 2 * SIZE)
+    monkeypatch.setattr(frame_log, "MAX_FRAME", 2 * SIZE)
     whole = sealed(range(2)) + bytes(2 * SIZE + 1)
     path.write_bytes(whole)
 
@@ -259,7 +259,7 @@ for sequence in range(10**9):
 """
 
 
-def test_killed_writer_loses_at_most_the_frame_being_written(path):
+def test_killed_writer_loses_at_max_the_frame_being_written(path):
     writer = subprocess.Popen([sys.executable, "-c", WRITER, str(path)])
     try:
         ends = time.monotonic() + 60.0

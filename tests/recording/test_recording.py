@@ -164,7 +164,7 @@ def test_line_is_right_beyond_the_first_chunk(read):
 
 
 def test_sensor_that_counts_hands_without_end_is_refused(read):
-    lines = [f"{row},{row},0,1,2,3" for row in range(recording_reader.LARGEST_HAND_COUNT + 1)]
+    lines = [f"{row},{row},0,1,2,3" for row in range(recording_reader.MAX_HAND_COUNT + 1)]
     with pytest.raises(RecordingError, match=r"there are 33 hands, expected at most 32"):
         read(HEADER + "\n".join(lines))
 

@@ -242,7 +242,7 @@ def test_crossings_are_those_of_casting_again_and_again(asked):
         assert list(zip(*columns, strict=True)) == expected
 
 
-def test_least_distance_of_nothing_changes_no_bit():
+def test_min_distance_of_nothing_changes_no_bit():
     for asked in (solid_of("cube"), solid_of("torus"), some_scene(12)):
         origins, directions = some_rays("torus", 2000)
         limits = np.linspace(0.0, 3.0, len(origins))
@@ -324,7 +324,7 @@ def test_sheet_is_crossed_once_at_its_inner_edges_and_corners():
     assert found.is_entering.all()
 
 
-def test_ray_from_the_surface_crosses_at_once_and_a_least_distance_skips_that():
+def test_ray_from_the_surface_crosses_at_once_and_a_min_distance_skips_that():
     cube = solid_of("cube")
 
     assert cube.cast_all((0.0, 0.25, 0.5), (1, 0, 0)).distance.tolist() == [0.0, 1.0]
@@ -340,7 +340,7 @@ def test_small_tables_and_threads_change_no_bit(monkeypatch, workers):
     scene = some_scene(12)
     origins, directions = np.random.default_rng(2).uniform(-4.0, 4.0, (2, 5000, 3))
     expected = scene.cast_all(origins, directions)
-    monkeypatch.setattr(tables, "FEWEST_ROWS", 1)
+    monkeypatch.setattr(tables, "MIN_ROWS", 1)
     monkeypatch.setattr(tables, "CROSSINGS_PER_RAY", 0)
 
     found = scene.cast_all(origins, directions, workers=workers)

@@ -155,7 +155,7 @@ def test_any_ray_or_segment_is_answered_as_by_the_oracle(name, start, way, mesh)
 @pytest.mark.parametrize("is_turned", [True, False], ids=["turned", "shifted"])
 @pytest.mark.parametrize("offset", [np.zeros(3), FAR], ids=["here", "far"])
 @pytest.mark.parametrize("count", [1, 9, 64])
-def test_answer_of_a_scene_is_the_least_over_its_parts(name, count, offset, is_turned):
+def test_answer_of_a_scene_is_the_min_over_its_parts(name, count, offset, is_turned):
     """Compare with the oracle for each part in its own frame; the reported part has the distance."""
     query, scene = QUERIES[name], some_scene(count, is_turned=is_turned, offset=offset)
     rng = np.random.default_rng(10)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from fake_service import MS, Newest, QueueInlet
 
-from proximity.core.receiver_state import MOST_FLAWED
+from proximity.core.receiver_state import MAX_FLAWED
 from proximity.errors import PublishError
 from proximity.message import MEASURED, PATH_CORNERS, PATH_POSES, POSES, Message
 from proximity.service import FingerPoses, Measurements, MessageInput
@@ -183,8 +183,8 @@ def test_flood_takes_a_few_messages_of_a_tick_and_no_more(inlet):
     inlet.put(poses(np.ones((1, 3))))
 
     assert source.poll(NOW) is None
-    assert len(inlet.queue) == 1001 - MOST_FLAWED
-    for _ in range(1000 // MOST_FLAWED):
+    assert len(inlet.queue) == 1001 - MAX_FLAWED
+    for _ in range(1000 // MAX_FLAWED):
         polled = source.poll(NOW)
     assert (polled.positions == 1).all()
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from proximity.service import Histogram, SkippingClock
-from proximity.service.report import LARGEST_NS
+from proximity.service.report import MAX_NS
 
 MS = 1_000_000
 
@@ -53,7 +53,7 @@ def filled(durations):
     return histogram
 
 
-@given(st.integers(0, LARGEST_NS))
+@given(st.integers(0, MAX_NS))
 def test_bin_holds_its_duration_and_is_a_32nd_wide_at_most(duration):
     ((lower, upper, count),) = filled([duration]).rows()
     assert lower <= duration <= upper and count == 1
@@ -63,11 +63,11 @@ def test_bin_holds_its_duration_and_is_a_32nd_wide_at_most(duration):
 def test_bins_touch_each_other_and_cover_all():
     expected = 0
     # Check one duration per bin: bins are contiguous.
-    while expected <= LARGEST_NS:
+    while expected <= MAX_NS:
         ((lower, upper, _),) = filled([expected]).rows()
         assert lower == expected
         expected = upper + 1
-    assert expected == LARGEST_NS + 1
+    assert expected == MAX_NS + 1
 
 
 @pytest.mark.parametrize("share", [0.0, 50.0, 99.9])
@@ -98,7 +98,7 @@ def test_durations_that_no_bin_is_made_for_are_in_the_first_and_the_last():
 
     rows = list(histogram.rows())
     assert rows[0] == (0, 0, 3)
-    assert rows[1][1] == LARGEST_NS and rows[1][2] == 1
+    assert rows[1][1] == MAX_NS and rows[1][2] == 1
     assert histogram.max_ns == 2**62 == histogram.percentile(100.0)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapes
 
-from proximity.kernels.tracking.tick import FEWEST_BUDGETS, MANY, PRESENCE, SHARED_BUDGETS
+from proximity.kernels.tracking.tick import MANY, MIN_BUDGETS, PRESENCE, SHARED_BUDGETS
 from proximity.message import ContactFlag
 from proximity.pose import Pose
 from proximity.scene.scene import Scene
@@ -48,7 +48,7 @@ def sheet(name="sheet", *, height=0.0, half=0.1):
 
 def steps_for_all(budget, count):
     """Number of steps that *count* fingers share per tick for their distances."""
-    return max(SHARED_BUDGETS * budget - PRESENCE * max(count - MANY, 0), FEWEST_BUDGETS * budget)
+    return max(SHARED_BUDGETS * budget - PRESENCE * max(count - MANY, 0), MIN_BUDGETS * budget)
 
 
 def flags_of(contacts, finger=0):

@@ -21,7 +21,7 @@ def test_what_was_kept_is_there_for_another_process(folder):
     assert FileCache("others", 1000).read("a") is None
 
 
-def test_least_recently_used_go_beyond_the_limit(folder):
+def test_min_recently_used_go_beyond_the_limit(folder):
     cache = FileCache("parts", 300)
     for number, key in enumerate("abc"):
         cache.write(key, bytes(50))

@@ -5,7 +5,7 @@ import pytest
 import shapes
 from ticking import MS, RADIUS, line, plate, steps_for_all, tick_path
 
-from proximity.kernels.tracking.tick import MOST_TOLERANCE, PREDICTION_BUDGETS
+from proximity.kernels.tracking.tick import MAX_TOLERANCE, PREDICTION_BUDGETS
 from proximity.message import ContactFlag, Mode
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
@@ -138,7 +138,7 @@ def test_in_a_crowd_bounds_are_as_wide_for_all_for_how_far_they_are(ball):
     share = (contacts["upper"] - contacts["lower"]) / contacts["lower"]
     adaptive_tolerance = tracker._settings["adaptive_tolerance"].item()
 
-    assert 0.0 < adaptive_tolerance < MOST_TOLERANCE
+    assert 0.0 < adaptive_tolerance < MAX_TOLERANCE
     assert np.percentile(share, 99.0) <= 1.5 * adaptive_tolerance
     near, far = contacts["lower"] < 0.02, contacts["lower"] > 0.04
     assert near.sum() > 100 and far.sum() > 100

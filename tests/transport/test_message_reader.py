@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wire import MS, NOW, SESSION, Clock, Wire, frame, sealed
 
-from proximity.core.receiver_state import MOST_AT_ONCE, MOST_FLAWED
+from proximity.core.receiver_state import MAX_AT_ONCE, MAX_FLAWED
 from proximity.message import FRAME, MAX_RECORDS, MOVES, POSES, Defect, Message
 from proximity.transport.message_reader import MessageReader
 
@@ -137,7 +137,7 @@ def test_kinds_have_numbers_of_their_own():
 @pytest.mark.parametrize("is_default", [True, False])
 def test_so_many_messages_are_taken_at_once(is_flawed, is_default):
     """The number of messages per read is limited, valid or not."""
-    name, default = ("max_flawed", MOST_FLAWED) if is_flawed else ("max_at_once", MOST_AT_ONCE)
+    name, default = ("max_flawed", MAX_FLAWED) if is_flawed else ("max_at_once", MAX_AT_ONCE)
     most = default if is_default else 3
     bench = Bench(**({} if is_default else {name: most}))
     flood = [b"garbage" if is_flawed else sealed(frame(count=1), number) for number in range(most)]

@@ -21,7 +21,7 @@ from proximity import Part, Pose, Scene, Solid
 from proximity.kernels import layout
 from proximity.scene.saved import archive, compiled_scene
 
-LONGEST_S = 20
+MAX_S = 20
 """Time limit of one mutation."""
 NOON_NS = 12 * 3600 * 10**9
 
@@ -348,7 +348,7 @@ def changes(path, name, first, count):
 
 def told(ask, *arguments):
     """Return the result of *ask*, or the error it raised, within the time limit."""
-    signal.alarm(LONGEST_S)
+    signal.alarm(MAX_S)
     try:
         outcome_of_it = ask(*arguments)
     except Exception as unexpected:

@@ -18,7 +18,7 @@ from proximity.scene.solid import Solid
 
 FILES = ("bracket.stl", "gear.stl", "hollow_box.stl", "plate.stl", "sphere.stl", "torus.ply", "assembly.glb")
 CAD = ("busted.STL", "featuretype.STL", "octagonal_pocket.stl", "cycloidal.ply")
-LARGEST_DEFORMED = 5000  # faces
+MAX_DEFORMED = 5000  # faces
 TOO_MANY = 150  # bodies of a file; a cell uses all of them
 
 
@@ -198,7 +198,7 @@ class Cell:
 
     def deform(self, number, rng):
         """Deform a part slightly from its initial shape; the reference scene gets a new tree."""
-        if number not in self.order or self.solids[number].mesh.face_count > LARGEST_DEFORMED:
+        if number not in self.order or self.solids[number].mesh.face_count > MAX_DEFORMED:
             return
         self.before_change()
         vertices = self.first_solids[number].mesh.vertices

@@ -11,7 +11,7 @@ from trial_log import DISTANCE_ROUNDING, Log, Tally
 import oracle
 
 ORACLE_POINTS = 4  # per trial
-LARGEST_FOR_ORACLE = 100_000  # faces per part
+MAX_FOR_ORACLE = 100_000  # faces per part
 UNCLEAR = 0.1  # in turns: twice the error of the engine's winding numbers
 
 
@@ -92,7 +92,7 @@ def _by_oracle(log, row):
         number, solid = seen[nearest], history.solids[history.shapes[tick, seen[nearest]]]
         if away[nearest] > best:
             break
-        if solid.mesh.face_count > LARGEST_FOR_ORACLE:
+        if solid.mesh.face_count > MAX_FOR_ORACLE:
             return np.nan
         own = history.own_points(number, log.positions[[row]], log.ticks[[row]], np.zeros(1))
         vertices, faces = solid.mesh.vertices, solid.mesh.faces

@@ -400,7 +400,7 @@ def frame(sequence, pose_ns):
     return message
 
 
-def test_frames_come_byte_for_byte_and_two_at_most_are_under_way(bridge):
+def test_frames_come_byte_for_byte_and_two_at_max_are_under_way(bridge):
     page = bridge.page()
     for number in range(60):
         bridge.frames.publish(frame(number, time.monotonic_ns()))

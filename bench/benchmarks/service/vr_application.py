@@ -40,7 +40,7 @@ HEADINGS = (
     "tick with a new pose p50, µs", "p99", "of 1 ms", "without one p50, µs", "service", "bridge, cores",
 )  # fmt: skip
 WARM_S = 1.0  # poses before counting: clocks are estimated in that time
-LONGEST_S = 60.0  # without a frame at the start
+MAX_S = 60.0  # without a frame at the start
 LOOK_S = 5e-5
 SERVED = "served.toml"
 NO_POSES = 'poses = "mailbox:none"'
@@ -296,7 +296,7 @@ def _drive_for(
 
 
 def _until_answered(running: _Application, hand: np.ndarray, case: VrCase) -> None:
-    ends = time.monotonic() + LONGEST_S
+    ends = time.monotonic() + MAX_S
     while not running.receive(0.1):
         if time.monotonic() > ends:
             raise ServiceError("no frame came within a minute")

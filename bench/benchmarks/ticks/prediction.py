@@ -11,7 +11,7 @@ from proximity import Scene, Solid, Tracker
 LATENCY_NS = 9_000_000
 MAX_ERROR = 2.6e-3  # m
 MOVING = 0.1  # m/s
-LONGEST_STEP_NS = 30_000_000
+MAX_STEP_NS = 30_000_000
 WALL_DISTANCE = 1.0  # m
 
 
@@ -79,7 +79,7 @@ def _compared(times, positions, predicted):
     chosen = [
         k
         for k in range(1, len(times))
-        if speeds[k - 1] > MOVING and after[k] < len(times) and steps[k : after[k]].max() <= LONGEST_STEP_NS
+        if speeds[k - 1] > MOVING and after[k] < len(times) and steps[k : after[k]].max() <= MAX_STEP_NS
     ]
     return (
         np.linalg.norm(truth - positions, axis=1)[chosen],

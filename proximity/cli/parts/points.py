@@ -25,7 +25,7 @@ BEFORE_COMMENT = re.compile(r'(?:"[^"]*"|[^#]|(?<=\S)#)*')
 any other # belongs to a name such as pin#2."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 NAME = "name"  # name of a column, in upper or lower case
-LONGEST_LINE = 1_000_000
+MAX_LINE = 1_000_000
 """Maximum length of a line, letters. A longer line is not text of points."""
 
 Note = Callable[[str], None]
@@ -178,7 +178,7 @@ def parse_points(
 
 
 def _lines(stream: TextIO) -> Iterator[str]:
-    return iter(partial(stream.readline, LONGEST_LINE), "")
+    return iter(partial(stream.readline, MAX_LINE), "")
 
 
 def _empty(columns: Columns) -> Points:
@@ -186,8 +186,8 @@ def _empty(columns: Columns) -> Points:
 
 
 def _fields(line: str, where: str) -> list[str]:
-    if len(line) >= LONGEST_LINE:
-        raise ArgumentError(f"{where}: has {LONGEST_LINE} characters or more, expected three numbers")
+    if len(line) >= MAX_LINE:
+        raise ArgumentError(f"{where}: has {MAX_LINE} characters or more, expected three numbers")
     if not line.isascii() and any("\udc80" <= letter <= "\udcff" for letter in line):
         raise ArgumentError(
             f"{where}: not text in UTF-8, expected a text file with three numbers on each line"

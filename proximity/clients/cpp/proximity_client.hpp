@@ -232,7 +232,7 @@ private:
         std::memcpy(&header, message.data(), sizeof header);
         const numbers of{header.session, header.epoch, header.part_count, header.finger_count};
         const std::uint64_t total = of[2] + of[3], first = header.first;
-        if (total > PROXIMITY_MOST_NAMES || first + header.count > total)
+        if (total > PROXIMITY_MAX_NAMES || first + header.count > total)
             return flaw::content;
         refused_ = header.refused;
         refusal_.assign(header.refusal, std::find(header.refusal, std::end(header.refusal), '\0'));
@@ -414,7 +414,7 @@ public:
     /// Read arrived messages and return the present state; never waits.
     reading read()
     {
-        for (int taken = 0, unused = 0; taken < PROXIMITY_MOST_AT_ONCE && unused < PROXIMITY_MOST_FLAWED; taken++) {
+        for (int taken = 0, unused = 0; taken < PROXIMITY_MAX_AT_ONCE && unused < PROXIMITY_MAX_FLAWED; taken++) {
             sockaddr_in sender{};
             socklen_t length = sizeof sender;
             const auto size = recvfrom(socket_.get(), reinterpret_cast<char *>(buffer_.data()), buffer_.size(), 0,

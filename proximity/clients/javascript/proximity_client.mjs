@@ -299,7 +299,7 @@ export class FrameReader {
     this.#nowNs = isBelieved ? now : null;
     if (held === null) return { state: "STALE", isValid: false, isNew: false, nowNs: now, ageNs: -1n, header: null, contacts: [] };
     const { header } = held;
-    const ends = header.pose_ns + LIMITS.LONGEST_VALID_NS;
+    const ends = header.pose_ns + LIMITS.MAX_VALID_NS;
     const expires = header.valid_until_ns < ends ? header.valid_until_ns : ends;
     let state = header.state;
     if (!isBelieved || now > expires + this.#limits.staleAfterNs) state = Math.max(state, State.STALE);
@@ -334,7 +334,7 @@ export class FrameReader {
     const { header, records } = decode(bytes, "description");
     const { session, epoch, part_count: partCount, finger_count: fingerCount, first } = header;
     const total = partCount + fingerCount;
-    if (total > LIMITS.MOST_NAMES || first + records.length > total) return "content";
+    if (total > LIMITS.MAX_NAMES || first + records.length > total) return "content";
     ({ refused: this.refused, refusal: this.refusal } = header);
     const of = [session, epoch, partCount, fingerCount].join();
     if (of !== this.#labels.of || first === 0) this.#labels = { of, names: new Map() };
@@ -375,7 +375,7 @@ export class FrameReader {
     const last = this.#last;
     if (last === null) return false;
     if (session === last.session) {
-      return sequence <= last.sequence || sequence - last.sequence > LIMITS.MOST_SKIPPED;
+      return sequence <= last.sequence || sequence - last.sequence > LIMITS.MAX_SKIPPED;
     }
     const wasFollowed = this.#ended.has(session);
     if (session > last.session && !wasFollowed) return false;
@@ -393,10 +393,10 @@ export class FrameReader {
       this.#ended.set(last.session, last.sequence);
       before = this.#ended.get(session) ?? -1n;
       this.#ended.delete(session);
-      if (this.#ended.size > LIMITS.MOST_RUNS) this.#ended.delete(this.#ended.keys().next().value);
+      if (this.#ended.size > LIMITS.MAX_RUNS) this.#ended.delete(this.#ended.keys().next().value);
     }
     const missing = sequence - before - 1n;
-    this.counts.lost += missing <= LIMITS.MOST_SKIPPED ? missing : 0n; // of a run that was joined late
+    this.counts.lost += missing <= LIMITS.MAX_SKIPPED ? missing : 0n; // of a run that was joined late
     this.counts.received++;
     this.#last = { session, sequence, sent, now };
     if (session > this.#newestSession) this.#newestSession = session;

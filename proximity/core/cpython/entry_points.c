@@ -12,7 +12,7 @@
 
 #include "entry_points.h"
 
-enum { MOST_AXES = 4, MOST_VALUES = 24, MOST_WORDS = 96 };
+enum { MAX_AXES = 4, MAX_VALUES = 24, MAX_WORDS = 96 };
 enum { INT, FLOAT, BOOL, ARRAY, BUNDLE };
 enum { RECORD_SIZE = 256 }; /* factor of the size in the code of a record type */
 enum { ANSWERED = -1 }; /* result of a query that has answered all rows */
@@ -21,7 +21,7 @@ typedef struct {
     int kind;
     int number; /* of an array its dtype, see type_number; of a bundle its kind */
     int axes;
-    int64_t lengths[MOST_AXES]; /* -1: any */
+    int64_t lengths[MAX_AXES]; /* -1: any */
 } Value;
 
 typedef struct {
@@ -33,14 +33,14 @@ typedef struct {
     int row_arrays, width, dtype;
     Py_ssize_t few;     /* rows from which Python takes over */
     PyObject *otherwise; /* answers all other calls */
-    Value values[MOST_VALUES]; /* arguments, then results */
+    Value values[MAX_VALUES]; /* arguments, then results */
 } Entry;
 
 typedef struct {
     PyObject_HEAD
     PyObject *arrays; /* a tuple */
     int64_t kind;
-    int64_t words[MOST_WORDS];
+    int64_t words[MAX_WORDS];
 } Bundle;
 
 static PyTypeObject *bundle_type;
@@ -154,7 +154,7 @@ static void forget(PyObject *capsule)
 
 static PyObject *array_of(const Value *value, const int64_t *words)
 {
-    npy_intp lengths[MOST_AXES];
+    npy_intp lengths[MAX_AXES];
     for (int axis = 0; axis < value->axes; axis++) {
         lengths[axis] = (npy_intp)words[1 + axis];
     }
@@ -235,7 +235,7 @@ static int ask(const Entry *entry, int64_t *words, Py_ssize_t rows)
 static PyObject *call(PyObject *self, PyObject *const *arguments, Py_ssize_t count)
 {
     const Entry *entry = PyCapsule_GetPointer(self, NULL);
-    int64_t words[MOST_WORDS];
+    int64_t words[MAX_WORDS];
     Py_ssize_t at = 0, rows = -1;
     if (count != entry->argument_count) {
         PyErr_Format(PyExc_TypeError, "%s takes %d arguments, %zd were given", entry->name, entry->argument_count,
@@ -263,7 +263,7 @@ static PyObject *packed_name, *one;
 /* The table of answers to a small batch of plain rows; NULL without an exception for other arguments. */
 static PyObject *ask_few(const Entry *entry, PyObject *const *arguments)
 {
-    int64_t words[MOST_WORDS];
+    int64_t words[MAX_WORDS];
     double limit = PyFloat_CheckExact(arguments[1 + entry->row_arrays])
                        ? PyFloat_AsDouble(arguments[1 + entry->row_arrays]) : -1.0;
     if (!(limit >= 0.0) || arguments[2 + entry->row_arrays] != one) {
@@ -336,9 +336,9 @@ static PyMethodDef query_definition = {"query", (PyCFunction)(void (*)(void))cal
 /* Read the codes of a value: kind, number, axes, lengths; return 0 with an exception if they are invalid. */
 static int read_value(PyObject *codes, Value *value)
 {
-    int64_t numbers[3 + MOST_AXES];
+    int64_t numbers[3 + MAX_AXES];
     Py_ssize_t count = PyTuple_Check(codes) ? PyTuple_Size(codes) : 0;
-    if (count < 3 || count > 3 + MOST_AXES) {
+    if (count < 3 || count > 3 + MAX_AXES) {
         PyErr_SetString(PyExc_ValueError, "a value is described by 3 to 7 whole numbers");
         return 0;
     }
@@ -397,7 +397,7 @@ static PyObject *described(PyObject *arguments)
     entry->argument_count = (int)PyTuple_Size(taken);
     entry->result_count = (int)PyTuple_Size(given);
     int is_right = entry->wrapper != NULL && entry->name != NULL &&
-                   entry->argument_count + entry->result_count <= MOST_VALUES;
+                   entry->argument_count + entry->result_count <= MAX_VALUES;
     for (int k = 0; is_right && k < entry->argument_count + entry->result_count; k++) {
         int is_result = k >= entry->argument_count;
         PyObject *codes = is_result ? PyTuple_GetItem(given, k - entry->argument_count) : PyTuple_GetItem(taken, k);
@@ -407,7 +407,7 @@ static PyObject *described(PyObject *arguments)
             entry->argument_words = words;
         }
     }
-    if (!is_right || words > MOST_WORDS) {
+    if (!is_right || words > MAX_WORDS) {
         free(entry->name);
         free(entry);
         if (!PyErr_Occurred()) {
@@ -481,7 +481,7 @@ static PyObject *make_bundle(PyObject *self, PyObject *arguments)
         Value value;
         PyObject *array = PyTuple_GetItem(arrays, k);
         int is_right = read_value(PyTuple_GetItem(codes, k), &value);
-        if (is_right && at + value_words(&value) > MOST_WORDS) {
+        if (is_right && at + value_words(&value) > MAX_WORDS) {
             PyErr_Format(PyExc_ValueError, "%s has more arrays than a bundle can hold", name);
             is_right = 0;
         } else if (is_right && !array_words(&value, array, bundle->words + at)) {

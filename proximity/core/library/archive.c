@@ -106,7 +106,7 @@ static int find(Text object, const char *key, Text *value)
     return 0;
 }
 
-enum { MOST_DIGITS = 18 }; /* fit into 64 bits */
+enum { MAX_DIGITS = 18 }; /* fit into 64 bits */
 
 static int read_whole(Text *text, int64_t *number)
 {
@@ -114,10 +114,10 @@ static int read_whole(Text *text, int64_t *number)
     *number = 0;
     skip_space(text);
     for (; text->at < text->end && *text->at >= '0' && *text->at <= '9'; text->at++, digits++) {
-        *number = digits < MOST_DIGITS ? 10 * *number + (*text->at - '0') : *number;
+        *number = digits < MAX_DIGITS ? 10 * *number + (*text->at - '0') : *number;
     }
     *number = is_negative ? -*number : *number;
-    return digits > 0 && digits <= MOST_DIGITS;
+    return digits > 0 && digits <= MAX_DIGITS;
 }
 
 static int find_whole(Text object, const char *key, int64_t *number)
@@ -225,7 +225,7 @@ static int read_names(Text list, Archive *archive)
 
 /* --- arrays ------------------------------------------------------------------------------------------- */
 
-enum { MOST_ARRAYS = 64, LENGTHS = 2 };
+enum { MAX_ARRAYS = 64, LENGTHS = 2 };
 
 typedef struct {
     Text name;
@@ -279,14 +279,14 @@ static int read_arrays(const InstructionSet *set, Text list, uint8_t *data, int6
                        proximity_error *error)
 {
     static const char not_understood[] = "its description cannot be understood; save the scene again with this version";
-    Shape shapes[MOST_ARRAYS];
-    int64_t table[MOST_ARRAYS][3], fault[FAULT_SIZE] = {0}, count = 0;
+    Shape shapes[MAX_ARRAYS];
+    int64_t table[MAX_ARRAYS][3], fault[FAULT_SIZE] = {0}, count = 0;
     Text entry;
     if (!take(&list, '[')) {
         return proximity_refuse(error, PROXIMITY_BAD_FILE, not_understood);
     }
     do {
-        if (count == MOST_ARRAYS || !read_value(&list, &entry) || !read_shape(entry, &shapes[count], table[count])) {
+        if (count == MAX_ARRAYS || !read_value(&list, &entry) || !read_shape(entry, &shapes[count], table[count])) {
             return proximity_refuse(error, PROXIMITY_BAD_FILE, not_understood);
         }
         count++;

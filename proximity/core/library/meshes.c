@@ -228,7 +228,7 @@ static int build(const Split *split, Body *body, double *frame)
     if (is_far) {
         return proximity_refuse(split->error, PROXIMITY_BAD_MESH,
                                 "the part is too far from the origin or too small to be computed with; expected "
-                                "coordinates up to %g m and sizes from %g m", LARGEST_COORDINATE, SMALLEST_SIZE);
+                                "coordinates up to %g m and sizes from %g m", MAX_COORDINATE, SMALLEST_SIZE);
     }
     return is_done ? PROXIMITY_OK : proximity_no_memory(split->error, "for the mesh");
 }
@@ -271,7 +271,7 @@ static int build_all(Split *split, const char *name, proximity_scene **scene)
     if (!choose_frame(split, frame)) {
         return proximity_refuse(split->error, PROXIMITY_BAD_MESH,
                                 "the mesh is too far from the origin or too small to be computed with; expected "
-                                "coordinates up to %g m and sizes from %g m", LARGEST_COORDINATE, SMALLEST_SIZE);
+                                "coordinates up to %g m and sizes from %g m", MAX_COORDINATE, SMALLEST_SIZE);
     }
     for (int64_t k = 0; k < split->count; k++) {
         int code = build(split, &split->bodies[k], frame);

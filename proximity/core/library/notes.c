@@ -75,27 +75,27 @@ void proximity_note_tick(const proximity_scene *scene, int64_t *noted, int64_t a
                          size_t count)
 {
     int64_t kinds = new_kinds(scene, noted, answer & ~(int64_t)DONE);
-    int64_t least_ns = INT64_MAX, most_ns = INT64_MIN;
+    int64_t min_ns = INT64_MAX, max_ns = INT64_MIN;
     const proximity_contact *nearest = NULL;
     for (size_t k = 0; kinds != 0 && k < count; k++) {
         const proximity_contact *c = &contacts[k];
         if (isfinite(c->position[0]) && isfinite(c->position[1]) && isfinite(c->position[2])) {
-            least_ns = c->age_ns < least_ns ? c->age_ns : least_ns;
-            most_ns = c->age_ns > most_ns ? c->age_ns : most_ns;
+            min_ns = c->age_ns < min_ns ? c->age_ns : min_ns;
+            max_ns = c->age_ns > max_ns ? c->age_ns : max_ns;
         }
         if ((c->flags & PROXIMITY_FLAG_TRACKED) != 0 &&
             (nearest == NULL || c->signed_distance < nearest->signed_distance)) {
             nearest = c;
         }
     }
-    if (kinds & HAS_DEFECT << FUTURE && least_ns < -OTHER_CLOCK_NS) {
-        note(scene, "poses from the future are not used (by %.0f s; %s)", -1e-3 * MS(least_ns), two_clocks);
+    if (kinds & HAS_DEFECT << FUTURE && min_ns < -OTHER_CLOCK_NS) {
+        note(scene, "poses from the future are not used (by %.0f s; %s)", -1e-3 * MS(min_ns), two_clocks);
     } else if (kinds & HAS_DEFECT << FUTURE) {
         note(scene, "poses from the future are predicted for their own instant (by %.1f ms; give the instant at which the "
-                    "hand was there, not the predicted display time)", -MS(least_ns));
+                    "hand was there, not the predicted display time)", -MS(min_ns));
     }
     if (kinds & HAS_DEFECT << TOO_OLD) {
-        note(scene, "poses older than 1 s are not used (%.0f s old; %s)", 1e-3 * MS(most_ns), two_clocks);
+        note(scene, "poses older than 1 s are not used (%.0f s old; %s)", 1e-3 * MS(max_ns), two_clocks);
     }
     if (kinds & ALL_IN_MILLIMETRES && nearest != NULL) {
         char what[32];

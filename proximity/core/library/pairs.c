@@ -63,7 +63,7 @@ int proximity_penetration(const proximity_scene *scene, int32_t first, int32_t s
                                 "tolerance is %g and the direction %g long, expected 0 or more, and a finite vector with "
                                 "a length or NULL", tolerance, length);
     }
-    tolerance = tolerance > LEAST_TOLERANCE ? tolerance : LEAST_TOLERANCE;
+    tolerance = tolerance > MIN_TOLERANCE ? tolerance : MIN_TOLERANCE;
     const int32_t parts[] = {first, second};
     ExitAnswer way;
     DeepestAnswer deepest = {.point = {NAN, NAN, NAN}};

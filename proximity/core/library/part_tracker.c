@@ -48,7 +48,7 @@ static const char *unfit_argument(const proximity_scene *scene, const int32_t *p
     if (!has_parts) {
         return "parts are not one number of the scene's parts, or several that differ";
     }
-    if (connections == 0 || connections > MOST_RECORDS) {
+    if (connections == 0 || connections > MAX_RECORDS) {
         return "connections are not 1 to 16";
     }
     if (!(settings->working_range > 0.0 && settings->tolerance >= 0.0 && settings->tolerance < INFINITY)) {
@@ -222,7 +222,7 @@ int proximity_tick_part(proximity_part_tracker *tracker, const double *matrix, i
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT,
                                 "there is no tracker, no place for connections, or no pose that velocities belong to");
     }
-    if (!(pose_ns >= -MOST_NS && pose_ns <= MOST_NS && now_ns >= -MOST_NS && now_ns <= MOST_NS)) {
+    if (!(pose_ns >= -MAX_NS && pose_ns <= MAX_NS && now_ns >= -MAX_NS && now_ns <= MAX_NS)) {
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "an instant is beyond 2^62 ns");
     }
     proximity_scene *scene = tracker->scene;

@@ -62,7 +62,7 @@ int proximity_post(proximity_scene *scene, int32_t part, const double *matrix, i
     if (matrix == NULL) {
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "the matrix is NULL, expected 16 numbers");
     }
-    if (!(pose_ns >= -MOST_NS && pose_ns <= MOST_NS)) {
+    if (!(pose_ns >= -MAX_NS && pose_ns <= MAX_NS)) {
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "pose_ns is beyond 2^62 ns");
     }
     if (proximity_first_unfit(scene, 1, matrix, velocity, angular_velocity) >= 0) {

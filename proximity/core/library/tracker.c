@@ -10,7 +10,7 @@
 
 _Static_assert(sizeof(proximity_contact) == CONTACT_SIZE, "a contact is the record that kernels fill");
 
-enum { MOST_CORNERS = 1 << 16 }; /* of a path */
+enum { MAX_CORNERS = 1 << 16 }; /* of a path */
 
 struct proximity_tracker {
     const proximity_scene *scene;
@@ -49,13 +49,13 @@ proximity_tracker_settings proximity_default_settings(void)
 /* The message of the first invalid setting; NULL if all are valid. */
 static const char *unfit_setting(const proximity_tracker_settings *settings)
 {
-    if (!(settings->radius >= 0.0 && settings->radius <= LARGEST_RADIUS)) {
+    if (!(settings->radius >= 0.0 && settings->radius <= MAX_RADIUS)) {
         return "radius is not 0 to 0.1 m: was it meant in millimetres?";
     }
     if (!(settings->latency >= 0.0 && settings->latency <= LONGEST_LATENCY)) {
         return "latency is not 0 to 1 s";
     }
-    if (!(settings->working_range >= 0.0 && settings->working_range <= LARGEST_WORKING_RANGE)) {
+    if (!(settings->working_range >= 0.0 && settings->working_range <= MAX_WORKING_RANGE)) {
         return "working_range is not 0 to 10 m: was it meant in millimetres?";
     }
     if (!(settings->tolerance >= 0.0 && settings->tolerance < INFINITY)) {
@@ -80,7 +80,7 @@ static void write_settings(proximity_tracker *tracker, const proximity_tracker_s
     to->horizon = from->horizon;
     to->max_speed = from->max_speed;
     to->max_acceleration = from->max_acceleration;
-    to->budget = (double)(from->budget < MOST_BUDGET ? from->budget : MOST_BUDGET);
+    to->budget = (double)(from->budget < MAX_BUDGET ? from->budget : MAX_BUDGET);
     to->ahead_ns = AHEAD_NS;
     to->other_clock_ns = OTHER_CLOCK_NS;
     for (size_t k = 0; k < tracker->count; k++) {
@@ -172,7 +172,7 @@ void proximity_reset_tracker(proximity_tracker *tracker)
         tracker->tracks[k].reported_part = PROXIMITY_NO_PART;
     }
     tracker->settings.first_finger = tracker->settings.adaptive_tolerance = 0.0;
-    tracker->last_now_ns = -MOST_NS;
+    tracker->last_now_ns = -MAX_NS;
     int64_t words[] = {WORD(tracker->tracks), (int64_t)tracker->count, WORD(tracker->balls), (int64_t)tracker->count,
                        BALLS_SIZE};
     proximity_call(tracker->scene->set, FORGET_SURFACES, words); /* allocates no memory */
@@ -180,7 +180,7 @@ void proximity_reset_tracker(proximity_tracker *tracker)
 
 int proximity_set_radius(proximity_tracker *tracker, size_t finger, double radius, proximity_error *error)
 {
-    if (tracker == NULL || finger >= tracker->count || !(radius >= 0.0 && radius <= LARGEST_RADIUS)) {
+    if (tracker == NULL || finger >= tracker->count || !(radius >= 0.0 && radius <= MAX_RADIUS)) {
         return proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "there is no such tracker or finger, or radius is not 0 to 0.1 m");
     }
     tracker->tracks[finger].radius = radius;
@@ -336,9 +336,9 @@ static int read_from(proximity_tracker *tracker, const double *velocities, const
 static const char *unfit_tick(const proximity_tracker *tracker, const int64_t *pose_ns, int64_t now_ns,
                               const proximity_paths *paths)
 {
-    int is_apart = !(now_ns >= -MOST_NS && now_ns <= MOST_NS);
+    int is_apart = !(now_ns >= -MAX_NS && now_ns <= MAX_NS);
     for (size_t k = 0; k < tracker->count; k++) {
-        is_apart = is_apart || !(pose_ns[k] >= -MOST_NS && pose_ns[k] <= MOST_NS);
+        is_apart = is_apart || !(pose_ns[k] >= -MAX_NS && pose_ns[k] <= MAX_NS);
     }
     if (is_apart) {
         return "an instant is beyond 2^62 ns";
@@ -346,7 +346,7 @@ static const char *unfit_tick(const proximity_tracker *tracker, const int64_t *p
     if (paths != NULL && (paths->corners == NULL || paths->corner_count < 2)) {
         return "paths have less than two corners";
     }
-    if (paths != NULL && paths->corner_count > MOST_CORNERS) {
+    if (paths != NULL && paths->corner_count > MAX_CORNERS) {
         return "paths have more than 2^16 corners";
     }
     for (size_t k = 0; paths != NULL && paths->path_bends != NULL && k < paths->corner_count; k++) {
@@ -364,7 +364,7 @@ static const int64_t *instant_in_seconds(const proximity_tracker *tracker, const
     int64_t off_ns = proximity_time_between(*pose_ns, *now_ns), newest_ns = INT64_MIN;
     int64_t since_ns = proximity_time_between(tracker->last_now_ns, *now_ns);
     int is_apart = off_ns > OTHER_CLOCK_NS || off_ns < -OTHER_CLOCK_NS;
-    int is_too_soon = since_ns > 0 && since_ns < SHORTEST_NS && *now_ns > 0 && *now_ns < LARGEST_SECONDS;
+    int is_too_soon = since_ns > 0 && since_ns < SHORTEST_NS && *now_ns > 0 && *now_ns < MAX_SECONDS;
     if ((*now_ns > 0 && *now_ns < (is_apart ? EARLY_NS : SHORTEST_NS)) || is_too_soon) {
         return now_ns;
     }

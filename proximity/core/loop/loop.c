@@ -142,7 +142,7 @@ static void sense_contacts(Loop *loop, proximity_contact *contacts, int64_t now_
 /* Read the newest message of contacts that were computed outside the loop. */
 static void receive_contacts(Loop *loop)
 {
-    for (int k = 0; k < PROXIMITY_MOST_AT_ONCE && receive_message(&loop->input) != PROXIMITY_MAILBOX_NOTHING; k++) {
+    for (int k = 0; k < PROXIMITY_MAX_AT_ONCE && receive_message(&loop->input) != PROXIMITY_MAILBOX_NOTHING; k++) {
     }
 }
 

@@ -22,7 +22,7 @@ enum { NAP_NS = 200000 };
 #include <sys/socket.h>
 #include <sys/timerfd.h>
 
-enum { MOST_STRANGERS = 64, MOST_FORGED_BYTES = 1 << 17, NAME_NS = 100000000, OPEN_NS = 5000000 };
+enum { MAX_STRANGERS = 64, MAX_FORGED_BYTES = 1 << 17, NAME_NS = 100000000, OPEN_NS = 5000000 };
 
 /* Open the present mailbox of that name; return whether there is one. All messages of a later mailbox are new. */
 static int follow_mailbox(LoopInput *input)
@@ -73,7 +73,7 @@ static int is_expected(const LoopInput *input, const struct sockaddr_in *from)
 static int64_t receive_datagram(LoopInput *input)
 {
     int64_t forged = 0;
-    for (int k = 0; k < MOST_STRANGERS && forged <= MOST_FORGED_BYTES; k++) {
+    for (int k = 0; k < MAX_STRANGERS && forged <= MAX_FORGED_BYTES; k++) {
         struct sockaddr_in from = {0};
         socklen_t from_size = sizeof from;
         int64_t size = recvfrom((int)input->socket, POINTER(input->message), (size_t)input->longest, MSG_TRUNC,

@@ -4,7 +4,7 @@
 
 #include "loop_ends.h"
 
-enum { MOST_DATAGRAM_BYTES = 65507 };
+enum { MAX_DATAGRAM_BYTES = 65507 };
 static const int64_t ASLEEP_NS = 1000000000;
 
 /* --- the checksum, eight bytes at a time ---------------------------------------------------------------- */
@@ -76,7 +76,7 @@ static void send_message(LoopOutput *output, uint8_t *message, int64_t size, int
         error = proximity_mailbox_write(box, message, (uint32_t)size) ? 0 : EMSGSIZE;
     } else if (output->socket < 0) {
         error = 0; /* frames are logged only */
-    } else if (size > MOST_DATAGRAM_BYTES - (output->key != 0 ? PROXIMITY_TAG_BYTES : 0)) {
+    } else if (size > MAX_DATAGRAM_BYTES - (output->key != 0 ? PROXIMITY_TAG_BYTES : 0)) {
         error = EMSGSIZE;
     } else if (output->key == 0) {
         error = send_datagram(output, message, (size_t)size);

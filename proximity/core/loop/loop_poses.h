@@ -204,7 +204,7 @@ static void take_messages(Loop *loop)
     LoopInput *input = &loop->input;
     uint8_t *message = POINTER(input->message);
     int flawed = 0;
-    for (int k = 0; k < PROXIMITY_MOST_AT_ONCE && flawed < PROXIMITY_MOST_FLAWED; k++) {
+    for (int k = 0; k < PROXIMITY_MAX_AT_ONCE && flawed < PROXIMITY_MAX_FLAWED; k++) {
         int64_t size = receive_message(input);
         if (size == PROXIMITY_MAILBOX_NOTHING) {
             return;

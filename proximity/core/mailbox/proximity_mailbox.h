@@ -51,8 +51,8 @@
 #define PROXIMITY_MAILBOX_FOLDER "/dev/shm/"
 #define PROXIMITY_MAILBOX_MAGIC UINT64_C(0x584f424c49414d44) /* "DMAILBOX" */
 #define PROXIMITY_MAILBOX_LAYOUT 1u
-#define PROXIMITY_MAILBOX_LEAST_RING (UINT64_C(1) << 17)
-#define PROXIMITY_MAILBOX_MOST_RING (UINT64_C(1) << 30)
+#define PROXIMITY_MAILBOX_MIN_RING (UINT64_C(1) << 17)
+#define PROXIMITY_MAILBOX_MAX_RING (UINT64_C(1) << 30)
 #define PROXIMITY_MAILBOX_NOTHING (-1)
 
 enum proximity_mailbox_outcome {
@@ -187,7 +187,7 @@ static inline int proximity_mailbox_map(proximity_mailbox *box, int file, int is
         return PROXIMITY_MAILBOX_FOREIGN;
     if (known.layout != PROXIMITY_MAILBOX_LAYOUT || known.header_size != sizeof known)
         return PROXIMITY_MAILBOX_VERSION;
-    if (known.ring < PROXIMITY_MAILBOX_LEAST_RING || known.ring > PROXIMITY_MAILBOX_MOST_RING
+    if (known.ring < PROXIMITY_MAILBOX_MIN_RING || known.ring > PROXIMITY_MAILBOX_MAX_RING
         || (known.ring & (known.ring - 1)) != 0 || (uint64_t)status.st_size != sizeof known + known.ring)
         return PROXIMITY_MAILBOX_FOREIGN;
     memory = mmap(NULL, sizeof known + known.ring, PROT_READ | (is_writer ? PROT_WRITE : 0), MAP_SHARED, file, 0);
@@ -407,10 +407,10 @@ static inline int proximity_mailbox_new_file(proximity_mailbox *box, uint64_t ri
 static inline int proximity_mailbox_replace(proximity_mailbox *box, proximity_mailbox *before, uint64_t largest)
 {
     char path[64];
-    uint64_t ring = PROXIMITY_MAILBOX_LEAST_RING;
+    uint64_t ring = PROXIMITY_MAILBOX_MIN_RING;
     int outcome;
 
-    while (ring < PROXIMITY_MAILBOX_MOST_RING && ring < 2 * proximity_mailbox_room_for(largest))
+    while (ring < PROXIMITY_MAILBOX_MAX_RING && ring < 2 * proximity_mailbox_room_for(largest))
         ring *= 2;
     outcome = proximity_mailbox_new_file(box, ring);
     if (outcome != PROXIMITY_MAILBOX_OK)

@@ -26,7 +26,7 @@ HELD_FORCE = 3.0  # N at the fingertip, mean of the held chirp
 HELD_SHARE = 1.0 / 6.0  # amplitude of the held chirp, as a share of that force
 MAX_SHARE = 0.6  # of the motor's torque
 SECONDS, RISE = 1.0, 0.1  # s, durations of a chirp and of the rise of the mean force before it
-LONGEST_STEP = 2.5e-5  # s, of the simulated swing
+MAX_STEP = 2.5e-5  # s, of the simulated swing
 WEAKEST_ANSWER = 4.0  # minimum of a swing from end to end, encoder steps
 MAX_MISFIT = 0.15  # maximum share of a swing that the model may leave unexplained
 MAX_TORQUE_OFF = 0.3  # share of the chirp by which the motor's torque may differ from the command
@@ -91,7 +91,7 @@ def drum_stiffness(glove: Glove, cable: float) -> float:
     return cable * glove.cable.replica_pulley**2
 
 
-def answer(plant: np.ndarray, record: DrumRecord, latency: float, step: float = LONGEST_STEP) -> np.ndarray:
+def answer(plant: np.ndarray, record: DrumRecord, latency: float, step: float = MAX_STEP) -> np.ndarray:
     """Compute the angles of a drum under the commands of a record, (N,), rad. They begin at 0."""
     times, count = record.times, len(record.times)
     period = (times[-1] - times[0]) / (count - 1)

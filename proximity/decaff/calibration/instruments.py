@@ -66,7 +66,7 @@ class Instruments:
 
 
 RATE = 500.0  # Hz of torques, within the limits of the bus and this program
-LONGEST_GAP = 0.02  # s, maximum between two answers, as the motion in a longer gap is unknown
+MAX_GAP = 0.02  # s, maximum between two answers, as the motion in a longer gap is unknown
 LOOK_S = 0.01  # s, between two readings of the motor while a person works
 RATIO_OFF = 0.01  # share by which gear ratios may differ
 
@@ -169,7 +169,7 @@ def _record(rows: list[tuple[float, float, float, float, int]]) -> DrumRecord:
     times, commanded, angles, torques, answers = (np.array(column) for column in zip(*rows, strict=True))
     fresh = np.flatnonzero(np.diff(answers, prepend=answers[0] - 1) > 0)
     gap = float(np.diff(np.append(times[fresh], times[-1])).max())
-    if gap > LONGEST_GAP:
+    if gap > MAX_GAP:
         raise DecaffError(
             f"the motor did not answer for {1e3 * gap:.0f} ms of a swing, expected an answer each "
             f"{1e3 / RATE:g} ms: stop other programs, or raise the bus's rate"

@@ -20,7 +20,7 @@ from proximity.system.regular_file import open_regular
 from proximity.system.whole_file import whole_file
 
 FORMAT, FILE_VERSION = "proximity glove readings", 1
-LARGEST_FILE = 50_000_000  # bytes; those of a calibration have some 2 million
+MAX_FILE = 50_000_000  # bytes; those of a calibration have some 2 million
 MAX_TRIES = 4  # as a multiple of a task's repeats, after which its readings count as inconsistent
 
 
@@ -114,7 +114,7 @@ class Readings:
     def _read(self) -> None:
         try:
             with open_regular(self.path) as stream:
-                document = json.loads(stream.read(LARGEST_FILE).decode())
+                document = json.loads(stream.read(MAX_FILE).decode())
             if document["format"] != FORMAT or document["version"] != FILE_VERSION:
                 raise ValueError("another format or version")
             source, began = document["source"], datetime.fromisoformat(document["began"])

@@ -39,7 +39,7 @@ static bool is_finite(decaff_real number)
 /* Return a measured force, or NaN if it is impossible. */
 static decaff_real force_of(decaff_real force)
 {
-    return (magnitude(force) <= DECAFF_MOST_FORCE) ? force : (decaff_real)NAN;
+    return (magnitude(force) <= DECAFF_MAX_FORCE) ? force : (decaff_real)NAN;
 }
 
 static decaff_real or_zero(decaff_real number)
@@ -199,7 +199,7 @@ enum decaff_reason decaff_subscriber_take(decaff_subscriber *frames, const void 
 
     if ((message_size > 0u) || !frames->has_key) {
         reason = (enum decaff_reason)proximity_take_frame(&frames->receiver, message, message_size,
-                                                          DECAFF_MOST_FINGERS, now_ns);
+                                                          DECAFF_MAX_FINGERS, now_ns);
     }
     if (reason == DECAFF_REASON_USED) {
         (void)memcpy(&frames->header, message, sizeof frames->header);
@@ -260,14 +260,14 @@ static bool is_sound(const proximity_contact *c, const decaff_settings *set, int
 {
     decaff_real distance = c->signed_distance;
 
-    return (proximity_time_between(now_ns, c->pose_ns) <= set->future_ns) && (distance >= -DECAFF_MOST_LENGTH)
-           && ((distance <= DECAFF_MOST_LENGTH) || !is_finite(distance)) /* inf: out of reach */
+    return (proximity_time_between(now_ns, c->pose_ns) <= set->future_ns) && (distance >= -DECAFF_MAX_LENGTH)
+           && ((distance <= DECAFF_MAX_LENGTH) || !is_finite(distance)) /* inf: out of reach */
            && (c->mode <= (uint8_t)PROXIMITY_MODE_HOLD) && (c->surface <= (uint8_t)PROXIMITY_SURFACE_DEFORMABLE)
            && (c->source <= (uint8_t)PROXIMITY_SOURCE_TELEOPERATION) && may_be_normal(c->normal)
            && may_be(c->bend, DECAFF_LEAST_BEND, DECAFF_MOST_BEND)
            && may_be(c->contact_bend, DECAFF_LEAST_BEND, DECAFF_MOST_BEND)
-           && may_be(c->bend_rate, -DECAFF_MOST_RATE, DECAFF_MOST_RATE)
-           && may_be(c->contact_bend_rate, -DECAFF_MOST_RATE, DECAFF_MOST_RATE)
+           && may_be(c->bend_rate, -DECAFF_MAX_RATE, DECAFF_MAX_RATE)
+           && may_be(c->contact_bend_rate, -DECAFF_MAX_RATE, DECAFF_MAX_RATE)
            && !(c->contact_bend_error < 0.0);
 }
 
@@ -287,7 +287,7 @@ static decaff_real extrapolated(const proximity_contact *c, decaff_real bend, de
     if (!is_finite(closing)) {
         closing = c->approach_speed;
     }
-    if ((distance > 0.0) && is_finite(distance) && (closing > DECAFF_LEAST_CLOSING) && is_finite(closing)
+    if ((distance > 0.0) && is_finite(distance) && (closing > DECAFF_MIN_CLOSING) && is_finite(closing)
         && (c->bend_rate > 0.0)) {
         answer = bend + ((distance * c->bend_rate) / closing);
     }
@@ -299,7 +299,7 @@ static decaff_real drift_of(const proximity_contact *c, const decaff_settings *s
 {
     decaff_real coming = (c->normal[0] * c->part_velocity[0]) + (c->normal[1] * c->part_velocity[1])
                          + (c->normal[2] * c->part_velocity[2]);
-    decaff_real drift = -or_zero(coming) / greater(or_zero(incidence), DECAFF_LEAST_INCIDENCE);
+    decaff_real drift = -or_zero(coming) / greater(or_zero(incidence), DECAFF_MIN_INCIDENCE);
 
     return (magnitude(drift) < set->follow_speed) ? 0.0
                                                   : greater(-set->max_speed, lesser(set->max_speed, drift));
@@ -341,7 +341,7 @@ static bool locate(const proximity_contact *c, const decaff_path *path, decaff_l
     if (is_finite(bend)) {
         travel = position_of_bend(path, contact_bend) - position_of_bend(path, bend);
     }
-    found->incidence = ((travel > DECAFF_LEAST_TRAVEL) && (distance < (decaff_real)INFINITY))
+    found->incidence = ((travel > DECAFF_MIN_TRAVEL) && (distance < (decaff_real)INFINITY))
                            ? lesser(greater(distance / travel, 0.0), 1.0)
                            : (decaff_real)NAN;
     found->bend = contact_bend;
@@ -434,7 +434,7 @@ static bool may_follow(const decaff_location *before, const decaff_location *fou
     int64_t started_ns = proximity_time_between(before->start_ns, found->start_ns);
     decaff_real position = position_of_bend(path, found->bend);
     decaff_real error = lesser(position_of_bend(path, found->bend + found->error) - position,
-                               DECAFF_LARGEST_POSITION_ERROR);
+                               DECAFF_MAX_POSITION_ERROR);
     decaff_real nearer = position_of_bend(path, before->bend) - position;
 
     if (!by_pose && (started_ns > elapsed_ns)) {
@@ -465,7 +465,7 @@ static void follow_part(decaff_location *at, const proximity_contact *c, const d
     if ((magnitude(drift) > 0.0) || (magnitude(at->drift) > 0.0)) {
         decaff_real position = position_of_bend(path, at->bend) + (0.5 * (at->drift + drift) * elapsed);
         decaff_real away = position_of_bend(path, c->bend) - position
-                           + (c->signed_distance / greater(at->incidence, DECAFF_LEAST_INCIDENCE));
+                           + (c->signed_distance / greater(at->incidence, DECAFF_MIN_INCIDENCE));
         decaff_real most = 0.5 * magnitude(drift) * elapsed;
 
         position += is_finite(away) ? greater(-most, lesser(most, away)) : 0.0;
@@ -551,7 +551,7 @@ static void take_record(decaff_frame_trust *frames, const decaff_observation *se
     frames->sequence = seen->sequence;
     frames->start_ns = seen->start_ns;
     is_wild = frames->has_newest && (seen->sequence > frames->newest_sequence)
-              && ((seen->sequence - frames->newest_sequence) > (uint64_t)PROXIMITY_MOST_SKIPPED);
+              && ((seen->sequence - frames->newest_sequence) > (uint64_t)PROXIMITY_MAX_SKIPPED);
     is_backward = (frames->has_newest && (seen->sequence <= frames->newest_sequence))
                   || (c->pose_ns < frames->newest_pose_ns);
     if (!frames->has_newest || ((seen->sequence > frames->newest_sequence) && !is_wild)) {

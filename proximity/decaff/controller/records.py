@@ -22,7 +22,7 @@ class Member(NamedTuple):
     name: str
     kind: str  # of C; "real": decaff_real
     meaning: str = ""
-    length: int = 0  # 0: one; else an array, in C of ``DECAFF_MOST_STEADY``
+    length: int = 0  # 0: one; else an array, in C of ``DECAFF_MAX_STEADY``
 
 
 RECORDS = {
@@ -67,7 +67,7 @@ RECORDS = {
         Member("shorted_late", "real", "m/s, that it gains before, where its chip hangs"),
         Member("cable_stiffness", "real", "N/m at the fingertip; inf: stretch is not compensated"),
         Member("cable_decay", "real", "1/s, of two low-passes of the force that stretches it"),
-        Member("steady_samples", "uint32_t", "window of a steady force; DECAFF_MOST_STEADY at most"),
+        Member("steady_samples", "uint32_t", "window of a steady force; DECAFF_MAX_STEADY at most"),
         Member("steady_share", "real", "of two low-passes in a row"),
         Member("steady_ripple", "real", "N that it may vary by"),
         Member("steady_ripple_share", "real", "of the force, if that is more"),
@@ -263,7 +263,7 @@ def controller_header(max_steady: int = MAX_STEADY) -> str:
 def _lines(member: Member) -> list[str]:
     kind = "decaff_real" if member.kind == "real" else member.kind
     space = "" if kind.endswith("*") else " "
-    line = f"    {kind}{space}{member.name}{'[DECAFF_MOST_STEADY]' if member.length else ''};"
+    line = f"    {kind}{space}{member.name}{'[DECAFF_MAX_STEADY]' if member.length else ''};"
     comment = comment_lines(member.meaning, "    ") if member.meaning else []
     declared = f"{line} {''.join(comment).strip()}".rstrip()
     return [declared] if len(comment) < 2 and len(declared) <= 118 else [*comment, line]

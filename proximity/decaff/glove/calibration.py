@@ -101,7 +101,7 @@ MAX_BACKLASH = 10e-3
 """Maximum backlash, m of cable, which is a third of a radian of the replica. Assumed."""
 MAX_LATENCY = 1.0
 """Maximum latency, s. With a longer one no frame would be valid. Assumed."""
-LARGEST_FILE = 100_000
+MAX_FILE = 100_000
 """Maximum size of a file, bytes. A calibration has about 700."""
 
 
@@ -247,11 +247,11 @@ def _as_document(calibration: Calibration) -> dict[str, Any]:
 def _read_document(path: Path) -> dict[str, Any]:
     try:
         with open_regular(path) as stream:
-            data = stream.read(LARGEST_FILE + 1)
+            data = stream.read(MAX_FILE + 1)
     except OSError as failure:
         raise DecaffError(f"cannot be read ({failure.strerror or failure})") from failure
-    if len(data) > LARGEST_FILE:
-        raise DecaffError(f"has more than {LARGEST_FILE} bytes, expected a calibration of a glove")
+    if len(data) > MAX_FILE:
+        raise DecaffError(f"has more than {MAX_FILE} bytes, expected a calibration of a glove")
     try:
         document = json.loads(data.decode("utf-8"), object_pairs_hook=_once_each)
     except DecaffError:

@@ -27,7 +27,7 @@ from proximity.errors import MotorError
 NOT_ON_HARDWARE = (
     "No motor driver was ever run on hardware, only against simulated motors that speak the same protocol."
 )
-LONGEST_STEP = 0.02  # s, limit of the time between two readings; a longer one is a delay of this program
+MAX_STEP = 0.02  # s, limit of the time between two readings; a longer one is a delay of this program
 MOTION_LEAD = 0.15  # rad, lead of a target over the drum
 OVER_LIMIT = 0.1  # rad beyond the stop or the flat hand; assumed
 JUMP = 0.05  # rad, in addition to motion at the maximum speed
@@ -103,7 +103,7 @@ class MotorDrum:
         if not self.reading.is_on:
             raise self.failed("the motor has switched itself off")
         speed = self._scale.drum_speed(self.settings.speed, self.angle)
-        span = max(elapsed, LONGEST_STEP) + self._silence
+        span = max(elapsed, MAX_STEP) + self._silence
         if abs(self.angle - before) > JUMP + JUMP_SPEED * speed * span:
             raise self.failed(f"the encoder jumped by {abs(self.angle - before):.2f} rad of the drum")
         if self.is_homed and not self._least - OVER_LIMIT <= self.angle <= self._stop + OVER_LIMIT:
@@ -172,7 +172,7 @@ class MotorDrum:
             return
         speed = self._scale.drum_speed(min(action.speed_cap, self.settings.speed), self.angle)
         target = min(max(action.angle, self._least), self._retracted)
-        self._follow(target, speed * min(max(seconds, 0.0), LONGEST_STEP), cap)
+        self._follow(target, speed * min(max(seconds, 0.0), MAX_STEP), cap)
         if action.state in IN_CONTACT:
             self._behind = 0.0  # a finger may hold it
         self._check_stall(seconds, action.state)
@@ -251,7 +251,7 @@ class MotorDrum:
     def _elapsed(self) -> float:
         now, before = time.monotonic(), self._time
         self._time = now
-        return 0.0 if before is None else min(now - before, LONGEST_STEP)
+        return 0.0 if before is None else min(now - before, MAX_STEP)
 
     def _send(self, command: MotorCommand) -> None:
         self._command = command

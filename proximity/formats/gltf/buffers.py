@@ -20,7 +20,7 @@ from proximity.system.regular_file import open_regular
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 _GLB_HEADER_BYTES, _CHUNK_HEADER_BYTES = 12, 8
 _CONVERSION = " (gltf-pipeline converts files of version 1)"
-_LARGEST_INTEGER = 2**53  # largest exact integer in JSON, where numbers are float64
+_MAX_INTEGER = 2**53  # largest exact integer in JSON, where numbers are float64
 
 
 @dataclass(slots=True, eq=False)
@@ -72,7 +72,7 @@ def integer(value: Any, what: str) -> int:
     """Return a non-negative integer. A number such as 8.0 is accepted."""
     if isinstance(value, float) and value.is_integer():
         value = int(value)
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _LARGEST_INTEGER:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _MAX_INTEGER:
         raise MeshFormatError(f"{what}: there is {shown(value)}, expected a whole number, 0 or more")
     return value
 

@@ -22,12 +22,12 @@ BOUND_SLACK = 1.0 + 2.0**-20
 
 It covers the five roundings of a bound in float32, of 2^-24 each.
 """
-LARGEST_BOUND = np.float32(3.4e38)
+MAX_BOUND = np.float32(3.4e38)
 """Initial bound, below the infinity of unused lanes."""
-LARGEST_REST = 3.3e38
+MAX_REST = 3.3e38
 """Largest bound of a distant box.
 
-As it is below `LARGEST_BOUND`, the box is visited until a first triangle is found.
+As it is below `MAX_BOUND`, the box is visited until a first triangle is found.
 """
 SHRINK_FAR = 1.0 - 2.0**-48
 
@@ -86,7 +86,7 @@ def far_point_boxes_distance_sq(nodes, base, x, y, z, offset):
     bounds = wide_gaps_sq(nodes, base, x, y, z) * splat(SHRINK_FAR)
     rest = maximum(bounds - offset, splat(0.0))
     # From 1e26 part sizes on the difference overflows float32; only unused lanes may be infinite.
-    return narrow(select(rest < splat(np.inf), minimum(rest, splat(LARGEST_REST)), rest))
+    return narrow(select(rest < splat(np.inf), minimum(rest, splat(MAX_REST)), rest))
 
 
 @inlined
@@ -113,7 +113,7 @@ def node_bounds_sq(words, base, point_lanes):
 @inlined
 def bound_of(best_sq, offset):
     """Return the float32 limit for bounds of boxes. Boxes up to this limit must be visited."""
-    return min(np.float32((best_sq - offset) * BOUND_SLACK), LARGEST_BOUND)
+    return min(np.float32((best_sq - offset) * BOUND_SLACK), MAX_BOUND)
 
 
 @inlined

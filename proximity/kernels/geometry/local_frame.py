@@ -4,7 +4,7 @@ from math import frexp, ldexp
 
 import numpy as np
 
-from proximity.kernels.thresholds import LARGEST_COORDINATE, SMALLEST_SIZE
+from proximity.kernels.thresholds import MAX_COORDINATE, SMALLEST_SIZE
 from proximity.native import entry, inlined
 
 
@@ -25,7 +25,7 @@ def frame_of_box(lower, upper, centre):
     for axis in range(3):
         extent = max(extent, upper[axis] - lower[axis])
         largest = max(largest, abs(lower[axis]), abs(upper[axis]))
-    if largest > LARGEST_COORDINATE or 0.0 < extent < SMALLEST_SIZE:
+    if largest > MAX_COORDINATE or 0.0 < extent < SMALLEST_SIZE:
         return 0.0
     grain = ldexp(1.0, _power_above(extent)) if extent > 0.0 else largest
     for axis in range(3):

@@ -22,7 +22,7 @@ SPREAD_BITS = np.array(
 """Table of cell numbers along an axis, with two zeros inserted between any two bits."""
 OF_EIGHT = 3 * LANES
 """Number of coordinates of eight points."""
-LARGEST_FINITE = 1e300
+MAX_FINITE = 1e300
 """Coordinates beyond this count as infinite, because their difference may overflow."""
 
 
@@ -66,7 +66,7 @@ def _write_keys(points, keys):
 @inlined
 def _around(values, least, most):
     """Update the least and the largest values of eight lanes by those of *values* that are finite."""
-    is_finite = absolute(values) < splat(LARGEST_FINITE)
+    is_finite = absolute(values) < splat(MAX_FINITE)
     least = minimum(least, select(is_finite, values, splat(np.inf)))
     return least, maximum(most, select(is_finite, values, splat(-np.inf)))
 

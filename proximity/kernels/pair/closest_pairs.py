@@ -18,7 +18,7 @@ from proximity.native import entry, inlined, kernel
 PAIRS_A_CALL = 64
 """Pairs that are connected before Python may be interrupted."""
 WIDER = 1.0 + 2.0**-40
-LEAST_LIMIT = 1e-12  # m
+MIN_LIMIT = 1e-12  # m
 """Only what is shorter is found: with these a distance of exactly the limit is, also where that is 0."""
 
 stack_answers, _ = stack_arrays_of(CLEARANCE_ANSWER)
@@ -88,7 +88,7 @@ def connect_pairs(model, arrays):
         search.waiting -= 1
         _sift_down(arrays, 0, arrays.gaps[search.waiting], arrays.numbers[search.waiting])
         first, second = number // count, number % count
-        connect_pair(model, first, second, max(search.limit * WIDER, LEAST_LIMIT), 0.0, 0, answer)
+        connect_pair(model, first, second, max(search.limit * WIDER, MIN_LIMIT), 0.0, 0, answer)
         if answer.may_be_inside:
             start, end = surface_range(model, first, surfaces)
             other, other_end = surface_range(model, second, surfaces)

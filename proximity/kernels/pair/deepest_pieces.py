@@ -45,7 +45,7 @@ NODES = 1024
 PIECE = record("Piece", corners="(3, 3)f8", bound="f8")
 """A piece of the inner surface, in the outer local frame, and an upper bound of its depth."""
 stack_pieces, _ = stack_arrays_of(PIECE)
-LEAST_CUT = 2.0**-10
+MIN_CUT = 2.0**-10
 """Minimum share of a piece on either side of a cut."""
 
 
@@ -99,7 +99,7 @@ def _cut(pieces, count, heights, bound):
     low, high = min(heights[0], heights[1], heights[2]), max(heights[0], heights[1], heights[2])
     a, b, c = _corner(pieces, count, 0), _corner(pieces, count, 1), _corner(pieces, count, 2)
     h = heights[0], heights[1], heights[2]
-    if not min(high, -low) > LEAST_CUT * (high - low):
+    if not min(high, -low) > MIN_CUT * (high - low):
         ab, bc, ca = between(a, b), between(b, c), between(c, a)
         one, two, three = dot(*ab, *ab), dot(*bc, *bc), dot(*ca, *ca)
         if one >= two and one >= three:

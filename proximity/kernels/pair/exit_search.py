@@ -12,11 +12,11 @@ from proximity.kernels.pair.part_penetration import depth_along
 from proximity.kernels.stack_arrays import stack_arrays_of, stack_f64, stack_f64_rows
 from proximity.native import entry, kernel
 
-MOST_EXIT_TURNS = 4
+MAX_EXIT_TURNS = 4
 """Times that the direction follows the surface at which a part comes free."""
 BEYOND = 0.4
 """Of the tolerance: so much beyond the depth expected parts should be apart."""
-LEAST_GAIN = 0.25
+MIN_GAIN = 0.25
 """Of the tolerance: for less a direction is not turned."""
 ROUGH = 0.1
 """Tolerance while directions are compared."""
@@ -148,14 +148,14 @@ def _compared(axes, row, direction):
 def follow_normals(model, pair, tolerance, best):
     """Turn the direction to the normal at which the part comes free, while that makes the depth less."""
     normal = stack_f64(3)
-    for _ in range(MOST_EXIT_TURNS):
+    for _ in range(MAX_EXIT_TURNS):
         for k in range(3):
             normal[k] = best.normal[k]
         x, y, z = vector(normal)
         # The share of the depth that turning saves, about.
         gain = 1.0 - dot(x, y, z, *vector(best.direction))
         is_zero = x == 0.0 and y == 0.0 and z == 0.0
-        if is_zero or gain < LEAST_GAIN * tolerance:
+        if is_zero or gain < MIN_GAIN * tolerance:
             break
         if not try_direction(model, pair, normal, tolerance, best.depth, best):
             break

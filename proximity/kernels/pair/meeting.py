@@ -32,7 +32,7 @@ MEETING = 2.0**-44
 """Surfaces nearer than this meet; in sizes of coordinates."""
 ON_SURFACE = 8.0
 """Tolerance, in multiples of `MEETING`, for points on a line or plane."""
-LEAST_OVERLAP = 2.0**-30
+MIN_OVERLAP = 2.0**-30
 """Wedges that overlap by a smaller angle only touch."""
 SCALES = 4
 """Number of distances from the line at which interior points are tried, each 16 times shorter than the
@@ -224,7 +224,7 @@ def _common_direction(one, other, direction):
     length = sqrt(x * x + y * y)
     for k in range(3):
         direction[k] = (x * u[k] + y * v[k]) / length
-    return last - first > LEAST_OVERLAP
+    return last - first > MIN_OVERLAP
 
 
 @inlined

@@ -33,7 +33,7 @@ from proximity.kernels.scene.inside.containment import contained_corner, is_deep
 from proximity.kernels.stack_arrays import stack_arrays_of, stack_f64, stack_i64
 from proximity.native import inlined, kernel, record
 
-MOST_PROBES = 48
+MAX_PROBES = 48
 CLOSEST_PROBE_TOLERANCE = 0.1
 NEAR_CEILING = 0.8
 """Offset of the next probe below a separating displacement, as a share of the tolerance."""
@@ -230,7 +230,7 @@ def depth_along(model, first, second, faces, other_faces, direction, limit, tole
         is_open = (
             known.upper - known.floor > tolerance * known.upper + 1e-12 * size
             and known.lower <= limit
-            and probes < MOST_PROBES
+            and probes < MAX_PROBES
             and (budget == 0 or steps < budget)
         )
         at = 0.5 * (known.floor + known.ceiling)

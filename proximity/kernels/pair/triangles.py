@@ -49,9 +49,9 @@ def in_all_lanes(a, b, c):
 
 
 @inlined
-def _sides(value, least_sq):
-    """Return masks of numbers above and below zero by more than their rounding, with square *least_sq*."""
-    is_clear = value * value > least_sq
+def _sides(value, min_sq):
+    """Return masks of numbers above and below zero by more than their rounding, with square *min_sq*."""
+    is_clear = value * value > min_sq
     zero = like(0.0, value)
     return is_clear & (value > zero), is_clear & (value < zero)
 
@@ -95,11 +95,11 @@ def _is_through(start, end):
 def _heights(triangle, edges, points, rounding_sq):
     """Return the sides of a triangle's plane on which three points are."""
     normal = cross(*edges[0], *edges[1])
-    least_sq = rounding_sq * dot(*normal, *normal)
+    min_sq = rounding_sq * dot(*normal, *normal)
     return (
-        _sides(dot(*normal, *between(triangle[0], points[0])), least_sq),
-        _sides(dot(*normal, *between(triangle[0], points[1])), least_sq),
-        _sides(dot(*normal, *between(triangle[0], points[2])), least_sq),
+        _sides(dot(*normal, *between(triangle[0], points[0])), min_sq),
+        _sides(dot(*normal, *between(triangle[0], points[1])), min_sq),
+        _sides(dot(*normal, *between(triangle[0], points[2])), min_sq),
     )
 
 

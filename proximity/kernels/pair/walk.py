@@ -52,9 +52,9 @@ from proximity.kernels.traverse.dual_first import (
 from proximity.native import inlined, kernel
 from proximity.native.simd import bits, splat, square_root, store, trailing_zeros
 
-MOST_TURNS = 4
+MAX_TURNS = 4
 """Maximum alternations of the initial search between the surfaces."""
-MOST_PAIRS = 2 * MAX_DEPTH * (LANES - 1) + LANES * LANES + 3 * LANES
+MAX_PAIRS = 2 * MAX_DEPTH * (LANES - 1) + LANES * LANES + 3 * LANES
 """Each opened box leaves at most seven waiting children; at first all children of both roots wait."""
 
 
@@ -90,9 +90,9 @@ def _look_into_sq(model, query, first, second, best):
 
 @inlined
 def _look_into(model, query, first, second, best):
-    best, least_sq = _look_into_sq(model, query, first, second, best)
+    best, min_sq = _look_into_sq(model, query, first, second, best)
     meeting_sq = query[3]
-    return best, _reach(query, best) if best == meeting_sq else sqrt(max(least_sq, 0.0))
+    return best, _reach(query, best) if best == meeting_sq else sqrt(max(min_sq, 0.0))
 
 
 @inlined
@@ -119,7 +119,7 @@ def begin_short(model, first, second, turn, offset, best, axis, slots):
     reals, _, _, parts = model
     stacks, tried = stack_f32(STACKS_SIZE), stack_i64(2)
     tried[0], tried[1], slots[0], slots[1] = slots[0], slots[1], NO_SLOT, NO_SLOT
-    turns = MOST_TURNS if tried[0] == NO_SLOT else 0
+    turns = MAX_TURNS if tried[0] == NO_SLOT else 0
     if turns == 0:
         best = _keep_shorter(reals, tried, turn, offset, best, axis, slots)
     x, y, z = offset[0], offset[1], offset[2]
@@ -188,8 +188,8 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
     triangles, or `NO_SLOT`.
     """
     words, parts, (turn, offset) = model.words, model.parts, frame_map
-    limits, entries = stack_f64(MOST_PAIRS), stack_i32_rows(MOST_PAIRS, 3)
-    frontier = Frontier(limits, entries, np.int64(0), np.int64(MOST_PAIRS))
+    limits, entries = stack_f64(MAX_PAIRS), stack_i32_rows(MAX_PAIRS, 3)
+    frontier = Frontier(limits, entries, np.int64(0), np.int64(MAX_PAIRS))
     axis, box, lane_limits = stack_f64(3), stack_f64(7), stack_f64(LANES)
     share = 1.0 / ((1.0 + tolerance) * (1.0 + tolerance))
     query, best = _begin(model, first, second, frame_map, best, share, axis, box, slots)

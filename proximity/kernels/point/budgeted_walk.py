@@ -9,8 +9,8 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.geometry.box import (
-    LARGEST_BOUND,
-    LARGEST_REST,
+    MAX_BOUND,
+    MAX_REST,
     SHRINK_FAR,
     point_boxes_distance_sq,
     wide_gaps_sq,
@@ -62,7 +62,7 @@ def _bounds(words, base, query):
         wide = wide_gaps_sq(words, base, splat(px), splat(py), splat(pz))
         wide = wide * splat(SHRINK_FAR * BOUND_SHRINK * factor)
         wide = select(wide > splat(SMALLEST_BOUND), wide, splat(0.0))
-        return narrow(select(wide < splat(np.inf), minimum(wide, splat(LARGEST_REST)), wide))
+        return narrow(select(wide < splat(np.inf), minimum(wide, splat(MAX_REST)), wide))
     x, y, z = splat32(np.float32(px)), splat32(np.float32(py)), splat32(np.float32(pz))
     shrunk = np.float32(BOUND_SHRINK * factor if factor > SMALLEST_BOUND else 0.0)
     return point_boxes_distance_sq(words, base, x, y, z) * splat32(shrunk)
@@ -71,7 +71,7 @@ def _bounds(words, base, query):
 @inlined
 def _prune_bound(target_sq):
     """Return the float32 limit for bounds of subtrees to open. It is not below *target_sq*."""
-    return min(np.float32(target_sq * (1.0 + 2.0**-22)), LARGEST_BOUND)
+    return min(np.float32(target_sq * (1.0 + 2.0**-22)), MAX_BOUND)
 
 
 @inlined

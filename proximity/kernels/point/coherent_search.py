@@ -76,11 +76,11 @@ FRONTIER_BEGINS = -1
 """Count of a frontier that has not been built yet."""
 LONG_WALK = 20
 """Number of steps below which a walk is as fast as testing a frontier."""
-MOST_NODES = 2**24
+MAX_NODES = 2**24
 """Maximum number of a node, up to which float32 represents integers exactly."""
 FARTHEST_POINT = 1e3
 """Distance, in part sizes, beyond which float32 cannot distinguish the planes."""
-MOST_TRAVEL = np.float32(2.0)
+MAX_TRAVEL = np.float32(2.0)
 """Displacement, in part sizes, after which the frontier is rebuilt because it may no longer save time."""
 FLOAT32_ROUNDING = 2.0**-19
 """Several times the rounding error of float32 results, both relative and in part sizes."""
@@ -106,17 +106,17 @@ def _plane_of_block(reals, base, px, py, pz):
     to_c = dot(wide_x - cx, wide_y - cy, wide_z - cz, wide_x - cx, wide_y - cy, wide_z - cz)
     least = minimum(to_a, minimum(to_b, to_c))
     is_used = least < splat(np.inf)
-    least_sq = horizontal_min(select(is_used, least, splat(np.inf)))
-    if not SMALLEST_LENGTH_SQ < least_sq < np.inf:
+    min_sq = horizontal_min(select(is_used, least, splat(np.inf)))
+    if not SMALLEST_LENGTH_SQ < min_sq < np.inf:
         return 0.0, 0.0, 0.0, 0.0
     # The nearest corner; triangles share corners.
-    corner, nearest = 0, bits(to_a <= splat(least_sq))
+    corner, nearest = 0, bits(to_a <= splat(min_sq))
     if not nearest:
-        corner, nearest = 1, bits(to_b <= splat(least_sq))
+        corner, nearest = 1, bits(to_b <= splat(min_sq))
     if not nearest:
-        corner, nearest = 2, bits(to_c <= splat(least_sq))
+        corner, nearest = 2, bits(to_c <= splat(min_sq))
     x, y, z = corner_at(reals, base + trailing_zeros(nearest), corner)
-    share = 1.0 / sqrt(least_sq)
+    share = 1.0 / sqrt(min_sq)
     gx = np.float64(np.float32((px - x) * share))
     gy = np.float64(np.float32((py - y) * share))
     gz = np.float64(np.float32((pz - z) * share))
@@ -207,7 +207,7 @@ def _begin_frontier(words, root, frontier, vx, vy, vz):
 def _due_nodes(frontier, count, travel):
     """Return a mask of the nodes that are due. It has two words, the first of them for `DUE_WORD` nodes."""
     due, also_due = np.int64(0), np.int64(0)
-    if travel <= MOST_TRAVEL:
+    if travel <= MAX_TRAVEL:
         for k in range(0, min(count, DUE_WORD), LANES):
             due |= bits(load(frontier, FRONTIER_DUE + k) <= splat32(travel)) << k
         for k in range(DUE_WORD, count, LANES):
@@ -292,7 +292,7 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
     size = abs(px) + abs(py) + abs(pz)
     slack = FLOAT32_ROUNDING * (1.0 + size)
     work = np.int64(0)
-    if not size <= FARTHEST_POINT or parts[walk_row].root >= MOST_NODES:
+    if not size <= FARTHEST_POINT or parts[walk_row].root >= MAX_NODES:
         return best_sq * factor, part, slot, False, np.int64(0), work
     qx, qy, qz = np.float32(px), np.float32(py), np.float32(pz)
     vx, vy, vz = splat32(qx), splat32(qy), splat32(qz)
@@ -300,7 +300,7 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
     travel = _travel_since(frontier, qx, qy, qz, slack)
     # Bits of due nodes, and the first node added in this search.
     due, also_due = _due_nodes(frontier, count, travel)
-    begins, fresh = count <= 0 or not travel <= MOST_TRAVEL, count
+    begins, fresh = count <= 0 or not travel <= MAX_TRAVEL, count
     has_begun, is_found = False, True
     limit = np.int64(frontier[FRONTIER_LIMIT])
     while is_found:
@@ -331,7 +331,7 @@ def nearest_from_last_answer(model, point, part, slot, frontier, count, budget, 
                 work += 1
                 reference = np.int64(child_at(words, position))
                 if reference >= 0:
-                    if count >= limit or reference >= MOST_NODES:
+                    if count >= limit or reference >= MAX_NODES:
                         begins, is_found = True, not has_begun
                         break
                     _keep_node(words, reference, frontier, count, vx, vy, vz)

@@ -16,10 +16,10 @@ from proximity.kernels.stack_arrays import stack_f32, stack_i64
 from proximity.native import inlined, kernel
 from proximity.native.simd import bits, maximum, minimum, splat, splat32, trailing_zeros
 
-MOST_NEAR = 32
+MAX_NEAR = 32
 """Maximum blocks listed for one. With more, such as next to long faces, marking all edges as candidates is
 faster."""
-NEAR_BOXES = 6 * MOST_NEAR
+NEAR_BOXES = 6 * MAX_NEAR
 SURELY_DEEP_SQ, SURELY_FLAT_SQ = 0.25, 4.0
 """Squared depths between which a corner counts as both in a plane and beyond it. The heights here differ by
 rounding from those that decide, by a millionth of the depth."""
@@ -51,8 +51,8 @@ def _list_near(words, root, position, stack, near, near_boxes):
                 stack[waiting] = reference
                 waiting += 1
                 continue
-            if count == MOST_NEAR:
-                return MOST_NEAR + 1
+            if count == MAX_NEAR:
+                return MAX_NEAR + 1
             near[count] = ~reference
             at = 6 * LANES * (count // LANES) + count % LANES
             for side in range(6):
@@ -257,15 +257,15 @@ def _compare_block(
     corners, faces, neighbors, slot_faces, reals, block, near, near_boxes, count, depth, candidates
 ):
     """Mark edges of a block's faces that may meet a face in the *count* nearby blocks."""
-    met, creased = stack_i64(MOST_NEAR), stack_i64(LANES)
-    for number in range(min(count, MOST_NEAR)):
+    met, creased = stack_i64(MAX_NEAR), stack_i64(LANES)
+    for number in range(min(count, MAX_NEAR)):
         met[number] = 0
     for slot in range(LANES):
         face = np.int64(slot_faces[LANES * block + slot])
         if face < 0:
             continue
         creased[slot], candidates[face] = UNKNOWN, 0
-        if count > MOST_NEAR:
+        if count > MAX_NEAR:
             candidates[face] = _owned_edges(neighbors, face)
             continue
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -275,7 +275,7 @@ def _compare_block(
             while reached:
                 met[first + trailing_zeros(reached)] |= 1 << slot
                 reached &= reached - 1
-    for number in range(count if count <= MOST_NEAR else 0):
+    for number in range(count if count <= MAX_NEAR else 0):
         _compare_blocks(
             corners, faces, neighbors, slot_faces, reals, block, near[number], met[number], creased, depth,
             candidates,
@@ -289,7 +289,7 @@ def note_candidates(corners, faces, neighbors, slot_faces, reals, words, root, d
     The other arguments are those of `self_intersections.passing_faces`.
     """
     stack, inner = stack_i64(STACK_SIZE), stack_i64(STACK_SIZE)
-    near, near_boxes = stack_i64(MOST_NEAR), stack_f32(NEAR_BOXES)
+    near, near_boxes = stack_i64(MAX_NEAR), stack_f32(NEAR_BOXES)
     inner[0] = root
     waiting = 1
     while waiting:

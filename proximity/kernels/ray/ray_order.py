@@ -14,7 +14,7 @@ from proximity.kernels.stack_arrays import stack_f64, stack_i64
 from proximity.native import allocating_kernel, entry, inlined
 from proximity.native.simd import maximum, minimum, select, splat, store
 
-MOST_HALVINGS = 9
+MAX_HALVINGS = 9
 """Maximum number of splits of the box, each across its longest side: 512 cells."""
 RAYS_OF_CELL = 8
 """Minimum average rays per cell, since counting in cells has a cost."""
@@ -54,7 +54,7 @@ def _halve(sides, row_count):
     *sides* become those of the cells. Returns the number of cells along x, y and z, and the rank of each.
     """
     halvings = 0
-    while halvings < MOST_HALVINGS and (RAYS_OF_CELL << halvings) < row_count:
+    while halvings < MAX_HALVINGS and (RAYS_OF_CELL << halvings) < row_count:
         halvings += 1
     counts, axes = np.ones(3, np.int64), np.empty(halvings, np.int64)
     for i in range(halvings):

@@ -43,7 +43,7 @@ from proximity.native.simd import absolute, bits, splat, splat32, square_root, t
 
 VOTES = 5
 """Faces sampled of each component; the majority counts."""
-MOST_BLOCKS = 512
+MAX_BLOCKS = 512
 """Maximum average number of blocks per face: usual bodies need about six. Beyond it all faces count as
 crossing."""
 
@@ -192,7 +192,7 @@ def passing_faces(corners, faces, neighbors, slot_faces, reals, words, root, mom
     stacks, candidates, tree = stack_f32(STACKS_SIZE), np.empty(len(faces), np.uint8), (reals, words, root)
     note_candidates(corners, faces, neighbors, slot_faces, reals, words, root, depth, candidates)
     is_any, blocks_left = _mark_meeting(
-        corners, faces, neighbors, slot_faces, tree, candidates, depth, MOST_BLOCKS * len(faces), False,
+        corners, faces, neighbors, slot_faces, tree, candidates, depth, MAX_BLOCKS * len(faces), False,
         stacks, marks,
     )  # fmt: skip
     if is_any:

@@ -15,7 +15,7 @@ Source: Gottschalk, Lin, Manocha 1996, "OBBTree" (separating axes).
 
 import numpy as np
 
-from proximity.kernels.geometry.box import LARGEST_REST, bound_of
+from proximity.kernels.geometry.box import MAX_REST, bound_of
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES
 from proximity.kernels.nodes import boxes_of, load_points, wide_boxes_of
@@ -122,7 +122,7 @@ def far_segment_boxes_distance_sq(nodes, base, plan):
     bounds, early = _bounds_sq(*lower, *upper, plan)
     rest = maximum(bounds * splat(SEGMENT_SHRINK_FAR) - splat(plan.offset), splat(0.0)) + early
     # Only unused lanes may exceed float32.
-    return narrow(select(rest < splat(np.inf), minimum(rest, splat(LARGEST_REST)), rest))
+    return narrow(select(rest < splat(np.inf), minimum(rest, splat(MAX_REST)), rest))
 
 
 @inlined

@@ -21,12 +21,12 @@ It is an edge of 26 degrees. Folded faces have -1; few edges of real parts are t
 """
 NEAR_CORNER = 0.8
 """Weight of a corner at the sample points of a face, in addition to its centroid."""
-MOST_STEP, STEP_SHARE = 1e-6, 1e-3
+MAX_STEP, STEP_SHARE = 1e-6, 1e-3
 """Limits of the distance of samples to either side of a face, in the local frame.
 
 The second is relative to the root of the area of the face.
 """
-MOST_LOOKED_AT = 4096
+MAX_LOOKED_AT = 4096
 """Maximum number of faces that are tested in a part. Further sharp faces count as folded."""
 
 
@@ -46,7 +46,7 @@ def folded_faces(corners, faces, neighbors, slot_faces, reals, words, root, mome
         if not _is_sharp(corners, faces, neighbors, face):
             continue
         looked_at += 1
-        if looked_at > MOST_LOOKED_AT or faces_wrong(corners, faces, face, reals, words, root, moments):
+        if looked_at > MAX_LOOKED_AT or faces_wrong(corners, faces, face, reals, words, root, moments):
             is_over[face] = True
     return marked_slots(is_over, neighbors, slot_faces)
 
@@ -120,7 +120,7 @@ def faces_wrong(corners, faces, face, reals, words, root, moments):
     length = sqrt(dot(nx, ny, nz, nx, ny, nz))
     if not length > 0.0:
         return False
-    step = min(MOST_STEP, STEP_SHARE * sqrt(length)) / length
+    step = min(MAX_STEP, STEP_SHARE * sqrt(length)) / length
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     for k in range(4):
         u = NEAR_CORNER if k == 1 else ((1.0 - NEAR_CORNER) / 2.0 if k else 1.0 / 3.0)

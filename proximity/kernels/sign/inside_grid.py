@@ -29,13 +29,13 @@ SAMPLE_PITCH = 2.0
 """Distance, in cells, of the samples of a face in `uncertain_points`, along its longest side and across."""
 SAMPLE_CLEARANCE = 1.0 + 4.0 * CELL_SLACK
 """Distance of samples from a face, in cells along its normal. The face does not cross the cells there."""
-MOST_POINTS = 1024
+MAX_POINTS = 1024
 """Maximum number of points that `uncertain_points` returns. It must be even."""
 CELLS_PER_FACE = 64
-FEWEST_CELLS = 512
-LARGEST_GRID = 2**18
+MIN_CELLS = 512
+MAX_GRID = 2**18
 """Approximate maximum number of cells of a grid."""
-LARGEST_ASPECT = 64.0
+MAX_ASPECT = 64.0
 """Maximum aspect ratio of the box for which a grid is sized."""
 ORIGIN = 0.0, 0.0, 0.0
 
@@ -46,7 +46,7 @@ def grid_size(extent, wanted):
 
     *extent*: (3,), sides of the box. *wanted*: approximate total number of cells.
     """
-    least = max(extent[0], extent[1], extent[2]) / LARGEST_ASPECT
+    least = max(extent[0], extent[1], extent[2]) / MAX_ASPECT
     volume = max(extent[0], least) * max(extent[1], least) * max(extent[2], least)
     if not volume > 0.0:
         return 1.0, 1, 1, 1
@@ -69,7 +69,7 @@ def grid_words(part):
 @kernel
 def cells_wanted(face_count):
     """Return the approximate number of cells that a part's grid should have."""
-    return min(max(CELLS_PER_FACE * face_count, FEWEST_CELLS), LARGEST_GRID)
+    return min(max(CELLS_PER_FACE * face_count, MIN_CELLS), MAX_GRID)
 
 
 @inlined
@@ -194,12 +194,12 @@ def uncertain_points(corners, faces, lower, rate, nx, ny, nz, grid):
     """Return points that a face and the grid classify differently, and the faces that are clear.
 
     Each face is sampled every `SAMPLE_PITCH` cells on both sides, at a distance at which it crosses no
-    sampled cell. The points are (N, 3), local, at most `MOST_POINTS` and spread evenly. A second array, (N,)
+    sampled cell. The points are (N, 3), local, at most `MAX_POINTS` and spread evenly. A second array, (N,)
     bool, states whether the grid classifies them as inside; a difference is correct if another face is in
     between. The third array, (F,) bool, marks clear faces, which have on each side a sampled cell that is not
     crossed. *grid*: from `build_grid`, with the same other arguments.
     """
-    points, is_inside = np.empty((MOST_POINTS, 3)), np.empty(MOST_POINTS, np.bool_)
+    points, is_inside = np.empty((MAX_POINTS, 3)), np.empty(MAX_POINTS, np.bool_)
     is_clear = np.zeros(len(faces), np.bool_)
     count, met, stride = 0, 0, 1
     v = np.empty((3, 3))
@@ -248,7 +248,7 @@ def uncertain_points(corners, faces, lower, rate, nx, ny, nz, grid):
                     met += 1
                     if met % stride != 0:
                         continue
-                    if count == MOST_POINTS:
+                    if count == MAX_POINTS:
                         count, stride = count // 2, 2 * stride
                         for kept in range(count):
                             copy_row(points, 2 * kept + 1, points, kept)

@@ -26,7 +26,7 @@ from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import inlined
 from proximity.native.simd import load_int
 
-LEAST_SIDE_SINE = 1e-6
+MIN_SIDE_SINE = 1e-6
 """Minimum sine of the angle between the direction to the closest point and a plane.
 
 The plane is perpendicular to the pseudo-normal. Below the minimum, the winding number decides the sign:
@@ -135,7 +135,7 @@ def _is_inside(model, part, slot, p, closest):
         return False
     if has_normals(model.words, model.parts, part, slot):
         side = dot(*vector(closest.arm), *vector(closest.normal))
-        if abs(side) > LEAST_SIDE_SINE * length:
+        if abs(side) > MIN_SIDE_SINE * length:
             return side < 0.0
     is_inside, _ = is_inside_by_winding(model, part, p)
     return is_inside

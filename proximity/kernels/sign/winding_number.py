@@ -68,7 +68,7 @@ OPENING = 2.5
 """Ratio of distance to radius beyond which a cluster is approximated."""
 ROUND = 2 * LANES
 """Number of lanes twice in a row, so that each lane is followed by the others in cyclic order."""
-SMALLEST_PRODUCT, LARGEST_PRODUCT = 1e-300, 1e300
+SMALLEST_PRODUCT, MAX_PRODUCT = 1e-300, 1e300
 """Range of products whose direction is usable. Outside it features are below 1e-100 in the local frame."""
 
 
@@ -165,7 +165,7 @@ def turned(cosine, sine, turns, below, volume):
     new_cosine = fma(cosine, below, -(sine * volume))
     new_sine = fma(cosine, volume, sine * below)
     size = maximum(absolute(new_cosine), absolute(new_sine))
-    is_there = (size > like(SMALLEST_PRODUCT, size)) & (size < like(LARGEST_PRODUCT, size))
+    is_there = (size > like(SMALLEST_PRODUCT, size)) & (size < like(MAX_PRODUCT, size))
     scale = one / select(is_there, size, one)
     # Tested on the scaled numbers, which are kept: scaling may turn the smallest into zero.
     new_cosine, new_sine = new_cosine * scale, new_sine * scale

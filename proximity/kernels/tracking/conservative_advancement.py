@@ -27,7 +27,7 @@ from proximity.kernels.tracking.part_drift import part_travel
 from proximity.native import inlined, kernel
 from proximity.native.simd import horizontal_min, load, minimum, select, splat, square_root
 
-MOST_STEPS = 24
+MAX_STEPS = 24
 TOUCH = 1e-5
 """m: a smaller distance is a contact; a tenth of the bias that an operator would feel."""
 NEAR = 0.01
@@ -159,7 +159,7 @@ def advance_conservatively(
     scale = model.frames[len(model.frames) - 1].scale
     drift_now, faster = part_travel(drift, speed, 0.0)
     free = _free_until(start, clearance, speed + drift_now, start + faster)
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         if not free < end:
             return Advance(end, np.inf, part, slot, work)
         if work >= budget:

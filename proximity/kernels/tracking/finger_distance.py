@@ -49,7 +49,7 @@ ticks until the next attempt after one that exceeded this limit, which matters f
 STRAY = 1.0 / 16.0
 """Share of its distance that a finger may move before the reported surface point is searched again: until
 then the point is up to 0.2 % farther than the nearest. Ticks of distant fingers take a seventh less time."""
-FEWEST_DISTANCE_STEPS = 8
+MIN_DISTANCE_STEPS = 8
 """Steps for the distance of a finger without bounds when the shared steps are used up."""
 
 
@@ -87,7 +87,7 @@ def find_distance(model, arrays, i, finger, is_moved, scratch):
             is_outside,
             is_moved,
             TOLERANCE_SHARE * tolerance if len(arrays.tracks) > CROWD else 0.0,
-            min(np.int64(settings.budget), max(left, FEWEST_DISTANCE_STEPS)),
+            min(np.int64(settings.budget), max(left, MIN_DISTANCE_STEPS)),
             scratch,
         )
         settings.steps_left -= work

@@ -66,13 +66,13 @@ MEMORY = 1.2e-3
 """s. Shorter memories pass on noise, longer ones lag. Poses each millisecond with noise of 0.05 mm are
 predicted best with 1.0 to 1.2 ms: 95 % of the errors over 9 ms are below 1.2 mm, 2.0 mm with the last
 difference."""
-LEAST_WEIGHT = 1e-3
+MIN_WEIGHT = 1e-3
 """Minimum weight of the previous pose, so that after a pause two poses close together do not hide it."""
 NOISE = 0.15e-3
 """m, of one pose: three times the scatter of a sensor at 1 kHz. Recorded fingers at rest have 0.02 mm."""
 MAX_NOISE_SPEED = 0.3
 """m/s: a velocity counts as unknown while noise alone may cause a larger error."""
-MOST_SURPRISE = 1e3
+MAX_SURPRISE = 1e3
 """m/s. Only a given velocity can be off by this value; an infinite error would never fade."""
 ENOUGH = 3
 """Poses before an estimate and its error are trusted: sensors report a hand's first pose twice."""
@@ -156,7 +156,7 @@ def _follow(estimate, x, y, z, dt, max_acceleration):
     weight = 1.0 / (1.0 + dt * (0.125 / MEMORY))
     weight *= weight
     weight *= weight
-    weight = max(weight * weight, LEAST_WEIGHT)
+    weight = max(weight * weight, MIN_WEIGHT)
     weights, squares = estimate.weights, estimate.squares
     s0, s1 = weights[0], weights[1]
     _age(estimate, weight, dt)
@@ -189,7 +189,7 @@ def _follow(estimate, x, y, z, dt, max_acceleration):
     # A deviation that neither acceleration nor noise explains may be an outlier: the share of it that entered
     # the velocity counts as error, and fades with the pose.
     explained = (estimate.velocity_error + 0.5 * max_acceleration * dt) * dt + 2.0 * NOISE
-    surprise = min(max(math.sqrt(miss_sq) - explained, 0.0) * (-s1 * per_spread), MOST_SURPRISE)
+    surprise = min(max(math.sqrt(miss_sq) - explained, 0.0) * (-s1 * per_spread), MAX_SURPRISE)
     surprise = max(surprise, estimate.surprise * weight * (1.0 + dt / MEMORY))
     estimate.surprise = surprise
     estimate.velocity_error = max_acceleration * lag + noise_error + surprise

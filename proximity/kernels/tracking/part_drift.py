@@ -41,7 +41,7 @@ EIGHT_MOVERS = record(
 """Eight parts that may move, and eight parts gathered by a finger."""
 SIX_LANES = 2**6 - 1
 
-MOST_COMINGS = 8
+MAX_COMINGS = 8
 """Successively faster parts that are distinguished; beyond this number the bound is not tight."""
 AT_ONCE = 1e-12
 """s or m: an arrival within this interval counts as now, so that each step from arrival to arrival
@@ -181,7 +181,7 @@ def _near_at(row):
 def contact_free_time(drift, speed, clearance):
     """Return the time, in units, in which no surface *clearance* m away is reached; see `part_travel`."""
     free = 0.0
-    for _ in range(MOST_COMINGS):
+    for _ in range(MAX_COMINGS):
         fastest, faster = part_travel(drift, speed, free)
         rate = speed + fastest
         left = clearance / rate * ROUNDED_DOWN if rate > 0.0 else (np.inf if clearance > 0.0 else 0.0)

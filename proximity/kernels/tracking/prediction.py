@@ -38,7 +38,7 @@ every traversal is shorter. Ten fingers among moving parts take a fifth fewer st
 STRIDE = 40
 """Approximate steps of a finger along its velocity per tick; the next tick continues from the stored balls.
 Without the limit one tick in a hundred takes 100 µs, with five fingers near 90 k free-form faces."""
-FEWEST_PREDICTION_STEPS = 4
+MIN_PREDICTION_STEPS = 4
 """Minimum for prediction and path each, when the distance has used the budget."""
 
 
@@ -55,7 +55,7 @@ class RelativeMotion(NamedTuple):
 @inlined
 def steps_left(settings, record):
     """Return the remaining steps of a finger, limited by those that all fingers share for predictions."""
-    own = max(np.int64(settings.budget) - np.int64(record.work), FEWEST_PREDICTION_STEPS)
+    own = max(np.int64(settings.budget) - np.int64(record.work), MIN_PREDICTION_STEPS)
     return min(own, np.int64(settings.prediction_steps_left))
 
 

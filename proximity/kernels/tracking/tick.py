@@ -40,8 +40,8 @@ from proximity.kernels.tracking.part_drift import Movers, displacement_of_parts,
 from proximity.kernels.tracking.path_contact import predict_contact_on_path
 from proximity.kernels.tracking.prediction import predict_distance, predict_time_to_contact, relative_motion
 from proximity.kernels.tracking.track import (
-    MOST_DISPLACEMENT,
-    MOST_NS,
+    MAX_DISPLACEMENT,
+    MAX_NS,
     Finger,
     Scratch,
     TrackerArrays,
@@ -59,7 +59,7 @@ ALL_IN_MILLIMETRES = 32  # the distances of all fingers suggest points in millim
 
 FLAG_BITS = (1 << 16) - 1
 """Bits of an observation's status that enter the record."""
-SHARED_BUDGETS, FEWEST_BUDGETS = 20, 8
+SHARED_BUDGETS, MIN_BUDGETS = 20, 8
 PREDICTION_BUDGETS = 4
 """Budgets that all fingers share in a tick, for distances and for predictions. Two hands never exhaust them;
 a skin of thousands would be late. A finger without steps reports bounds from earlier ticks, and is among the
@@ -67,7 +67,7 @@ first at the next tick."""
 MANY, PRESENCE = 500, 4
 """Fingers above `MANY` reduce the shared steps by `PRESENCE` each, for the time that they take without a
 search."""
-LEAST_TOLERANCE, MOST_TOLERANCE = 1e-3, 0.5
+MIN_TOLERANCE, MAX_TOLERANCE = 1e-3, 0.5
 TOLERANCE_GROWTH, TOLERANCE_DECAY = 1.1, 0.99
 """The bounds of many fingers may differ by a share of the distance, which grows while steps run out and
 decays otherwise: the accuracy is then uniform relative to the distance. A fixed rotation instead left points
@@ -78,7 +78,7 @@ within 20 mm of a skin with bounds 9.5 mm apart (p99; 3.8 with this), and took 5
 def tick(model, arrays, positions, pose_ns, now_ns, is_moved):
     """Fill the records of a tracker; return `NOT_DONE`, or `DONE` with warning bits about the poses.
 
-    It is not done, and no state changes, if *positions* or *pose_ns*, which is within `MOST_NS`, does not
+    It is not done, and no state changes, if *positions* or *pose_ns*, which is within `MAX_NS`, does not
     have one row per finger. *is_moved*: whether parts may have moved since the previous tick.
     """
     settings, count = arrays.settings[0], len(arrays.tracks)
@@ -103,15 +103,15 @@ def tick(model, arrays, positions, pose_ns, now_ns, is_moved):
 @inlined
 def steps_for_all(budget, count):
     """Return the steps that *count* fingers share in a tick for their distances."""
-    return max(SHARED_BUDGETS * budget - PRESENCE * max(count - MANY, 0), FEWEST_BUDGETS * budget)
+    return max(SHARED_BUDGETS * budget - PRESENCE * max(count - MANY, 0), MIN_BUDGETS * budget)
 
 
 @inlined
 def _tolerance_after(adaptive_tolerance, steps_left):
     """Return the share by which bounds may differ at the next tick."""
     if steps_left <= 0.0:
-        return min(max(adaptive_tolerance, LEAST_TOLERANCE) * TOLERANCE_GROWTH, MOST_TOLERANCE)
-    return adaptive_tolerance * TOLERANCE_DECAY if adaptive_tolerance > LEAST_TOLERANCE else 0.0
+        return min(max(adaptive_tolerance, MIN_TOLERANCE) * TOLERANCE_GROWTH, MAX_TOLERANCE)
+    return adaptive_tolerance * TOLERANCE_DECAY if adaptive_tolerance > MIN_TOLERANCE else 0.0
 
 
 @inlined
@@ -123,7 +123,7 @@ def _follow_parts(model, arrays):
             arrays.tracks[i].frontier_count = 0
     displacement = displacement_of_parts(model.frames, arrays.before)
     settings.displacement = (settings.displacement + displacement) * (1.0 + 2.0**-52)
-    if not settings.displacement <= MOST_DISPLACEMENT:
+    if not settings.displacement <= MAX_DISPLACEMENT:
         settings.displacement = 0.0
         forget_distances(arrays.tracks, arrays.balls)
     settings.mover_count, settings.any_stands = gather_movers(model.frames, model.parts, arrays.movers)
@@ -147,7 +147,7 @@ def _observe_all(model, arrays, positions, pose_ns, now_ns):
         arrays.records[i] = arrays.unknown[0]
         record = finger.record
         record.finger = i
-        record.pose_ns, record.age_ns = taken_ns, now_ns - max(taken_ns, 1 - MOST_NS)
+        record.pose_ns, record.age_ns = taken_ns, now_ns - max(taken_ns, 1 - MAX_NS)
         record.predicted_ns = max(acts_ns, taken_ns)
         record.position[0], record.position[1], record.position[2] = x, y, z
         estimate = finger.estimate

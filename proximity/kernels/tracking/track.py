@@ -54,10 +54,10 @@ SETTINGS = record(
     other_clock_ns="f8",  # a pose farther from the tick, before or after, has another clock and is not used
 )
 
-MOST_DISPLACEMENT = 1e3
+MAX_DISPLACEMENT = 1e3
 """m of total part displacement after which all tracks restart: rounding loses small steps in larger sums. A
 part moved very far away reaches it in one tick."""
-MOST_NS = 2**62
+MAX_NS = 2**62
 """ns; 146 years. Differences of times within it, except between its two ends, fit into 64 bits."""
 
 

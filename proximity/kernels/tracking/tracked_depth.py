@@ -14,7 +14,7 @@ from proximity.kernels.stack_arrays import stack_arrays_of, stack_f64
 from proximity.kernels.tracking.tracked_motion import SLIP
 from proximity.native import inlined, kernel
 
-LEAST_DEPTH_TOLERANCE = 0.01
+MIN_DEPTH_TOLERANCE = 0.01
 stack_exits, _ = stack_arrays_of(EXIT_ANSWER)
 
 
@@ -70,7 +70,7 @@ def fill_depth(model, held, record):
     normal, best, surfaces, row = stack_f64(3), stack_exits(1)[0], Surfaces(held.faces, held.ranges), 0
     while held.pairs[row].own != record["own_part"] or held.pairs[row].other != record["part"]:
         row += 1
-    pair, tolerance = held.pairs[row], max(held.settings[0].tolerance, LEAST_DEPTH_TOLERANCE)
+    pair, tolerance = held.pairs[row], max(held.settings[0].tolerance, MIN_DEPTH_TOLERANCE)
     start, end = surface_range(model, pair.own, surfaces)
     other, other_end = surface_range(model, pair.other, surfaces)
     faces, other_faces = held.faces[start:end], held.faces[other:other_end]

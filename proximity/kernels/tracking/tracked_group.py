@@ -10,7 +10,7 @@ from proximity.kernels.stack_arrays import stack_f64, stack_f64_rows
 from proximity.kernels.tracking.tracked_records import HELD_SETTINGS as HELD_SETTINGS  # for the signature
 from proximity.native import bundle, entry, kernel
 
-LONGEST_STEP_NS = 100_000_000
+MAX_STEP_NS = 100_000_000
 """Between two poses from which a velocity is taken."""
 LINEAR_GIVEN, ANGULAR_GIVEN = 1, 2
 
@@ -61,7 +61,7 @@ def velocities_between(before, pose, elapsed_ns, velocities):
 
     The poses must be near enough in time.
     """
-    if not 0 < elapsed_ns <= LONGEST_STEP_NS:
+    if not 0 < elapsed_ns <= MAX_STEP_NS:
         return False
     seconds, turn = 1e-9 * elapsed_ns, stack_f64(9)
     for i in range(3):

@@ -15,7 +15,7 @@ from proximity.native import inlined, kernel
 
 STILL_ROUNDING = 2.0**-50
 """Bound of the rounding error of a displacement, relative to the coordinates."""
-MOST_ADVANCES = 6
+MAX_ADVANCES = 6
 """Predictive queries per tick."""
 AHEAD_TOLERANCE = 0.1
 """Tolerance of predictive queries: the share of the distance to a contact that is left to the next one."""
@@ -175,7 +175,7 @@ def find_times(model, held):
         if is_touching and pair.speed > 0.0:
             pair.free_time, pair.is_timed, pair.is_opening = min(slip / pair.speed, horizon), MAY_OPEN, 1
     work = 0
-    for _ in range(MOST_ADVANCES):
+    for _ in range(MAX_ADVANCES):
         first = _first_to_meet(held)
         if first < 0 or (option.budget > 0 and work >= option.budget):
             break

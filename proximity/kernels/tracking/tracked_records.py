@@ -8,7 +8,7 @@ from proximity.native import bundle, record
 
 FRONTIER_ENTRIES = 32_768
 """Total of all frontiers: 655 KB at 20 bytes each."""
-FEWEST_FRONTIERS, MOST_FRONTIERS = 4, 32
+MIN_FRONTIERS, MAX_FRONTIERS = 4, 32
 """Limits of the number of frontiers, otherwise one per pair of parts."""
 CROSSING_PARTS = 4096
 """A flag in addition to those of `contact_record`: the two surfaces intersect, and the parts share volume."""

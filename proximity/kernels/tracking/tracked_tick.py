@@ -34,9 +34,9 @@ from proximity.kernels.tracking.tracked_depth import comes_free, decide_inner_pa
 from proximity.kernels.tracking.tracked_motion import STILL_ROUNDING, displacements, find_times, lower_of
 from proximity.kernels.tracking.tracked_records import (
     CROSSING_PARTS,
-    FEWEST_FRONTIERS,
     FRONTIER_ENTRIES,
-    MOST_FRONTIERS,
+    MAX_FRONTIERS,
+    MIN_FRONTIERS,
     OTHER_INSIDE,
     OWN_INSIDE,
     HeldArrays,
@@ -45,7 +45,7 @@ from proximity.kernels.traverse.dual_first import OVERFLOW, Frontier
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
 
-MOST_RECORDS = 16
+MAX_RECORDS = 16
 """Maximum number of connections of a tick."""
 TICKS_AHEAD = 4
 """Least number of ticks like this one for which the search of a pair is to last; the largest is below twice
@@ -88,7 +88,7 @@ def adopt_rows(model, held):
             pair.frontier = -1
             at += 1
     option.group, option.next_frontier = group, 0
-    option.frontier_count = min(max(len(held.pairs), FEWEST_FRONTIERS), MOST_FRONTIERS)
+    option.frontier_count = min(max(len(held.pairs), MIN_FRONTIERS), MAX_FRONTIERS)
     option.frontier_length = FRONTIER_ENTRIES // option.frontier_count
     displacements(model.frames, held.before, held.moved)
     for part in range(len(held.moved)):
@@ -116,7 +116,7 @@ def _find_nearest(model, held, is_moved):
         _lower_bounds(model, held)
     for number in range(len(held.pairs)):
         held.pairs[number].is_resolved = held.pairs[number].is_timed = 0
-    rows, uppers = stack_i64(MOST_RECORDS), stack_f64(MOST_RECORDS)
+    rows, uppers = stack_i64(MAX_RECORDS), stack_f64(MAX_RECORDS)
     _resolve(model, held, rows, uppers)
     option.unsure = 0
     for number in range(len(held.pairs)):

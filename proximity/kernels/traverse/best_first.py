@@ -5,7 +5,7 @@ few steps, has met a point where every exact search opens the whole tree (the ce
 on, sweep by sweep, it opens the subtrees with the smallest bounds and follows one of them down to a leaf, so
 that the gap between the bounds closes from both sides.
 
-Waiting subtrees are in *workspace* (float32), three planes of `MOST_WAITING` numbers: a lower bound of the
+Waiting subtrees are in *workspace* (float32), three planes of `MAX_WAITING` numbers: a lower bound of the
 squared distance, always in the scene's scaled frame; the reference (int32 bits); and the part whose frame it
 is in, or the scene's row.
 
@@ -33,13 +33,13 @@ from proximity.native.simd import (
     trailing_zeros,
 )
 
-MOST_SWEPT_STEPS = 4096
+MAX_SWEPT_STEPS = 4096
 """Maximum steps of a budget that are taken in sweeps; the others go depth first."""
-MOST_WAITING = 4 * STACK_SIZE + (LANES - 1) * MOST_SWEPT_STEPS + 4 * LANES
-WORKSPACE_SIZE = 3 * MOST_WAITING
+MAX_WAITING = 4 * STACK_SIZE + (LANES - 1) * MAX_SWEPT_STEPS + 4 * LANES
+WORKSPACE_SIZE = 3 * MAX_WAITING
 DEEP_DIVISOR = 8
 """Divisor of a budget giving the steps that go depth first."""
-FEWEST_DEEP_STEPS = 16
+MIN_DEEP_STEPS = 16
 """Minimum number of depth-first steps, for budgets of at least twice that: mostly they suffice. Predictions
 with 40 steps have some 10 % shorter ticks at p99 than with an eighth of them, and report contacts as
 early."""
@@ -55,8 +55,8 @@ SWEEP_RATIO = 16
 def _push(workspace, at, bounds, references, part, which):
     """Append the subtrees of eight lanes selected by *which*; return the end position."""
     store(workspace, at, compress(bounds, which))
-    store(workspace, at + MOST_WAITING, compress(references, which))
-    store(workspace, at + 2 * MOST_WAITING, splat32(np.float32(part)))
+    store(workspace, at + MAX_WAITING, compress(references, which))
+    store(workspace, at + 2 * MAX_WAITING, splat32(np.float32(part)))
     return at + count_bits(bits(which))
 
 
@@ -77,13 +77,13 @@ def _keep_open(workspace, count, reach):
     for i in range(0, count, LANES):
         bounds, references, tags = (
             load(workspace, i),
-            load(workspace, i + MOST_WAITING),
-            load(workspace, i + 2 * MOST_WAITING),
+            load(workspace, i + MAX_WAITING),
+            load(workspace, i + 2 * MAX_WAITING),
         )
         is_open = bounds <= splat32(reach)
         store(workspace, kept, compress(bounds, is_open))
-        store(workspace, kept + MOST_WAITING, compress(references, is_open))
-        store(workspace, kept + 2 * MOST_WAITING, compress(tags, is_open))
+        store(workspace, kept + MAX_WAITING, compress(references, is_open))
+        store(workspace, kept + 2 * MAX_WAITING, compress(tags, is_open))
         kept += count_bits(bits(is_open))
         smallest = minimum(smallest, bounds)
     return kept, horizontal_min(smallest)
@@ -129,7 +129,7 @@ def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of, heed
             lower_sq = min(np.float64(lowest), target_sq)
             if count == 0:
                 return best, target_sq, work
-            if work >= budget or count + LANES > MOST_WAITING - 2 * LANES:
+            if work >= budget or count + LANES > MAX_WAITING - 2 * LANES:
                 return best, lower_sq, work
             gap = min(best[0], 4.0 * lower_sq + 1.0) - lower_sq
             threshold = max(np.float32(lower_sq + share * gap), lowest)
@@ -143,18 +143,18 @@ def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of, heed
                     chosen &= (1 << (end - first)) - 1
                 left = chosen
                 while left:
-                    fetch(reals, words, load_int(workspace, first + trailing_zeros(left) + MOST_WAITING))
+                    fetch(reals, words, load_int(workspace, first + trailing_zeros(left) + MAX_WAITING))
                     left &= left - 1
                 while (
-                    (chosen or following >= 0) and work < budget and count + LANES <= MOST_WAITING - 2 * LANES
+                    (chosen or following >= 0) and work < budget and count + LANES <= MAX_WAITING - 2 * LANES
                 ):
                     if following >= 0:
                         i, following = following, np.int64(-1)
                     else:
                         i = first + trailing_zeros(chosen)
                         chosen &= chosen - 1
-                    reference = np.int64(load_int(workspace, i + MOST_WAITING))
-                    tag = np.int64(workspace[i + 2 * MOST_WAITING])
+                    reference = np.int64(load_int(workspace, i + MAX_WAITING))
+                    tag = np.int64(workspace[i + 2 * MAX_WAITING])
                     if reference < 0 and ~reference >= ENTRY:
                         reference, tag = _step_into(words, parts, reference, tag)
                     if tag != part:
@@ -186,8 +186,8 @@ def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of, heed
         reach = reach_of(target(best, tolerance))
         deep_end = max(
             budget // DEEP_DIVISOR,
-            FEWEST_DEEP_STEPS if budget >= 2 * FEWEST_DEEP_STEPS else 0,
-            budget - MOST_SWEPT_STEPS,
+            MIN_DEEP_STEPS if budget >= 2 * MIN_DEEP_STEPS else 0,
+            budget - MAX_SWEPT_STEPS,
         )
         work, at = 0, 0
         reference = start
@@ -224,9 +224,9 @@ def best_first(query_in, node_bounds, close_bounds, leaf, target, reach_of, heed
                     break
             else:
                 return best, target(best, tolerance), work
-            reference = load_int(workspace, at + MOST_WAITING)
-            if np.int64(workspace[at + 2 * MOST_WAITING]) != part:
-                part = np.int64(workspace[at + 2 * MOST_WAITING])
+            reference = load_int(workspace, at + MAX_WAITING)
+            if np.int64(workspace[at + 2 * MAX_WAITING]) != part:
+                part = np.int64(workspace[at + 2 * MAX_WAITING])
                 query = query_in(frames, parts, part, point)
 
     return walk

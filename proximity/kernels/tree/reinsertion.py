@@ -15,11 +15,11 @@ from proximity.kernels.tree.binned_sah import LINK_LEFT, LINK_RIGHT, NO_CHILD, h
 from proximity.native import allocating_kernel, inlined, kernel
 from proximity.native.simd import load, minimum, store
 
-LARGEST_SEARCH = 1024
+MAX_SEARCH = 1024
 """Maximum number of positions that wait in a search. If there are more, the best one found is used."""
 REINSERTION_RATIO = 4
 """One of this many subtrees is reinserted. The largest ones are chosen, as they matter most."""
-FEWEST_REINSERTIONS = 4096
+MIN_REINSERTIONS = 4096
 """Minimum number of reinsertions, if the tree is large enough."""
 
 
@@ -78,7 +78,7 @@ def _take_least(keys, nodes, count):
 def _best_position(boxes, links, parents, moved, beside, keys, nodes):
     """Return the node next to which the removed subtree *moved* adds the least surface area.
 
-    *beside*: its former sibling. *keys*, *nodes*: (`LARGEST_SEARCH`,), scratch memory.
+    *beside*: its former sibling. *keys*, *nodes*: (`MAX_SEARCH`,), scratch memory.
     """
     box = load(boxes, BOX_STRIDE * moved)
     own = half_area(box)
@@ -100,7 +100,7 @@ def _best_position(boxes, links, parents, moved, beside, keys, nodes):
         if gained + joint < best and node != 0:
             best, position = gained + joint, node
         gained += joint - half_area(load(boxes, BOX_STRIDE * node))
-        if gained + own < best and links[node, LINK_LEFT] != NO_CHILD and count + 2 <= LARGEST_SEARCH:
+        if gained + own < best and links[node, LINK_LEFT] != NO_CHILD and count + 2 <= MAX_SEARCH:
             _wait(keys, nodes, count, gained, links[node, LINK_LEFT])
             _wait(keys, nodes, count + 1, gained, links[node, LINK_RIGHT])
             count += 2
@@ -147,9 +147,9 @@ def improve(boxes, links):
         if links[node, LINK_LEFT] != NO_CHILD:
             parents[links[node, LINK_LEFT]] = node
             parents[links[node, LINK_RIGHT]] = node
-    wanted = min(count, max(count // REINSERTION_RATIO, FEWEST_REINSERTIONS))
+    wanted = min(count, max(count // REINSERTION_RATIO, MIN_REINSERTIONS))
     least = _at_rank(areas, count - wanted)
-    keys, nodes = np.empty(LARGEST_SEARCH, np.float32), np.empty(LARGEST_SEARCH, np.int32)
+    keys, nodes = np.empty(MAX_SEARCH, np.float32), np.empty(MAX_SEARCH, np.int32)
     for node in range(1, count):
         parent = np.int64(parents[node])
         if areas[node] < least or parent == 0:

@@ -29,7 +29,7 @@ from proximity.lab.certificate.worst_positions import Progress, SearchResult, se
 from proximity.service import Report
 
 TICKS, SECONDS, SEED = 20_000, 3.0, 0
-LONGEST_LOOP = 3600.0  # s
+MAX_LOOP = 3600.0  # s
 MISSED = 1e-3  # maximum share of missed deadlines for a machine to keep a period
 TICKS_JUDGED = {"p999": "99.9 %", "p50": "half", "max": "all"}
 
@@ -130,7 +130,7 @@ def check_request(tick_count: int, seconds: float, seed: int) -> None:
     """Raise an error for an invalid request before any time is spent on it."""
     if tick_count < MIN_TICKS:
         raise ServiceError(f"{tick_count} ticks are too few for p99.9, expected {MIN_TICKS} or more")
-    if not 0.0 < seconds <= LONGEST_LOOP:
-        raise ServiceError(f"the loop cannot run for {seconds:g} s, expected up to {LONGEST_LOOP:g} s")
+    if not 0.0 < seconds <= MAX_LOOP:
+        raise ServiceError(f"the loop cannot run for {seconds:g} s, expected up to {MAX_LOOP:g} s")
     if not 0 <= seed < 2**63:
         raise ServiceError(f"{seed} is not a seed, expected a whole number of 0 or more")

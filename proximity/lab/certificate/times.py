@@ -10,7 +10,7 @@ import numpy as np
 
 from proximity.errors import ServiceError
 from proximity.service import Histogram
-from proximity.service.loop_memory import LONGEST_PERIOD, SHORTEST_PERIOD
+from proximity.service.loop_memory import MAX_PERIOD, SHORTEST_PERIOD
 
 UNKNOWN = "–"
 SHARES = {"p50": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}
@@ -83,10 +83,10 @@ def parse_period(text: str) -> float:
     elif unit.lower() in RATES and number > 0.0:
         seconds = 1.0 / (number * RATES[unit.lower()])
     # Tolerance for the rounding of a period given as a rate.
-    if not SHORTEST_PERIOD * (1.0 - 1e-9) <= seconds <= LONGEST_PERIOD * (1.0 + 1e-9):
+    if not SHORTEST_PERIOD * (1.0 - 1e-9) <= seconds <= MAX_PERIOD * (1.0 + 1e-9):
         raise ServiceError(
             f"{text!r} is not a period, expected a time or a rate such as 1ms, 200us or 1kHz, "
-            f"{SHORTEST_PERIOD * 1e6:g}us to {LONGEST_PERIOD:g}s"
+            f"{SHORTEST_PERIOD * 1e6:g}us to {MAX_PERIOD:g}s"
         )
     return seconds
 

@@ -16,7 +16,7 @@ from proximity.lab.experiment.psychometric import Shape, probability, shared_sha
 
 SIGNIFICANT, WANTED = 0.05, 0.8
 POOL = 2000  # simulated participants
-LARGEST_EFFECT = 20.0  # standard deviations
+MAX_EFFECT = 20.0  # standard deviations
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ def _smallest_effect(participants: int, significant: float) -> float:
     def missing(effect: float) -> float:
         return float(stats.nct.sf(critical, freedom, effect * math.sqrt(participants))) - WANTED
 
-    return float(optimize.brentq(missing, 0.0, LARGEST_EFFECT))
+    return float(optimize.brentq(missing, 0.0, MAX_EFFECT))
 
 
 def _expected(design: Design, task: Task, pair: tuple[str, str]) -> tuple[float, float]:

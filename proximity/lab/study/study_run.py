@@ -28,7 +28,7 @@ from proximity.system import machine
 from proximity.system.extras import needed
 from proximity.system.table_text import table_text
 
-LONGEST_FAILURE = 500  # characters
+MAX_FAILURE = 500  # characters
 TASKS_A_CORE = 8
 """Number of tasks in flight per core, which is large as short jobs would otherwise wait for the next one."""
 RETRIES = 2
@@ -72,7 +72,7 @@ def run_condition(job: Job, values: Mapping[str, Any]) -> dict[str, Any]:
         results |= {name: table_text(value) for name, value in job(**values).items()}
     except Exception as error:  # of any kind, so that the other conditions continue
         kind = "" if isinstance(error, ProximityError) else f"{type(error).__name__}: "
-        results["failure"] = table_text(f"{kind}{error}"[:LONGEST_FAILURE])
+        results["failure"] = table_text(f"{kind}{error}"[:MAX_FAILURE])
     results["seconds"] = time.perf_counter() - started
     made_by = {"proximity": proximity.__version__, "commit": machine.commit(), **machine.versions()}
     return results | made_by | {"processor": machine.processor_name()}

@@ -24,12 +24,12 @@ from proximity.kernels.entries import (
 )
 from proximity.kernels.layout import NEVER, REGION_COPIES, STATIC_COPIES, DynamicParts, ModelArrays
 from proximity.kernels.thresholds import SMALLEST_REACH, SORT_STEPS
-from proximity.mesh.bvh import LARGEST_COORDINATE
+from proximity.mesh.bvh import MAX_COORDINATE
 from proximity.native import packed
 from proximity.pose import ORTHONORMAL_TOLERANCE, Pose
 from proximity.scene.model.assembly import EXACT_ENOUGH, Model, finished
 
-FARTHEST_MOVE = LARGEST_COORDINATE / 4.0
+FARTHEST_MOVE = MAX_COORDINATE / 4.0
 """m. Sums of coordinates from farther moves could leave the range of computation."""
 FASTEST_MOVE = 1e9
 """m/s, three times the speed of light, or rad/s. Displacements and squares of more could overflow."""

@@ -34,7 +34,7 @@ BLOCK = 1 << 20
 """Rows that are sorted together, about 30 ms; a larger batch can be interrupted between blocks."""
 SLICE_SECONDS = 0.04
 """Duration of a slice, about. At its end it waits for the interpreter lock: 5 ms if others are busy."""
-LARGEST_SLICE = 1 << 16
+MAX_SLICE = 1 << 16
 """Rows; bounds the duration of a slice whose searches suddenly take a hundred times longer."""
 SMALLEST_FIRST = 16
 GROWTH = 4
@@ -222,7 +222,7 @@ def worker_count(workers: Any, kind: str = "threads") -> int:
 
 def first_slice(model_bytes: int) -> int:
     """Return the number of rows in the first slice of points or segments, which may be anywhere."""
-    return min(max(SMALLEST_FIRST, FIRST_BYTES // model_bytes), LARGEST_SLICE)
+    return min(max(SMALLEST_FIRST, FIRST_BYTES // model_bytes), MAX_SLICE)
 
 
 def run_batch(
@@ -230,7 +230,7 @@ def run_batch(
     arrays: list[np.ndarray],
     workers: Any,
     order_of: OrderOf | None,
-    size: int = LARGEST_SLICE,
+    size: int = MAX_SLICE,
 ) -> list[tuple[int, Any]]:
     """Run a query for all rows, sorted if there are many, on the given number of threads.
 
@@ -302,6 +302,6 @@ class Block:
             else:
                 answers.append((self._first, ask(self._order[at : at + count], *self._arrays)))
             seconds = max(perf_counter() - begun, 1e-9)
-            size = max(1, min(GROWTH * count, int(count * SLICE_SECONDS / seconds), LARGEST_SLICE))
+            size = max(1, min(GROWTH * count, int(count * SLICE_SECONDS / seconds), MAX_SLICE))
             at += count
         return answers

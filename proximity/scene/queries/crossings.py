@@ -14,7 +14,7 @@ from proximity.scene.queries.results import RayCrossings
 
 CROSSINGS_PER_RAY = 4
 """Rows of the first table, a ray; a table that is full is followed by one of twice as many."""
-FEWEST_ROWS = 64
+MIN_ROWS = 64
 NAMES = ("origins", "directions")
 NO_COUNTS = np.empty(0, np.int64)
 
@@ -35,7 +35,7 @@ def crossings_of(model: Model, origins: Any, directions: Any, limits: tuple[Any,
 def _cross(model: Model, *arrays: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return the number of crossings of each ray of a slice, and their tables."""
     counts, tables, done = np.empty(len(arrays[0]), np.int64), [], 0
-    rows = max(FEWEST_ROWS, CROSSINGS_PER_RAY * len(counts))
+    rows = max(MIN_ROWS, CROSSINGS_PER_RAY * len(counts))
     while done < len(counts):
         rest = [array[done:] if len(array) > 1 else array for array in arrays]
         table: np.ndarray = np.empty((rows, CROSSING_WIDTH))

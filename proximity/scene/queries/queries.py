@@ -25,7 +25,7 @@ from proximity.kernels.entries import (
     signed_batch,
 )
 from proximity.scene.model.assembly import Model
-from proximity.scene.queries.checked_query import LARGEST_SLICE, CheckedQuery, OrderOf
+from proximity.scene.queries.checked_query import MAX_SLICE, CheckedQuery, OrderOf
 from proximity.scene.queries.crossings import crossings_of, first_hits_beyond, zero_direction
 from proximity.scene.queries.results import ClosestPoints, RayCrossings, RayHits, Reals, SegmentHits
 
@@ -52,8 +52,8 @@ def _query(name: str, entry: object, width: int, dtype: type = np.float64) -> Ca
 
 def _order_of_rays(model: Model, count: int) -> tuple[OrderOf | None, int]:
     if count < SORT_RAYS_FROM or model.reals.nbytes < SORT_RAYS_IN:
-        return None, LARGEST_SLICE
-    return lambda origins, directions, *_: ray_order(model.packed, origins, directions), LARGEST_SLICE
+        return None, MAX_SLICE
+    return lambda origins, directions, *_: ray_order(model.packed, origins, directions), MAX_SLICE
 
 
 def _ray_query(width: int) -> Callable[..., Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from proximity.errors import MeshFormatError
 from proximity.kernels import layout
 from proximity.kernels.scene.store import model_validation, opened_model
-from proximity.kernels.thresholds import LARGEST_COORDINATE
+from proximity.kernels.thresholds import MAX_COORDINATE
 from proximity.pose import ORTHONORMAL_TOLERANCE
 from proximity.scene.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE
 
@@ -114,9 +114,7 @@ def check_mesh(
     (F, 3).
     """
     fault, corners = np.zeros(model_validation.FAULT_SIZE, np.int64), np.empty(len(vertices), np.int32)
-    kind = model_validation.fault_in_mesh(
-        words, parts, part, vertices, faces, LARGEST_COORDINATE, corners, fault
-    )
+    kind = model_validation.fault_in_mesh(words, parts, part, vertices, faces, MAX_COORDINATE, corners, fault)
     _raise_at(kind, fault, parts, names)
 
 

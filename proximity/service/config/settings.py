@@ -27,7 +27,7 @@ from proximity.service.config.record_fields import (
 )
 from proximity.service.config.table_fields import REQUIRED, Range, Table
 from proximity.service.config.toml_document import Document, Path
-from proximity.tracker.tracker_arguments import LARGEST_RADIUS, LARGEST_WORKING_RANGE, length_error
+from proximity.tracker.tracker_arguments import MAX_RADIUS, MAX_WORKING_RANGE, length_error
 
 USUAL_PUBLISH = ("shm://proximity",) if sys.platform == "linux" else ("udp://127.0.0.1:9100",)
 """Default address of frames."""
@@ -69,13 +69,13 @@ class ServiceSettings:
 
 def _read_radius(table: Table, name: str, default: float) -> Any:
     radius = table.number_or_numbers(name, default, _count_of(table), LENGTH)
-    _limit(table, name, max(radius) if isinstance(radius, tuple) else radius, LARGEST_RADIUS)
+    _limit(table, name, max(radius) if isinstance(radius, tuple) else radius, MAX_RADIUS)
     return radius
 
 
 def _read_working_range(table: Table, name: str, default: None) -> Any:
     working_range = table.number(name, default, Range("m", 0.0, 1e6))
-    _limit(table, name, working_range or 0.0, LARGEST_WORKING_RANGE)
+    _limit(table, name, working_range or 0.0, MAX_WORKING_RANGE)
     return working_range
 
 

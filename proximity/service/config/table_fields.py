@@ -15,8 +15,8 @@ from proximity.service.config.toml_document import Document, Path, spelled
 
 REQUIRED: Any = object()
 """Marks a key without a default."""
-LONGEST_SHOWN = 60  # characters
-LARGEST_SHOWN = 10**20
+MAX_SHOWN = 60  # characters
+MAX_SHOWN = 10**20
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +189,7 @@ def shown(value: Any) -> str:
         return "a list" if value else "an empty list"
     if isinstance(value, float):
         return f"{value:g}"
-    if isinstance(value, int) and abs(value) > LARGEST_SHOWN:
+    if isinstance(value, int) and abs(value) > MAX_SHOWN:
         return "a number that is too large"
     text = repr(value) if isinstance(value, str) else str(value)
-    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}…"
+    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}…"

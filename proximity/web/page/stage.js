@@ -12,7 +12,7 @@ const BELOW = 0.3; // m from the eyes down to the bottom of the parts
 const SLOW_MS = 50; // between two pictures; from here on fewer pixels are drawn
 const FAST_MS = 22;
 const REST = 3;
-const LONGEST_REST_MS = 1500;
+const MAX_REST_MS = 1500;
 const AWAKE_MS = 600; // of consecutive pictures after a change
 const IDLE_MS = 250; // between two pictures without changes
 
@@ -94,7 +94,7 @@ export class Stage {
    */
   rests(time) {
     if (this.isDrawn) this.drawMs += 0.3 * (Math.min(time - this.lastMs, 1000) - this.drawMs);
-    const pause = this.drawMs < SLOW_MS ? 0 : Math.min(REST * this.drawMs, LONGEST_REST_MS);
+    const pause = this.drawMs < SLOW_MS ? 0 : Math.min(REST * this.drawMs, MAX_REST_MS);
     this.isDrawn = time - this.lastMs >= Math.max(pause, time < this.awakeMs ? 0 : IDLE_MS);
     if (this.isDrawn) this.lastMs = time;
     return !this.isDrawn;

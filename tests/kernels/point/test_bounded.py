@@ -39,7 +39,7 @@ from proximity.kernels.layout import (
     NODE_STRIDE,
 )
 from proximity.kernels.point.budgeted_walk import NO_TOLERANCE, nearest_with_budget
-from proximity.kernels.traverse.best_first import MOST_SWEPT_STEPS, MOST_WAITING
+from proximity.kernels.traverse.best_first import MAX_SWEPT_STEPS, MAX_WAITING
 from proximity.pose import Pose
 from proximity.scene.model.assembly import assemble
 
@@ -142,8 +142,8 @@ def test_answer_does_not_depend_on_how_the_budget_is_divided():
         for point in [*points_at(mesh, rng, 10), mesh[0].mean(axis=0), np.zeros(3)]:
             expected = without_budget(model, point)
             needed = walk(model, point, UNLIMITED).work
-            third = 4 * MOST_SWEPT_STEPS // 3
-            for budget in (MOST_SWEPT_STEPS, third, third + 1, MOST_SWEPT_STEPS + needed, 3 * needed):
+            third = 4 * MAX_SWEPT_STEPS // 3
+            for budget in (MAX_SWEPT_STEPS, third, third + 1, MAX_SWEPT_STEPS + needed, 3 * needed):
                 found = walk(model, point, budget)
                 if found.work < budget:
                     assert found[:3] == (*expected, expected[0])
@@ -232,11 +232,11 @@ def probed(arrays, budget, best_sq=np.inf, room=None):
 def test_room_suffices_where_all_is_open(best_sq):
     """With all bounds 0 and no face, each step leaves eight more nodes pending, up to the budget."""
     arrays, room = eightfold(6), guarded_room()
-    few = [1, 2, 9, 100, 1000, 4 * MOST_SWEPT_STEPS // 3, 2 * MOST_SWEPT_STEPS]
-    for budget in [*few, *range(MOST_SWEPT_STEPS - 3, 8 * MOST_SWEPT_STEPS, 997)]:
+    few = [1, 2, 9, 100, 1000, 4 * MAX_SWEPT_STEPS // 3, 2 * MAX_SWEPT_STEPS]
+    for budget in [*few, *range(MAX_SWEPT_STEPS - 3, 8 * MAX_SWEPT_STEPS, 997)]:
         assert probed(arrays, budget, best_sq, room) == (best_sq, NO_SLOT, 0.0, budget)
-    is_used = room[0][: MOST_WAITING - LANES] != UNTOUCHED
-    assert is_used.sum() > MOST_WAITING * 3 // 4, "the room was nearly full"
+    is_used = room[0][: MAX_WAITING - LANES] != UNTOUCHED
+    assert is_used.sum() > MAX_WAITING * 3 // 4, "the room was nearly full"
 
 
 def test_room_suffices_for_the_deepest_trees_and_all_budgets():
@@ -246,7 +246,7 @@ def test_room_suffices_for_the_deepest_trees_and_all_budgets():
     children[:-1, 0] = np.arange(1, depth)
     arrays, room = by_hand(depth, children), guarded_room()
     total = depth + 7 * depth + 1
-    for budget in [1, depth - 1, depth, 4 * depth, 4 * total, MOST_SWEPT_STEPS, UNLIMITED]:
+    for budget in [1, depth - 1, depth, 4 * depth, 4 * total, MAX_SWEPT_STEPS, UNLIMITED]:
         lower = 0.0 if budget < total else np.inf
         assert probed(arrays, budget, room=room) == (np.inf, NO_SLOT, lower, min(budget, total))
 
@@ -260,7 +260,7 @@ def test_room_suffices_for_sweeps_after_the_deepest_descent():
     children = np.concatenate([np.full((depth, LANES), depth), np.where(eight >= 0, eight + depth, eight)])
     children[: depth - 1, 0] = np.arange(1, depth)
     arrays = by_hand(depth + count, children)
-    for budget in range(4 * MOST_SWEPT_STEPS // 3, 4 * MOST_SWEPT_STEPS // 3 + 60, 7):
+    for budget in range(4 * MAX_SWEPT_STEPS // 3, 4 * MAX_SWEPT_STEPS // 3 + 60, 7):
         assert probed(arrays, budget) == (np.inf, NO_SLOT, 0.0, budget)
 
 
@@ -282,7 +282,7 @@ def test_copies_of_one_triangle_give_the_lowest_slot_or_bounds():
     for point in ([0.0, 0.0, 0.0], [0.05, 0.15, 0.0], [1.0, 1.0, 1.0], [1e6, 0, 0]):
         exact = without_budget(model, point)
         assert exact[1] == 0
-        for budget in (1, 10, 300, 1000, whole, 2 * whole, MOST_SWEPT_STEPS, UNLIMITED):
+        for budget in (1, 10, 300, 1000, whole, 2 * whole, MAX_SWEPT_STEPS, UNLIMITED):
             found = walk(model, point, budget)
             assert found.lower_sq <= exact[0] <= found.best_sq
             if budget >= whole:

@@ -59,7 +59,7 @@ FINE_BOX = shapes.quartered(*shapes.quartered(*shapes.cube(2.0, (0.0, 0.0, 0.0))
 SPHERE = shapes.sphere(subdivisions=2)
 
 
-def test_direction_of_least_and_largest_numbers_is_followed():
+def test_direction_of_min_and_largest_numbers_is_followed():
     model = model_of(shapes.cube())
     for number in (5e-324, 1e-308, 1e-300, 1e300, 1.7e308):
         hits = Hits(model, [0.25, 0.5, -1.0], [0.0, 0.0, number])

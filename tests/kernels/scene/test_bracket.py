@@ -89,7 +89,7 @@ def test_bounds_hold_for_any_budget(asked, budget):
         assert lower <= distance <= upper
         assert clear <= bare[row] + 1e-13
         assert bool(bits & contact_record.EXACT) == (lower == upper) != bool(bits & contact_record.BOUNDED)
-        assert work <= budget + 12 * distance_bounds.FEWEST_DEPTH_STEPS
+        assert work <= budget + 12 * distance_bounds.MIN_DEPTH_STEPS
         gaps.append(upper - lower)
     assert (np.array(gaps) > 0.0).any() == (budget < 50)
 
@@ -234,7 +234,7 @@ def test_parts_within_parts_are_not_all_searched_when_the_budget_is_spent(kind, 
             assert lower <= distance <= upper
             assert (
                 work
-                <= budget + distance_bounds.SPARE_DEPTH_STEPS + count + distance_bounds.FEWEST_DEPTH_STEPS + 4
+                <= budget + distance_bounds.SPARE_DEPTH_STEPS + count + distance_bounds.MIN_DEPTH_STEPS + 4
             )
             assert bits & contact_record.INSIDE and lower >= -2.5 * nested.scene.bounds[1].max()
             if slot >= 0:

@@ -11,8 +11,8 @@ import oracle
 from proximity.kernels.layout import CELL_CROSSED, CELL_INSIDE, CELL_OUTSIDE, SIGN_PSEUDONORMAL
 from proximity.kernels.part.sign_choice import restore_sign
 from proximity.kernels.sign.inside_grid import (
-    LARGEST_GRID,
-    MOST_POINTS,
+    MAX_GRID,
+    MAX_POINTS,
     build_grid,
     cell_state,
     uncertain_points,
@@ -167,7 +167,7 @@ def test_faces_and_grid_differ_on_faces_inside_the_body():
 
     # Only above the inner ball, whose faces all have clear cells on both sides; more than the limit exist.
     distances = np.linalg.norm(places - 0.5 * (grid.corners.max(axis=0) + grid.corners.min(axis=0)), axis=1)
-    assert MOST_POINTS // 2 <= len(places) <= MOST_POINTS
+    assert MAX_POINTS // 2 <= len(places) <= MAX_POINTS
     assert is_inside.all() and is_clear.all()
     assert (distances < 0.3 * (grid.corners.max() - grid.corners.min())).all()
     assert (grid.states(places) == CELL_INSIDE).all()
@@ -186,7 +186,7 @@ def test_grid_is_no_larger_than_its_limit(name):
     grid = Grid(*MESHES[name])
 
     assert (grid.counts >= 1).all()
-    assert grid.counts.prod() <= 2 * LARGEST_GRID
+    assert grid.counts.prod() <= 2 * MAX_GRID
     assert len(grid.packed) == -(-grid.counts.prod() // 16)
     assert (grid.lower + grid.counts / grid.rate >= grid.corners.max(axis=0)).all()
 

@@ -10,7 +10,7 @@ from proximity.kernels.sign.winding_number import turned, winding_number
 
 pytestmark = pytest.mark.internals
 
-LARGEST_ERROR = 0.05
+MAX_ERROR = 0.05
 """Maximum error of accuracy.md, in turns, over all shapes and points here. A sign needs less than 0.5."""
 
 
@@ -87,7 +87,7 @@ def test_winding_number_is_near_that_of_exact_solid_angles(name):
 
     error = abs(turns(mesh, points) - oracle.winding_number(*mesh, points))
 
-    assert error.max() <= LARGEST_ERROR
+    assert error.max() <= MAX_ERROR
 
 
 @pytest.mark.parametrize("name", CLOSED)
@@ -108,7 +108,7 @@ def test_largest_error_is_the_one_that_is_told():
         for points in [points_about(np.random.default_rng(7), mesh)]
     )
 
-    assert 0.2 * LARGEST_ERROR <= worst <= LARGEST_ERROR
+    assert 0.2 * MAX_ERROR <= worst <= MAX_ERROR
 
 
 def test_two_sides_of_a_thin_wall_do_not_cancel_wrongly():
@@ -117,7 +117,7 @@ def test_two_sides_of_a_thin_wall_do_not_cancel_wrongly():
     points = np.random.default_rng(7).normal(size=(200, 3))
     points *= 0.3 * np.random.default_rng(8).random((200, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
 
-    assert abs(turns(mesh, points)).max() <= LARGEST_ERROR
+    assert abs(turns(mesh, points)).max() <= MAX_ERROR
 
 
 @pytest.mark.parametrize("way", [1, -1])
@@ -168,7 +168,7 @@ def test_exact_quarters_and_halves_are_added(way):
 
 
 @pytest.mark.parametrize(("first", "second"), [((-1.0, 0.0), (10.0, 5e-324)), ((1.0, 0.0), (-10.0, -5e-324))])
-def test_the_least_numbers_do_not_count_a_turn(first, second):
+def test_the_min_numbers_do_not_count_a_turn(first, second):
     cosine, sine, full = turned(*first, 0.0, *second)
 
     assert abs(np.arctan2(sine + 0.0, cosine) + 2.0 * np.pi * full) == pytest.approx(np.pi)
@@ -194,7 +194,7 @@ def test_nearest_to_the_middle_of_the_frame_is_a_number():
     # Regression: nan from 1e-104 on, because unused children were evaluated.
     for mesh in (shapes.cube(2.0, (0, 0, 0)), shapes.sphere(1.0, 2)):
         for distance in (1e-110, 1e-160, 1e-200, 0.0):
-            assert turns(mesh, [[distance, 0.0, 0.0]]) == pytest.approx(1.0, abs=LARGEST_ERROR)
+            assert turns(mesh, [[distance, 0.0, 0.0]]) == pytest.approx(1.0, abs=MAX_ERROR)
 
 
 @pytest.mark.parametrize("distance", [1e-13, 1e-11, 1e-9])

@@ -171,7 +171,7 @@ def surface(nodes):
     return total
 
 
-def least_surface(nodes, links):
+def min_surface(nodes, links):
     """Minimum of that surface by trying all subsets of nodes to keep."""
     areas = half_areas(nodes.reshape(-1, BOX_STRIDE))
     inner = [node for node in range(1, len(links)) if links[node, LINK_LEFT] != NO_CHILD]
@@ -202,7 +202,7 @@ def test_no_other_wide_tree_has_less_surface(seed):
 
     wide, _, _ = widen_tree(nodes, links, order)
 
-    assert surface(wide) == pytest.approx(least_surface(nodes, links), rel=1e-5)
+    assert surface(wide) == pytest.approx(min_surface(nodes, links), rel=1e-5)
 
 
 def depth_of(nodes):

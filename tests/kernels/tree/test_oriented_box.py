@@ -114,7 +114,7 @@ def test_axes_are_at_right_angles_and_intervals_in_order(name):
     assert (table[:, LEAST:LARGEST] <= table[:, LARGEST : LARGEST + 3]).all()
 
 
-def test_off_a_ball_most_blocks_that_boxes_along_the_axes_let_in_are_refused():
+def test_off_a_ball_max_blocks_that_boxes_along_the_axes_let_in_are_refused():
     piece = piece_of(shapes.sphere(0.9, 4))
     rng = np.random.default_rng(5)
     points = rng.normal(size=(50, 3))

@@ -50,7 +50,7 @@ static double worst[2]; /* J, of hits with and without power */
 static int hits;
 static bool lists_hits;
 static double stop = STOP; /* rad, of the mechanical stop */
-static double most_asked;  /* N m, while the drum starts */
+static double max_asked;  /* N m, while the drum starts */
 
 static const decaff_path *path;
 static const decaff_settings *set;
@@ -187,7 +187,7 @@ static double start_drum(decaff_start *start, double angle, double index, double
     nearest = angle = before = arm;
     for (i = 0; i < 90000 && (start->state < DECAFF_START_DONE || fabs(rotor_speed) > 0.0); i++) {
         asked = turns * STEP_START(start, encoder(), bend(), (before - index) * (arm - index) < 0.0);
-        most_asked = fmax(most_asked, fabs(asked));
+        max_asked = fmax(max_asked, fabs(asked));
         before = arm;
         mode = MODE_OF(*start);
         run_plant();
@@ -372,7 +372,7 @@ int main(int count, char **words)
         turns = atof(words[2]), counts = atof(words[3]);
         stop = atof(words[7]);
         nearer = start_drum(&start, atof(words[4]), atof(words[5]), atof(words[6]));
-        printf("%d %.5f %.6f %d %.6f\n", (int)start.state, encoder() + start.offset - rotor, nearer, (int)MODE_OF(start), most_asked);
+        printf("%d %.5f %.6f %d %.6f\n", (int)start.state, encoder() + start.offset - rotor, nearer, (int)MODE_OF(start), max_asked);
     } else if (count > 3 && strcmp(words[1], "episodes") == 0) { /* seed, number */
         lists_hits = true;
         for (i = 0; i < number; i++) {

@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-enum { RINGS = 14, SIDES = 9, MOST_VERTICES = 4 * RINGS * SIDES, MOST_FACES = 8 * RINGS * SIDES };
+enum { RINGS = 14, SIDES = 9, MAX_VERTICES = 4 * RINGS * SIDES, MAX_FACES = 8 * RINGS * SIDES };
 
 /* Write a torus without shared vertices, with some faces missing, reversed, duplicated, or with invalid numbers. */
 static void write_mesh(int seed, double *vertices, size_t *vertex_count, int32_t *faces, size_t *face_count)
@@ -37,8 +37,8 @@ static void write_mesh(int seed, double *vertices, size_t *vertex_count, int32_t
 
 int main(void)
 {
-    static double vertices[3 * MOST_VERTICES];
-    static int32_t faces[3 * MOST_FACES];
+    static double vertices[3 * MAX_VERTICES];
+    static int32_t faces[3 * MAX_FACES];
     double positions[6] = {1.0, 0.0, 0.5, NAN, 0.0, 0.0}, pose[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
     proximity_scene *scene = NULL;
     proximity_tracker *tracker = NULL;

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from wire import MS, NOW, SESSION, frame, sealed
 
-from proximity.core.receiver_state import AHEAD_NS, LAST_NS, MOST_RUNS, MOST_SKIPPED, RESTART_SILENCE_NS
+from proximity.core.receiver_state import AHEAD_NS, LAST_NS, MAX_RUNS, MAX_SKIPPED, RESTART_SILENCE_NS
 from proximity.message import Defect
 from proximity.message.envelope import CHECKED_FROM
 
@@ -84,15 +84,15 @@ ROWS = {
         (
             Step(0, 0),
             Step(0, FAR, OLD),
-            Step(0, MOST_SKIPPED + 1, OLD),
-            Step(0, MOST_SKIPPED),
+            Step(0, MAX_SKIPPED + 1, OLD),
+            Step(0, MAX_SKIPPED),
             Step(1, FAR),
             Step(1, 0, OLD),
             Step(2, FAR - 1),
             Step(2, FAR),
             Step(3, 4),
         ),
-        lost=MOST_SKIPPED - 1 + 4,  # a run that was joined late counts no loss before its first message
+        lost=MAX_SKIPPED - 1 + 4,  # a run that was joined late counts no loss before its first message
     ),
     "another run at once": Row(
         BOTH, BOTH, (Step(0, 1000), Step(0, 1002), Step(1, 3, later=1), Step(1, 4)), lost=1 + 3
@@ -136,12 +136,12 @@ ROWS = {
         SHARED,
         OPEN,
         (
-            *(Step(k, 3) for k in range(MOST_RUNS + 2)),
+            *(Step(k, 3) for k in range(MAX_RUNS + 2)),
             Step(1, 4, OLD),
             Step(0, 0),
-            Step(MOST_RUNS + 1, 9, OLD),
+            Step(MAX_RUNS + 1, 9, OLD),
         ),
-        lost=3 * (MOST_RUNS + 1),
+        lost=3 * (MAX_RUNS + 1),
     ),
     "instants that no clock shows": Row(
         BOTH,

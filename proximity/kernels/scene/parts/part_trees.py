@@ -29,7 +29,7 @@ from proximity.native import allocating_kernel, entry, inlined, kernel
 from proximity.native.simd import load_int
 
 ENTRIES_PER_PART = 32
-FEWEST_ENTRIES = 256
+MIN_ENTRIES = 256
 """Minimum number of entries into which large parts are opened in a scene's tree.
 
 With 32 entries per part, rays and points take 0.97 of the time that they take with 16, on 118 touching parts
@@ -142,9 +142,7 @@ def static_tree(words, frames, parts, first_node):
         still_count += not parts[part].is_dynamic and not parts[part].is_hidden
     if scene == 1 or still_count == 0:
         return np.zeros(0, np.float32), np.zeros((0, 2), np.int32)
-    boxes, gathered = gather_entries(
-        words, frames, parts, max(FEWEST_ENTRIES, ENTRIES_PER_PART * still_count)
-    )
+    boxes, gathered = gather_entries(words, frames, parts, max(MIN_ENTRIES, ENTRIES_PER_PART * still_count))
     nodes, order, _ = build_tree(boxes, ENTRIES_SHIFT)
     entries = np.empty((len(order), 2), np.int32)
     for k in range(len(order)):

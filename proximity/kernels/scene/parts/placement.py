@@ -12,7 +12,7 @@ from proximity.native import entry, inlined, kernel
 from proximity.native.simd import lane, load, maximum, minimum
 
 BOX_AT = field_at(FRAME, "box_lower")
-MOST_ROTATION_STEPS = 4
+MAX_ROTATION_STEPS = 4
 """Maximum number of Newton steps towards the nearest rotation. Each step squares the error."""
 
 
@@ -83,7 +83,7 @@ def write_pose(frames, row, matrix, rounding):
     for i in range(3):
         for j in range(3):
             turn[i, j] = matrix[i, j]
-    while _off_exact(turn) > rounding and steps < MOST_ROTATION_STEPS:
+    while _off_exact(turn) > rounding and steps < MAX_ROTATION_STEPS:
         _step_to_rotation(turn)
         steps += 1
     for i in range(3):

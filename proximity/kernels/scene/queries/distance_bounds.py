@@ -39,7 +39,7 @@ from proximity.kernels.scene.inside.part_grid import containing_bits, lowest_par
 from proximity.kernels.sign.side import closest_of_slot, is_inside_by_winding, signed_of_slot
 from proximity.native import inlined, kernel
 
-FEWEST_DEPTH_STEPS = 8
+MIN_DEPTH_STEPS = 8
 """Minimum for each further part that may contain the point, once the budget is used up."""
 SPARE_DEPTH_STEPS = 64
 """Limit for all of them together. Beyond it, the depth in parts that certainly contain the point is bounded
@@ -142,7 +142,7 @@ def _depth_in(model, other, point, budget, workspace, closest):
             most = _depth_in_box(frames, other, x, y, z, parts[other].grid == NO_GRID)
             return True, 0.0, most, np.int64(NO_SLOT), np.int64(1)
     else:
-        budget = max(budget, FEWEST_DEPTH_STEPS)
+        budget = max(budget, MIN_DEPTH_STEPS)
     best_sq, slot, lower_sq, work = nearest_with_budget(
         model, parts[other].root, other, point, (np.inf, np.int64(NO_SLOT)), NO_TOLERANCE, budget, workspace
     )
@@ -219,7 +219,7 @@ def _deepest_containing(model, point, part, slot, nearest, work, budget, workspa
                 _, _, is_inside = closest_of_slot(model, part, slot, p, closest)
                 least, most, found = lower, upper, slot
             else:
-                left = max(budget - work, FEWEST_DEPTH_STEPS) if work < enough else 0
+                left = max(budget - work, MIN_DEPTH_STEPS) if work < enough else 0
                 is_inside, least, most, found, steps = _depth_in(
                     model, other, point, left, workspace, closest
                 )

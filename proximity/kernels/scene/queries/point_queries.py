@@ -82,7 +82,7 @@ SHORTEST_ARM = 1e-150
 NO_INSIDE = 0
 """Returned by `contains_batch` if no part has an inside."""
 
-FEWEST_IN_LANES = 3
+MIN_IN_LANES = 3
 """Number of points from which closest features are computed faster in eight lanes."""
 
 
@@ -380,7 +380,7 @@ def closest_of_chunk(model, chunk, found, features, workspace):
     """
     offsets, local_points, table = features
     _gather(model, chunk, found, features, len(model.parts) > 2)
-    if chunk.point_count < FEWEST_IN_LANES:
+    if chunk.point_count < MIN_IN_LANES:
         for k in range(chunk.point_count):
             closest_of_row(model.reals, offsets, k, local_points, table, workspace.closest[0])
         return

@@ -34,9 +34,9 @@ from proximity.native.simd import absolute, bits, load, load_int, splat, splat32
 
 DEEPEST = MAX_DEPTH // 2
 """Maximum number of levels of a part's tree, and of the static tree above it. Both together fit the stack."""
-LARGEST_LOCAL = 1.0 + 2.0**-40
+MAX_LOCAL = 1.0 + 2.0**-40
 """Bound of local coordinates and of components of unit normals, which is 1 plus rounding."""
-FEWEST_NEIGHBOR = -2
+MIN_NEIGHBOR = -2
 """Smallest number that marks a missing neighbour."""
 FAULT_SIZE = 4
 
@@ -178,10 +178,10 @@ def _fault_in_slots(reals, words, parts, part, seen, fault):
             used |= np.int64(1) << lane
         base = BLOCK_STRIDE * block
         row = load(reals, base)
-        is_near, is_number = absolute(row) <= splat(LARGEST_LOCAL), row == row
+        is_near, is_number = absolute(row) <= splat(MAX_LOCAL), row == row
         for k in range(8, BLOCK_STRIDE, LANES):
             row = load(reals, base + k)
-            is_near = is_near & (absolute(row) <= splat(LARGEST_LOCAL))
+            is_near = is_near & (absolute(row) <= splat(MAX_LOCAL))
             is_number = is_number | (row == row)
         if bits(is_near) != used or bits(is_number) != used:
             return note_fault(fault, BAD_TRIANGLE, part, block - first, 0, 0)
@@ -202,7 +202,7 @@ def _fault_in_faces(words, parts, part, fault):
         )
         if not 0 <= corner < corner_count:
             return note_fault(fault, BAD_CORNER_ID, part, k // 3, corner, corner_count)
-        if not FEWEST_NEIGHBOR <= neighbor < face_count:
+        if not MIN_NEIGHBOR <= neighbor < face_count:
             return note_fault(fault, BAD_NEIGHBOR, part, k // 3, neighbor, face_count)
     return SOUND
 
@@ -210,9 +210,9 @@ def _fault_in_faces(words, parts, part, fault):
 @kernel
 def _fault_in_corners(reals, parts, part, fault):
     for k in range(3 * parts[part].corner_count):
-        if not abs(reals[parts[part].corners + k]) <= LARGEST_LOCAL:
+        if not abs(reals[parts[part].corners + k]) <= MAX_LOCAL:
             return note_fault(fault, BAD_CORNER, part, k // 3, 0, 0)
-        if not abs(reals[parts[part].corner_normals + k]) <= LARGEST_LOCAL:
+        if not abs(reals[parts[part].corner_normals + k]) <= MAX_LOCAL:
             return note_fault(fault, BAD_NORMAL, part, k // 3, 0, 0)
     return SOUND
 

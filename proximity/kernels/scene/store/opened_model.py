@@ -41,7 +41,7 @@ from proximity.kernels.scene.parts.part_trees import (
 )
 from proximity.kernels.scene.parts.placement import is_rigid, update_box
 from proximity.kernels.scene.store.model_validation import (
-    LARGEST_LOCAL,
+    MAX_LOCAL,
     SOUND,
     fault_in_lists,
     fault_in_parts,
@@ -50,13 +50,13 @@ from proximity.kernels.scene.store.model_validation import (
     note_fault,
 )
 from proximity.kernels.stack_arrays import reals_of, stack_f64_rows, stack_i64
-from proximity.kernels.thresholds import LARGEST_COORDINATE
+from proximity.kernels.thresholds import MAX_COORDINATE
 from proximity.kernels.tree.collapse import clear_node
 from proximity.native import allocating_kernel, entry, inlined, kernel
 
-MOST_PARTS = 2**FOLDED_AT
-MOST_CELLS = 2.0**31
-SMALLEST_SCALE, LARGEST_SCALE = 2.0**-510, 2.0**510
+MAX_PARTS = 2**FOLDED_AT
+MAX_CELLS = 2.0**31
+SMALLEST_SCALE, MAX_SCALE = 2.0**-510, 2.0**510
 """Range of the scales of local frames. Its wide margin keeps squares within float64."""
 GRID_AT, STATIC_ROOT_AT = field_at(PART, "grid"), field_at(PART, "static_root")
 
@@ -86,11 +86,11 @@ def complete_model(reals, words, frames, parts, columns, count, tolerance, farth
         kind = fault_in_motions(frames, tolerance, farthest, fastest, fault)
     if kind != SOUND:
         return kind
-    node_count, block_count, most_faces = np.int64(0), np.int64(0), np.int64(0)
+    node_count, block_count, max_faces = np.int64(0), np.int64(0), np.int64(0)
     for part in range(count):
         node_count += parts[part].node_count
         block_count += parts[part].block_count
-        most_faces = max(most_faces, parts[part].face_count)
+        max_faces = max(max_faces, parts[part].face_count)
     firsts, counts, levels = (
         np.empty(node_count, np.int32),
         np.empty(node_count, np.int32),
@@ -99,7 +99,7 @@ def complete_model(reals, words, frames, parts, columns, count, tolerance, farth
     seen = np.zeros(block_count, np.uint8)
     kind = fault_in_trees(words, parts, firsts, counts, levels, seen, fault)
     if kind == SOUND:
-        kind = fault_in_parts(reals, words, parts, np.empty(most_faces, np.uint8), fault)
+        kind = fault_in_parts(reals, words, parts, np.empty(max_faces, np.uint8), fault)
     if kind == SOUND:
         kind = _complete_trees(words, frames, parts, firsts, counts, fault)
     return kind
@@ -152,8 +152,8 @@ def _of_all(fault, kind, first, second):
 def fault_in_rows(reals, words, frames, parts, columns, count, fault):
     """Validate the tables of a model of *count* parts. *columns*: the table *parts* as numbers."""
     scene, largest = len(parts) - 1, max(len(reals), len(words))
-    if not 0 < count < MOST_PARTS:
-        return _of_all(fault, BAD_PART_COUNT, count, MOST_PARTS - 1)
+    if not 0 < count < MAX_PARTS:
+        return _of_all(fault, BAD_PART_COUNT, count, MAX_PARTS - 1)
     if scene != count:
         return _of_all(fault, BAD_TREE_COUNT, count, scene)
     # Excludes overflow in the sums and products below; columns that may be -1 have a separate minimum.
@@ -164,7 +164,7 @@ def fault_in_rows(reals, words, frames, parts, columns, count, fault):
                 return _of_all(fault, BAD_NUMBER, largest, 0)
     for row in range(len(parts)):
         x, y, z = parts[row].grid_x, parts[row].grid_y, parts[row].grid_z
-        if not float(x) * float(y) * float(z) < MOST_CELLS:
+        if not float(x) * float(y) * float(z) < MAX_CELLS:
             return _of_all(fault, LARGE_GRID, 0, 0)
     kind = _fault_in_parts_rows(parts, fault)
     if kind == SOUND:
@@ -289,15 +289,15 @@ def fault_in_frames(frames, parts, fault):
             if not abs(numbers[row, k]) < np.inf:
                 return _of_all(fault, NOT_FINITE, k, row)
         scale = frames[row].scale
-        if not SMALLEST_SCALE <= scale <= LARGEST_SCALE or frexp(scale)[0] != 0.5:
+        if not SMALLEST_SCALE <= scale <= MAX_SCALE or frexp(scale)[0] != 0.5:
             return _of_all(fault, BAD_SCALE, 0, 0)
         for axis in range(3):
             centre = frames[row].centre[axis]
             lower, upper = frames[row].own_lower[axis], frames[row].own_upper[axis]
-            if abs(centre) > 2.0 * LARGEST_COORDINATE:
+            if abs(centre) > 2.0 * MAX_COORDINATE:
                 return _of_all(fault, FAR_FRAME, 0, 0)
             reach = max(abs((lower - centre) * scale), abs((upper - centre) * scale))
-            if row < scene and not (lower <= upper and reach <= LARGEST_LOCAL):
+            if row < scene and not (lower <= upper and reach <= MAX_LOCAL):
                 return _of_all(fault, BAD_OWN_BOX, 0, 0)
         cells = parts[row].grid_x * parts[row].grid_y * parts[row].grid_z
         has_grid = cells > 0 and (row == scene or parts[row].grid != NO_GRID)
