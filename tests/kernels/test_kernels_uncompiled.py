@@ -26,6 +26,7 @@ HERE = Path(__file__).resolve().parent
 WALKED = (shapes.sphere(0.7, 2), shapes.grid(5, 4))
 WALKED_POSE = Pose(shapes.rotation(3), (0.4, -0.2, 0.6))
 RAY_FIELDS = ("distance", "point", "normal", "part", "face_id", "barycentric")
+CROSSING_FIELDS = (*RAY_FIELDS, "is_entering", "offsets")
 LINE_FIELDS = (
     "distance", "fraction", "point_on_segment", "point_on_solid", "part", "face_id", "barycentric"
 )  # fmt: skip
@@ -111,6 +112,10 @@ def answers(monkeypatch):
             ends = np.roll(points, 1, axis=0)
             rays, lines = thing.cast(points, ends - points), thing.closest_to_segments(points, ends)
             found |= {f"{name}, ray {field}": np.asarray(getattr(rays, field)) for field in RAY_FIELDS}
+            crossings = thing.cast_all(points, ends - points)
+            found |= {f"{name}, crossing {field}": getattr(crossings, field) for field in CROSSING_FIELDS}
+            beyond = thing.cast(points, ends - points, min_distance=0.5)
+            found[f"{name}, ray beyond"] = beyond.distance
             found |= {f"{name}, segment {field}": np.asarray(getattr(lines, field)) for field in LINE_FIELDS}
         records = ticks()
         found |= {f"tick, {field}": records[field] for field in records.dtype.names}

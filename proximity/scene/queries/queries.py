@@ -327,13 +327,14 @@ class Queries:
         -----
         On the surface: a ray that starts there has a crossing at distance 0, unless it only touches.
         Ties: crossings of several parts at one distance are in the order of the parts.
-        Degenerate: a ray through an edge or a corner, along an edge or within a face counts as one that is
-        shifted sideways by an infinitesimal amount, the same for all faces of a part. So a shared edge or
-        corner is one crossing where the ray changes its side, and none where it only touches, which `cast`
-        does report. Crossings of one part that are nearer to each other than 2^-46 of the size of the scene,
-        or of their distance if that is larger, count as one place: one crossing if the side changes, else
-        none. So the crossings of a closed part that does not meet itself alternate, and their number is odd
-        if the origin is inside.
+        Degenerate: a ray through an edge or a corner, along an edge or within a face counts as if it were
+        shifted sideways by an infinitesimal amount, the same for all faces of a part. A shared edge or corner
+        is one crossing if the ray changes its side there, and none if it only touches, although `cast`
+        reports a touch as a hit. Crossings of one part closer together than 2^-46 of the size of the scene,
+        or of their distance if that is larger, are merged: one crossing if the side changes, else none. The
+        crossings of a closed part that does not intersect itself therefore alternate, and their number is odd
+        if the origin is inside. A face that is parallel to the ray is not crossed; rounding decides on which
+        side of its plane a ray in that plane passes.
         Source: Edelsbrunner & Mücke 1990, "Simulation of simplicity"; Woop, Benthin, Wald 2013,
         "Watertight ray/triangle intersection".
         """

@@ -196,7 +196,7 @@ class RayCrossings(_Record):
 
     @property
     def offsets(self) -> npt.NDArray[np.int64]:
-        """(R + 1,) int64: the crossings of ray k are rows ``offsets[k]`` to ``offsets[k + 1]``."""
+        """R + 1 int64: the crossings of ray k are rows ``offsets[k]`` to ``offsets[k + 1]``."""
         return _kept(self._offsets)
 
     @property
