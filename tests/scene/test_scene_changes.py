@@ -171,7 +171,7 @@ def test_removed_part_goes_on_answering_and_may_come_back():
     assert judging.same_bits(scene.parts[-1].solid.closest(points), alone)
     assert_answers_alike(scene, anew(scene), points, others)
     assert scene.epoch == 3
-    assert len(before) == 8
+    assert len(before) == 9
 
 
 def test_removed_part_does_not_hold_on_to_the_scene():
