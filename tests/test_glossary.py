@@ -20,7 +20,7 @@ INSTEAD_IN_ENGINE = {
     "place": "position, location, offset", "places": "positions, locations, offsets",
     "way": "path, direction, displacement", "ways": "paths, directions, displacements",
     "front": "coherent search, frontier", "top": "static tree, trees over parts", "folds": "folded faces",
-    "crossings": "self-intersections", "bracket": "bounds",
+    "bracket": "bounds",
 }  # fmt: skip
 ENGINE = {"errors.py", "checks.py", "pose.py", "system", "native", "kernels", "mesh", "scene", "tracker"}
 PHRASES = {

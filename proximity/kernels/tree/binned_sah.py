@@ -30,7 +30,7 @@ NO_CHILD = -1
 BIN_COUNT = 16
 HALVED_DEPTH = 64
 """Level from which on runs are halved by count. The tree of any mesh then ends at most 28 levels later."""
-MAX_WAITING = 64
+MAX_WAITING_NODES = 64
 """Length of the stack of runs.
 
 The larger side of a run is pushed first, so that the entries are at most the number of halvings of 2^31
@@ -218,8 +218,8 @@ def halve(boxes, order, leaf_shift):
     bin_counts = np.empty(3 * BIN_COUNT, np.int32)
     right_costs = np.empty(BIN_COUNT, np.float32)
     sides = np.empty(4 * BOX_STRIDE, np.float32)
-    waiting = np.empty((MAX_WAITING, 2), np.int64)  # node and depth
-    middles = np.empty(MAX_WAITING * BOX_STRIDE, np.float32)
+    waiting = np.empty((MAX_WAITING_NODES, 2), np.int64)  # node and depth
+    middles = np.empty(MAX_WAITING_NODES * BOX_STRIDE, np.float32)
     _measure(boxes, 0, len(order), sides, 0)
     copy_numbers(sides, 0, nodes, 0, BOX_STRIDE)
     copy_numbers(sides, BOX_STRIDE, middles, 0, BOX_STRIDE)

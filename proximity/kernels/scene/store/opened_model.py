@@ -55,7 +55,7 @@ from proximity.kernels.tree.collapse import clear_node
 from proximity.native import allocating_kernel, entry, inlined, kernel
 
 MAX_PARTS = 2**FOLDED_AT
-MAX_CELLS = 2.0**31
+MAX_GRID_CELLS = 2.0**31
 SMALLEST_SCALE, MAX_SCALE = 2.0**-510, 2.0**510
 """Range of the scales of local frames. Its wide margin keeps squares within float64."""
 GRID_AT, STATIC_ROOT_AT = field_at(PART, "grid"), field_at(PART, "static_root")
@@ -164,7 +164,7 @@ def fault_in_rows(reals, words, frames, parts, columns, count, fault):
                 return _of_all(fault, BAD_NUMBER, largest, 0)
     for row in range(len(parts)):
         x, y, z = parts[row].grid_x, parts[row].grid_y, parts[row].grid_z
-        if not float(x) * float(y) * float(z) < MAX_CELLS:
+        if not float(x) * float(y) * float(z) < MAX_GRID_CELLS:
             return _of_all(fault, LARGE_GRID, 0, 0)
     kind = _fault_in_parts_rows(parts, fault)
     if kind == SOUND:
