@@ -276,20 +276,26 @@ def test_hidden_parts_are_not_crossed():
 
 
 def test_ignored_parts_are_not_crossed():
-    rng = np.random.default_rng(11)
-    scene, hidden = some_scene(rng), some_scene(np.random.default_rng(11))
-    origins, directions = some_rays(rng, 300)
-    name = scene.parts[1].name
-    hidden.hide(name)
-
-    found, expected = scene.cast_all(origins, directions, ignore=name), hidden.cast_all(origins, directions)
-    beyond = scene.cast(origins, directions, min_distance=0.2, ignore=[name])
-
-    assert found.offsets.tolist() == expected.offsets.tolist()
-    for field in ("distance", "part", "face_id", "is_entering"):
-        assert getattr(found, field).tolist() == getattr(expected, field).tolist()
-    hits = hidden.cast(origins, directions, min_distance=0.2)
-    assert beyond.distance.tolist() == hits.distance.tolist()
+    """As without them, for parts in the frame of the scene and turned ones."""
+    rng = np.random.default_rng(6)
+    for is_turned in (False, True):
+        scene, others = (some_scene(6, is_turned=is_turned) for _ in range(2))
+        # From each part through the next one.
+        middles = np.array([part.pose.translation for part in scene.parts])
+        origins, targets = middles[:, None] + rng.uniform(-0.2, 0.2, (2, 6, 2, 3))
+        directions = np.roll(targets, -1, axis=0) - origins
+        others.hide("part 2")
+        others.hide("part 4")
+        found = scene.cast_all(origins, directions, ignore=["part 2", 4])
+        expected = others.cast_all(origins, directions)
+        assert len(expected.distance) > 5
+        assert found.part.tolist() == expected.part.tolist()
+        np.testing.assert_allclose(found.distance, expected.distance, rtol=1e-12)
+        first, beyond = (
+            asked.cast(origins, directions, min_distance=2.0, **ignored).distance
+            for asked, ignored in ((scene, {"ignore": ["part 2", 4]}), (others, {}))
+        )
+        np.testing.assert_allclose(first, beyond, rtol=1e-12)
 
 
 def test_flush_parts_are_both_reported_in_the_order_of_parts():
