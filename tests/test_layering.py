@@ -72,13 +72,14 @@ part
 solid
 penetration · queries · solid_arrays
 motion · sign
-html_table · model
+model
 """,
     "proximity.scene.queries": """
 queries
 crossings
 checked_query
 results
+html_table
 """,
     "proximity.service": """
 hosting

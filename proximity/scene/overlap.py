@@ -7,8 +7,8 @@ import numpy as np
 from proximity.errors import MeshError
 from proximity.mesh.diagnosis import manifold_solid
 from proximity.mesh.topology import corners_of
-from proximity.scene.html_table import html_table
 from proximity.scene.part import Part
+from proximity.scene.queries.html_table import html_table
 from proximity.scene.scene import Scene
 
 TOUCHING_THICKNESS = 1e-6

@@ -11,8 +11,8 @@ from proximity.checks import as_float64, not_negative, shown, whole
 from proximity.errors import ArgumentError, SceneError
 from proximity.kernels import answers
 from proximity.kernels.entries import connect_pairs, connect_parts, decide_inside, list_pairs
-from proximity.scene.html_table import html_table
 from proximity.scene.model.assembly import Model
+from proximity.scene.queries.html_table import html_table
 from proximity.scene.solid import Solid
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from proximity.errors import ArgumentError, PoseError, SceneError
 from proximity.mesh.body_split import Repairs, split_bodies
 from proximity.mesh.bvh import common_frame
 from proximity.pose import Pose, quaternion_hint
-from proximity.scene.html_table import html_table
 from proximity.scene.model.scene_state import FARTHEST_MOVE, FASTEST_MOVE, first_unfit_move
+from proximity.scene.queries.html_table import html_table
 from proximity.scene.solid import Solid
 
 PART_COLUMNS = ("name", "faces", "sign by", "watertight", "position, m", "hidden", "stiffness, N/m")

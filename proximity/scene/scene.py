@@ -8,7 +8,6 @@ import numpy as np
 
 from proximity.checks import refuse_trimesh
 from proximity.errors import SceneError
-from proximity.scene.html_table import html_table
 from proximity.scene.model.assembly import Model
 from proximity.scene.model.scene_state import box_of_vertices
 from proximity.scene.motion_clearance import MotionQueries
@@ -24,6 +23,7 @@ from proximity.scene.part import (
     part_cells,
     parts_of_mesh,
 )
+from proximity.scene.queries.html_table import html_table
 from proximity.scene.queries.queries import Ignored, Queries
 from proximity.scene.scene_parts import ClosedParts, SceneParts, checked_parts, with_arrays
 from proximity.scene.solid import Solid

@@ -8,7 +8,7 @@ import shapes
 from scene_parts import part_of
 
 import proximity
-from proximity.scene.html_table import MAX_ROWS
+from proximity.scene.queries.html_table import MAX_ROWS
 
 
 def cells(shown):

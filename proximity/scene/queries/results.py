@@ -20,7 +20,7 @@ from proximity.kernels.layout import (
     NO_FACE,
     NO_PART,
 )
-from proximity.scene.html_table import html_table
+from proximity.scene.queries.html_table import html_table
 
 Reals = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int32]
