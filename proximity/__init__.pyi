@@ -39,6 +39,7 @@ from proximity.native.warm_up import warm_up as warm_up
 from proximity.pose import Pose as Pose
 from proximity.scene.loader import load as load
 from proximity.scene.motion import Motion as Motion
+from proximity.scene.motion_clearance import Gap as Gap
 from proximity.scene.motion_clearance import MotionClearance as MotionClearance
 from proximity.scene.overlap import Overlap as Overlap
 from proximity.scene.overlap import overlap as overlap

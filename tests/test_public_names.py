@@ -32,7 +32,7 @@ def test_public_names_are_those_agreed():
     assert set(proximity.__all__) == {
         "ADDITIONS", "CHANGES", "CONNECTION", "CONTACT", "DEFORMATIONS", "FRAME", "GLOVE_POSES", "MEASURED",
         "MOVES", "NO_FACE", "NO_PART", "PATH_POSES", "POSES", "ArgumentError", "Clearance", "ClosestPoints",
-        "ConnectionFlag", "ContactFlag", "DecaffError", "Feature", "FileError", "FileVersionError",
+        "ConnectionFlag", "ContactFlag", "DecaffError", "Feature", "FileError", "FileVersionError", "Gap",
         "LoadReport", "MeshError", "MeshFormatError", "Message", "MissingLibraryError", "Mode", "Motion",
         "MotionClearance", "MotorError", "NotWatertightError",
         "Overlap", "Part", "PartAction", "PartTracker", "Pose", "PoseError", "ProximityError",

@@ -79,7 +79,7 @@ class Motion:
         ArgumentError
             If an argument is not finite, the axis has no length, or start and end are equal.
         """
-        centre, direction = _point("point", point), _unit("axis", axis)
+        centre, direction = _point("point", point), unit_vector("axis", axis)
         first, last = _range(start, end)
 
         def spans(pose: Pose, _: np.ndarray) -> list[Span]:
@@ -104,7 +104,7 @@ class Motion:
         ArgumentError
             If an argument is not finite, the direction has no length, or start and end are equal.
         """
-        along = _unit("direction", direction)
+        along = unit_vector("direction", direction)
         first, last = _range(start, end)
 
         def spans(pose: Pose, _: np.ndarray) -> list[Span]:
@@ -184,7 +184,8 @@ def _point(name: str, given: Any) -> np.ndarray:
     return point
 
 
-def _unit(name: str, given: Any) -> np.ndarray:
+def unit_vector(name: str, given: Any) -> np.ndarray:
+    """Return a vector of three numbers, scaled to length 1; *name*: of the argument, for errors."""
     vector = _point(name, given)
     length = float(np.linalg.norm(vector))
     if not 0.0 < length < inf:

@@ -129,6 +129,12 @@ cubes.prox beside --slide 1,0,0 0..1 --poses poses.csv
 cubes.prox beside --slide 1,0,0 0..1 --clashes
 cubes.prox beside --plot curve.svg
 cubes.prox b* --slide 1,0,0 0..1
+cubes.prox beside base --along -y
+cubes.prox beside base --along 0,-1,0 --json
+cubes.prox base beside --along z
+cubes.prox crossing base --along -x
+cubes.prox beside --along z
+cubes.prox beside base --along w
 """
 
 

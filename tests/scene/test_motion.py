@@ -143,6 +143,40 @@ def test_bounds_hold_against_fine_steps(seed):
         assert fine(scene, "a", [pose_at(share)])[0] == 0.0
 
 
+def test_gap_along_an_axis_is_that_of_the_formula():
+    scene = scene_of(([0, 0, 0], [1, 1, 1]), ([0.5, 0.5, 3], [1.5, 1.5, 4]), ([5, 0, 0], [6, 1, 1]))
+
+    for first, second, direction, expected in (
+        ("a", "b", [0, 0, 2], 2.0),
+        ("b", "a", [0, 0, -1], 2.0),
+        ("a", "c", [1, 0, 0], 4.0),
+        ("a", "b", [0, 0, -1], np.inf),  # it moves away
+        ("a", "c", [0, 0, 1], np.inf),  # it passes
+        ("a", "b", [0.0, 0.2, 1.0], 2.0 * np.hypot(0.2, 1.0)),
+    ):
+        found = scene.gap(first, second, direction)
+        assert found.lower <= expected <= found.distance
+        assert found.lower == pytest.approx(expected, abs=1e-4)
+        assert (found.first, found.second) == (first, second)
+        assert np.linalg.norm(found.direction) == pytest.approx(1.0)
+
+
+def test_gap_of_parts_that_overlap_is_the_way_back():
+    scene = scene_of(([0, 0, 0], [1, 1, 1]), ([0.7, 0.1, 0.1], [2, 0.9, 0.9]), ([1, 0, 3], [2, 1, 4]))
+
+    found = scene.gap("a", "b", [1, 0, 0])
+
+    assert found.lower <= -0.3 <= found.distance
+    assert found.distance == pytest.approx(-0.3, rel=0.02)
+    scene.move("c", Pose(None, [-1, 0, -2]))
+    touching = scene.gap("a", "c", [0, 0, 1])
+    assert touching.distance == touching.lower == 0.0
+    with pytest.raises(SceneError, match="gap of 'a' to itself"):
+        scene.gap("a", 0, [1, 0, 0])
+    with pytest.raises(ArgumentError, match="direction is"):
+        scene.gap("a", "b", [0, 0, 0])
+
+
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1.0, 2.0, np.pi - 1e-9, np.pi])
 def test_a_path_ends_at_its_poses(angle):
     random = np.random.default_rng(7)

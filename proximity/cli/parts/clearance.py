@@ -33,7 +33,7 @@ from proximity.cli.output import (
     printable,
     write_document,
 )
-from proximity.cli.parts.motion import Moving, measure_motion
+from proximity.cli.parts.motion import Moving, measure_gap, measure_motion
 from proximity.system.table_text import table_text
 
 if TYPE_CHECKING:
@@ -95,7 +95,8 @@ def clearance(
 
     With --hinge, --slide or --poses PART moves, and the answer is its smallest distance over the whole
     motion, also between the sampled poses: to all others, or to the second PART. With --below the exit code
-    is 0 only if it certainly keeps that distance. --csv writes the curve.
+    is 0 only if it certainly keeps that distance. --csv writes the curve. --along gives the distance that
+    the first PART can move before it touches the second.
 
     Examples:
       proximity clearance gearbox.step --clashes
@@ -104,6 +105,7 @@ def clearance(
       proximity clearance gearbox.step lid 'screw*' --json
       proximity clearance knob.stl plate.stl
       proximity clearance gearbox.step lid --hinge 0,40,12 1,0,0 0..110 --plot gap.png
+      proximity clearance gearbox.step shaft cover --along z
       proximity clearance gearbox.step --below 0.5 --ignore-touching --allow wanted.csv
     """
     files, names = _files_and_names(words)
@@ -115,10 +117,12 @@ def clearance(
         (below is None and ignore_touching, "--ignore-touching", "requires --below"),
         (not is_gate and allow is not None, "--allow", "requires --clashes or --below"),
     )
-    is_motion = moving.is_given or moving.plot is not None
+    is_motion = moving.is_given or moving.plot is not None or moving.along is not None
     if is_motion:
         refuse(
-            (not moving.is_given, "--plot", "requires --hinge, --slide or --poses"),
+            (not moving.is_given and moving.plot, "--plot", "requires --hinge, --slide or --poses"),
+            (moving.along and moving.is_given, "--along", "not allowed with another motion"),
+            (moving.along and len(names) != 2, "--along", "requires two PARTs"),
             (not names, moving.option_name, "requires the PART that moves"),
             (
                 clashes or list_all or ignore_touching,
@@ -135,6 +139,12 @@ def clearance(
         others = measured_pairs.matching(scene, names[1]) if len(names) == 2 else None
         (part, *more) = measured_pairs.matching(scene, names[0])
         refuse((more, "PART", f"{names[0]!r} names {len(more) + 1} parts, expected one that moves"))
+        if moving.along is not None:
+            assert others is not None
+            refuse((len(others) > 1, "PART", f"{names[1]!r} names several parts, expected one"))
+            pair = part, others[0]
+            measure_gap(scene, pair, moving.along, units=reading.units, metres=metres, as_json=as_json)
+            return
         measure_motion(
             scene, part, others, moving, below=below, units=reading.units, metres=metres, csv_path=csv_path,
             as_json=as_json,

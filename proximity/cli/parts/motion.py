@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 EXIT_NEARER = 1
 COLUMNS = ("position", "x", "y", "z", "qx", "qy", "qz", "qw")
 DEGREE = math.pi / 180.0
+AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +45,10 @@ class Moving:
         Path | None,
         option("FILE", f"Move PART through the poses of a CSV file: {', '.join(COLUMNS)} (quaternion)."),
     ] = None
+    along: Annotated[
+        str | None,
+        option("DIRECTION", "How far the first PART can move before it touches the second: z, -x or 0,1,1."),
+    ] = None
     plot: Annotated[Path | None, option("FILE", "Draw the distance over the motion: .png, .svg or .pdf.")] = (
         None
     )
@@ -56,7 +61,8 @@ class Moving:
     @property
     def option_name(self) -> str:
         """Name of the first option that is given."""
-        return next(f"--{name}" for name in ("hinge", "slide", "poses", "plot") if getattr(self, name))
+        names = ("hinge", "slide", "poses", "along", "plot")
+        return next(f"--{name}" for name in names if getattr(self, name))
 
     def motion(self, metres: float) -> tuple["proximity.Motion", float, str]:
         """Return the motion, the size of the unit of its positions, and the name of the unit.
@@ -79,6 +85,44 @@ class Moving:
         assert self.poses is not None
         positions, poses = read_poses(self.poses, metres)
         return Motion.through(poses, positions), 1.0, "position"
+
+
+def measure_gap(
+    scene: "proximity.Scene",
+    pair: tuple[str, str],
+    direction: str,
+    *,
+    units: str,
+    metres: float,
+    as_json: bool,
+) -> None:
+    """Measure how far the first part can move before it touches the second, and print the result."""
+    sign, axis = (-1.0, direction[1:]) if direction.startswith("-") else (1.0, direction)
+    vector = [sign * (axis == each) for each in "xyz"] if axis in AXES else _vector(direction, "--along")
+    found = scene.gap(*pair, vector)
+    values = {
+        "first": found.first,
+        "second": found.second,
+        "direction": found.direction.tolist(),
+        "gap": in_unit(found.distance, metres),
+        "lower": in_unit(found.lower, metres),
+    }
+    if as_json:
+        write_document({"units": units, **values})
+        return
+    gap, lower = (length(values[name], 6) for name in ("gap", "lower"))
+    first, second = printable(found.first), printable(found.second)
+    if found.lower == math.inf:
+        print_block([("gap", f"none: {first} does not touch {second} along {direction}")])
+    elif found.distance < 0.0:
+        print_block([("gap", f"{gap} {units} along {direction}: {first} overlaps {second} by that much")])
+    else:
+        print_block(
+            [
+                ("gap", f"{gap} {units} along {direction}: there {first} touches {second}"),
+                ("certain", f"no touch before {lower} {units}"),
+            ]
+        )
 
 
 def _vector(text: str, name: str) -> list[float]:
