@@ -46,7 +46,7 @@ def main() -> None:
         print(f"target={target.name}\nwheel={target.wheel}\nfiles={files}")
         print(f"is_current={'yes' if is_current(target, options.out, every_set=options.every_set) else 'no'}")
     if not options.state:
-        if options.isolated and not all(map(find_spec, ("numba", "numpy", "ziglang"))):
+        if options.isolated and not all(map(find_spec, ("numba", "numpy", "scipy", "ziglang"))):
             _begin_with_requirements()
         _fix_order()
         _build(targets, options.out, every_set=options.every_set, is_anew=options.anew)
