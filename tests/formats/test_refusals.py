@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 import proximity
 from proximity import formats
-from proximity.errors import MeshError, MeshFormatError, ProximityError
+from proximity.errors import MeshError, MeshFormatError, MissingLibraryError, ProximityError
 from proximity.formats import file_reader, libraries, text_rows, worker
 from proximity.formats.libraries import Library
 from proximity.recording import FrameLog, FrameReader, read_recording
@@ -374,8 +374,6 @@ def test_pipe_in_place_of_a_file_is_not_waited_for(tmp_path, name, read):
     ("code", "words"),
     [
         ("os.kill(os.getpid(), signal.SIGSEGV)", "OpenCASCADE crashed on it (signal 11)"),
-        (f"sys.exit({worker.NOT_INSTALLED})",
-         "STEP files need the package cascadio, which cannot be imported"),
         (f"sys.exit({worker.TOO_MUCH})", "OpenCASCADE takes more than 600 s or 8 GB to mesh"),
         ("sys.exit(1)", "OpenCASCADE could not read all of it"),
     ],
@@ -385,6 +383,17 @@ def test_end_of_the_step_library_is_a_sentence(tmp_path, monkeypatch, code, word
     script = write(tmp_path, "worker.py", f"import os, signal, sys; {code}".encode())
     monkeypatch.setattr(worker, "__file__", str(script))
     assert says(refusal(write(tmp_path, "part.step", STEP)), words)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+def test_missing_step_library_is_named_with_its_extra(tmp_path, monkeypatch):
+    script = write(tmp_path, "worker.py", f"import sys; sys.exit({worker.NOT_INSTALLED})".encode())
+    monkeypatch.setattr(worker, "__file__", str(script))
+
+    with pytest.raises(
+        MissingLibraryError, match=r"part\.step: STEP files need .*cascadio.*cad-proximity\[step\]"
+    ):
+        formats.read_geometries(write(tmp_path, "part.step", STEP))
 
 
 @pytest.mark.parametrize("where", ["tempfile.TemporaryDirectory", "subprocess.Popen"])

@@ -358,8 +358,8 @@ namespace Proximity
         private readonly long staleAfterNs;
         private readonly double maxSpeed, maxAcceleration;
         private readonly ProximityForeignClock clock = new ProximityForeignClock();
-        private readonly List<ulong> endedSessions = new List<ulong>((int)ProximityLayout.MostRuns + 1);
-        private readonly List<ulong> endedNumbers = new List<ulong>((int)ProximityLayout.MostRuns + 1);
+        private readonly List<ulong> endedSessions = new List<ulong>((int)ProximityLayout.MaxRuns + 1);
+        private readonly List<ulong> endedNumbers = new List<ulong>((int)ProximityLayout.MaxRuns + 1);
         private ProximityContact[] held = new ProximityContact[0], candidate = new ProximityContact[0];
         private ProximityContact[] valid = new ProximityContact[0]; // the newest of each finger, while parts keep their numbers
         private ProximityFrameHeader arrived;
@@ -401,7 +401,7 @@ namespace Proximity
             isFresh = false;
             if (!hasFrame)
                 return State;
-            long expires = Math.Min(Header.ValidUntilNs, Header.PoseNs + ProximityLayout.LongestValidNs);
+            long expires = Math.Min(Header.ValidUntilNs, Header.PoseNs + ProximityLayout.MaxValidNs);
             State = Header.State;
             if (!isBelieved || (NowNs > expires && NowNs - staleAfterNs > expires))
                 State = State > ProximityState.Stale ? State : ProximityState.Stale;
@@ -462,7 +462,7 @@ namespace Proximity
             {
                 ProximityDescriptionHeader of = *(ProximityDescriptionHeader*)bytes;
                 long total = (long)of.PartCount + of.FingerCount;
-                if (total > ProximityLayout.MostNames || (long)of.First + of.Count > total)
+                if (total > ProximityLayout.MaxNames || (long)of.First + of.Count > total)
                     return ProximityFlaw.Content;
                 if (of.Refused != Refused)
                     Refusal = TextAt(message, RefusalAt, RefusalBytes);
@@ -565,7 +565,7 @@ namespace Proximity
             if (!hasFrame)
                 return false;
             if (arrived.Session == lastSession)
-                return arrived.Sequence <= lastSequence || arrived.Sequence - lastSequence > ProximityLayout.MostSkipped;
+                return arrived.Sequence <= lastSequence || arrived.Sequence - lastSequence > ProximityLayout.MaxSkipped;
             int run = endedSessions.IndexOf(arrived.Session);
             if (arrived.Session > lastSession && run < 0)
                 return false;
@@ -625,7 +625,7 @@ namespace Proximity
                     expected = Follow();
             }
             ulong missing = arrived.Sequence - expected;
-            Counts.Lost += missing <= ProximityLayout.MostSkipped ? missing : 0; // of a run that was joined late
+            Counts.Lost += missing <= ProximityLayout.MaxSkipped ? missing : 0; // of a run that was joined late
             Counts.Received++;
             if (!isShared)
                 clock.Hear(arrived.Session, arrived.PublishNs, now);
@@ -660,7 +660,7 @@ namespace Proximity
             }
             endedSessions.Add(lastSession);
             endedNumbers.Add(lastSequence);
-            if (endedSessions.Count > ProximityLayout.MostRuns)
+            if (endedSessions.Count > ProximityLayout.MaxRuns)
             {
                 endedSessions.RemoveAt(0);
                 endedNumbers.RemoveAt(0);
@@ -729,7 +729,7 @@ namespace Proximity
         public ProximityState Read()
         {
             int unused = 0;
-            for (int taken = 0; taken < ProximityLayout.MostAtOnce && unused < ProximityLayout.MostFlawed; taken++)
+            for (int taken = 0; taken < ProximityLayout.MaxAtOnce && unused < ProximityLayout.MaxFlawed; taken++)
             {
                 SocketError error;
                 int size = socket.Receive(buffer, 0, buffer.Length, SocketFlags.None, out error);
@@ -770,7 +770,7 @@ namespace Proximity
     /// <summary>Sends poses of fingers, moves and changes of parts.</summary>
     public sealed unsafe class ProximityPublisher : IDisposable
     {
-        private const int MostBytes = 65507; // of a datagram over IPv4
+        private const int MaxBytes = 65507; // of a datagram over IPv4
         private readonly Socket socket;
         private readonly ProximityKey key;
         private readonly byte[] buffer = new byte[1 << 16];
@@ -867,7 +867,7 @@ namespace Proximity
         {
             ReadOnlySpan<byte> records = MemoryMarshal.AsBytes(new ReadOnlySpan<T>(array, 0, count));
             int size = sizeof(ProximityInputHeader) + records.Length;
-            int most = MostBytes - (key == null ? 0 : ProximityKey.TagBytes);
+            int most = MaxBytes - (key == null ? 0 : ProximityKey.TagBytes);
             if (size > most || count > ProximityLayout.MaxRecords)
                 throw new ProximityServiceError("a message of " + size + " bytes does not fit into a datagram (expected at most "
                     + most + " bytes)");

@@ -31,7 +31,7 @@ namespace Proximity
         /// <summary>Read arrived messages and update the state; never waits, makes no garbage.</summary>
         public ProximityState Read()
         {
-            for (int taken = 0; taken < ProximityLayout.MostAtOnce && (isOpen || Follow()); taken++)
+            for (int taken = 0; taken < ProximityLayout.MaxAtOnce && (isOpen || Follow()); taken++)
             {
                 long size;
                 fixed (byte* to = buffer)
