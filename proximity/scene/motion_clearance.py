@@ -18,13 +18,15 @@ from proximity.kernels.entries import move_parts
 from proximity.pose import Pose
 from proximity.scene.model.assembly import EXACT_ENOUGH, Model, finished
 from proximity.scene.motion import Motion, Span, unit_vector
-from proximity.scene.pairs import SHARING, Clearance, PairQueries, Relation, nearest_pairs
+from proximity.scene.pairs import SHARING, Clearance, PairQueries, Relation, connect, nearest_pairs
+from proximity.scene.penetration import measure_exit
 from proximity.scene.solid import Solid
 
 SAMPLES = 48
 """Number of intervals at the beginning, in all spans together. Each span has at least two."""
 MAX_SAMPLES = 20_000
-TOLERANCE = 0.05
+TOLERANCE, OUT_TOLERANCE = 0.05, 0.01
+"""Relative, between the bounds of a distance, and of the way out of parts that overlap."""
 RESOLUTION = 1e-6
 """Relative to the part's path: the search does not bring bounds closer than this."""
 TOUCH_RESOLUTION = 1e-9
@@ -298,9 +300,10 @@ class MotionQueries(PairQueries):
             raise SceneError(f"the gap of {first!r} to itself was requested, expected two parts")
         along = unit_vector("direction", direction)
         names = model.names[row], model.names[other]
-        if self.clearance(row, other).relation in SHARING:
-            out = self.penetration(row, other, direction=-along)
-            return Gap(*names, along, -out.lower, -out.depth)
+        if connect(model, solids, row, other).relation in SHARING:
+            faces = solids[row].surface_faces, solids[other].surface_faces
+            out = measure_exit(model, (row, other), faces, -along, OUT_TOLERANCE)
+            return Gap(*names, along, -float(out["lower"]), -float(out["depth"]))
         least, farthest = (_extent(model, each, along)[side] for each, side in ((row, 0), (other, 1)))
         if farthest <= least:
             return Gap(*names, along, inf, inf)

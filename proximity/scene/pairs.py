@@ -123,12 +123,7 @@ class PairQueries:
         model, solids, (row, other) = self._state_with_rows(first, second)
         if row == other:
             raise SceneError(f"{first!r} is asked how far it is from itself, expected two parts")
-        answer = np.empty(1, answers.CLEARANCE_ANSWER)
-        connect_parts(model.packed, row, other, inf, tolerance, steps, answer)
-        if answer["may_be_inside"][0]:
-            faces = solids[row].surface_faces, solids[other].surface_faces
-            decide_inside(model.packed, row, other, *faces, answer)
-        return _clearance(model.names, row, other, answer[0])
+        return connect(model, solids, row, other, tolerance, steps)
 
     def penetration(
         self, first: str | int, second: str | int, *, direction: Any = None, tolerance: float = 0.01
@@ -222,6 +217,18 @@ class PairQueries:
         count = None if most is None else whole("most", most, 0)
         model, _, rows = self._state_with_rows(*(() if of is None else (of,)))
         return nearest_pairs(model, limit, rows[0] if rows else -1, count)
+
+
+def connect(
+    model: Model, solids: list[Solid], row: int, other: int, tolerance: float = 0.0, budget: int = 0
+) -> Clearance:
+    """Return the clearance of two parts of a model; *tolerance*, *budget*: as of `connect_parts`."""
+    answer = np.empty(1, answers.CLEARANCE_ANSWER)
+    connect_parts(model.packed, row, other, inf, tolerance, budget, answer)
+    if answer["may_be_inside"][0]:
+        faces = solids[row].surface_faces, solids[other].surface_faces
+        decide_inside(model.packed, row, other, *faces, answer)
+    return _clearance(model.names, row, other, answer[0])
 
 
 def nearest_pairs(model: Model, limit: float, only: int, count: int | None) -> list[Clearance]:

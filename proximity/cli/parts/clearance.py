@@ -33,14 +33,13 @@ from proximity.cli.output import (
     printable,
     write_document,
 )
-from proximity.cli.parts.motion import Moving, measure_gap, measure_motion
+from proximity.cli.parts.motion import EXIT_NEARER, Moving, measure_gap, measure_motion
 from proximity.system.table_text import table_text
 
 if TYPE_CHECKING:
     from proximity.cli.tables import Column
     from proximity.scene.clashes import MeasuredPair
 
-EXIT_NEARER = 1
 DIGITS = 6
 """Number of significant digits of numbers in the table."""
 FEW_DIGITS = 4

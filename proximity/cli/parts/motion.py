@@ -276,12 +276,10 @@ def _draw(
     figure = load_matplotlib().figure.Figure(figsize=(7.0, 3.6), layout="constrained")
     axes = figure.add_subplot()
     positions, distances = found.positions / scale, found.distances / metres
-    middles, bounds = np.repeat(positions, 2)[1:-1], np.repeat(found.bounds / metres, 2)
-    upper = np.interp(middles, positions, distances) if positions[0] < positions[-1] else None
-    if upper is None:
-        upper = np.interp(middles, positions[::-1], distances[::-1])
-    axes.fill_between(middles, bounds, upper, color="#2a6f97", alpha=0.25, linewidth=0, label="bounds")
-    axes.plot(positions, distances, color="#2a6f97", label=f"distance to {found.nearest.second}")
+    ends, upper = (np.repeat(each, 2)[1:-1] for each in (positions, distances))
+    bounds, colour = np.repeat(found.bounds / metres, 2), "#2a6f97"
+    axes.fill_between(ends, bounds, upper, color=colour, alpha=0.25, linewidth=0, label="bounds")
+    axes.plot(positions, distances, color=colour, label=f"distance to {found.nearest.second}")
     axes.plot(found.position / scale, found.distance / metres, "o", color="#c1121f")
     axes.annotate(
         f"{number(found.distance / metres, 4)} {units}", (found.position / scale, found.distance / metres),
