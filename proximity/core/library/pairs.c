@@ -1,4 +1,4 @@
-/* Pairs of parts: the nearest ones of a scene, and how deep two are in each other. */
+/* Pairs of parts: the nearest pairs of a scene, and the penetration of two parts. */
 #include "scene.h"
 
 #include <math.h>
@@ -38,7 +38,7 @@ int proximity_closest_pairs(const proximity_scene *scene, int32_t part, double m
     int64_t table[] = {WORD(&search), 1, WORD(gaps), pairs, WORD(numbers), pairs, WORD(surfaces + 2 * places), faces,
                        WORD(surfaces), places, 2, WORD(parts), rows, 2, WORD(answers), rows};
     int64_t words[] = {WORD(scene->model), WORD(table), 0};
-    proximity_call(scene->set, LIST_PAIRS, words); /* neither needs memory */
+    proximity_call(scene->set, LIST_PAIRS, words); /* neither allocates memory */
     do {
         proximity_call(scene->set, CONNECT_PAIRS, words);
     } while (words[2] & 1);

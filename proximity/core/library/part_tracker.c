@@ -1,4 +1,4 @@
-/* Trackers of parts that move: the arrays of a tick, kept from one to the next. What a tick does is a kernel's. */
+/* Trackers of moving parts: the arrays of a tick, kept between ticks. A kernel computes the tick. */
 #include "proximity_tracker.h"
 #include "scene.h"
 
@@ -34,7 +34,7 @@ static void set_array(int64_t *table, int at, const void *array, int64_t rows, i
     memcpy(table + at, words, (size_t)(2 + (columns > 0) + (last > 0)) * sizeof *words);
 }
 
-/* The sentence about the first argument that cannot be used; NULL where all can. */
+/* Return the message of the first invalid argument, or NULL. */
 static const char *unfit_argument(const proximity_scene *scene, const int32_t *parts, size_t group, size_t connections,
                                   const proximity_part_tracker_settings *settings)
 {
@@ -118,7 +118,7 @@ int proximity_create_part_tracker(proximity_scene *scene, const int32_t *parts, 
     set_array(tracker->motion, GROUP_VELOCITIES, tracker->velocities, n, 3, 0);
     set_array(tracker->motion, GROUP_ANGULAR_VELOCITIES, tracker->turnings, n, 3, 0);
     int64_t words[] = {scene->model[4], scene->model[5], WORD(tracker->own), n, WORD(tracker->offsets), n, 4, 4};
-    proximity_call(scene->set, RELATE_GROUP, words); /* which needs no memory */
+    proximity_call(scene->set, RELATE_GROUP, words); /* allocates no memory */
     proximity_reset_part_tracker(tracker);
     *made = tracker;
     return PROXIMITY_OK;
@@ -144,7 +144,7 @@ void proximity_reset_part_tracker(proximity_part_tracker *tracker)
     }
 }
 
-/* Find the rows of the tracked parts; whether all are in the scene. */
+/* Find the rows of the tracked parts; return whether all are in the scene. */
 static int find_rows(proximity_part_tracker *tracker)
 {
     const proximity_scene *scene = tracker->scene;
@@ -192,7 +192,7 @@ static int adopt_parts(proximity_part_tracker *tracker)
     return proximity_call(tracker->scene->set, ADOPT_ROWS, words);
 }
 
-/* Move the tracked parts; velocities that are NULL follow from the last two poses. */
+/* Move the tracked parts; velocities that are NULL are computed from the last two poses. */
 static int move_group(proximity_part_tracker *tracker, const double *matrix, int64_t pose_ns, const double *velocity,
                       const double *angular_velocity, proximity_error *error)
 {
@@ -209,7 +209,7 @@ static int move_group(proximity_part_tracker *tracker, const double *matrix, int
     }
     int64_t words[] = {WORD(tracker->motion), pose_ns,
                        (velocity != NULL ? LINEAR_GIVEN : 0) | (angular_velocity != NULL ? ANGULAR_GIVEN : 0)};
-    proximity_call(scene->set, MOVE_GROUP, words); /* which needs no memory */
+    proximity_call(scene->set, MOVE_GROUP, words); /* allocates no memory */
     return proximity_move(scene, tracker->parts, (size_t)tracker->group, tracker->matrices, tracker->velocities,
                           tracker->turnings, error);
 }

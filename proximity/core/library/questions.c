@@ -212,7 +212,7 @@ static int ask(const proximity_scene *scene, const Question *question, const dou
             return proximity_no_such_part(scene, ignored[k], error);
         }
     }
-    /* Rows that say of these parts that they are hidden, and of the scene's row that there are such. */
+    /* Copy the rows and mark these parts as hidden, and the scene's row as having such parts. */
     Archive heeded = *archive;
     size_t size = (size_t)archive->part_rows * sizeof *heeded.parts;
     heeded.parts = malloc(size);

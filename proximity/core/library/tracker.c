@@ -201,8 +201,8 @@ static void renumber_parts(proximity_tracker *tracker, const int64_t *identities
     }
 }
 
-/* Make rows of ignored parts for so many of them, with what is known of parts that are still there; whether there is
-   memory. */
+/* Allocate the rows of ignored parts for a new number of parts, and copy those of remaining parts; return whether
+   there is memory. */
 static int renumber_ignored(proximity_tracker *tracker, const int64_t *identities, int64_t part_count)
 {
     uint8_t *ignored = calloc(tracker->count, (size_t)part_count);
@@ -230,7 +230,7 @@ static int renumber_ignored(proximity_tracker *tracker, const int64_t *identitie
     return 1;
 }
 
-/* Hand the rows of ignored parts to ticks, if there are any. */
+/* Pass the rows of ignored parts to ticks, if there are any. */
 static void set_ignored(proximity_tracker *tracker)
 {
     int is_any = tracker->ignored_count > 0;
@@ -239,7 +239,7 @@ static void set_ignored(proximity_tracker *tracker)
     set_array(tracker, AT_HEEDED, tracker->heeded, is_any ? tracker->part_count + 1 : 0);
 }
 
-/* Take in the present parts of the scene: poses, numbers in the last answers, ignored parts; whether there is memory. */
+/* Update poses, part numbers of the last answers and ignored parts from the scene; return whether there is memory. */
 static int read_parts(proximity_tracker *tracker)
 {
     const Archive *archive = &tracker->scene->archive;

@@ -1,7 +1,7 @@
 """The nearest pairs of a scene's parts.
 
-Pairs wait in a heap by the gap between their boxes. They are connected until that gap exceeds the distance of
-the pairs that were found.
+A heap orders the pairs by the distance of their boxes. Their connections are computed until that distance
+exceeds those of the pairs that were found.
 """
 
 from math import sqrt
@@ -11,22 +11,22 @@ from proximity.kernels.geometry.frames import ROUNDED_DOWN
 from proximity.kernels.layout import ModelArrays
 from proximity.kernels.pair.boxes import gap_along
 from proximity.kernels.pair.part_query import complete_pair, connect_pair
-from proximity.kernels.scene.inside.containment import Surfaces, assign_surfaces, surface_range
+from proximity.kernels.scene.inside.containment import Surfaces, assign_surfaces, surfaces_of_pair
 from proximity.kernels.stack_arrays import stack_arrays_of
 from proximity.native import entry, inlined, kernel
 
 PAIRS_A_CALL = 64
-"""Pairs that are connected before Python may be interrupted."""
+"""Number of pairs for each call, after which Python can handle an interrupt."""
 WIDER = 1.0 + 2.0**-40
 MIN_LIMIT = 1e-12  # m
-"""Only what is shorter is found: with these a distance of exactly the limit is, also where that is 0."""
+"""A search finds only shorter distances: these two make it find one that equals the limit, 0 included."""
 
 stack_answers, _ = stack_arrays_of(CLEARANCE_ANSWER)
 
 
 @entry(ModelArrays, PairSearchArrays)
 def list_pairs(model, arrays):
-    """Fill the heap of pairs whose boxes are within the limit."""
+    """Fill the heap with the pairs whose boxes are within the limit."""
     search, frames, parts = arrays.search[0], model.frames, model.parts
     search.waiting = search.found = 0
     assign_surfaces(parts, Surfaces(arrays.faces, arrays.ranges))
@@ -34,12 +34,14 @@ def list_pairs(model, arrays):
         return
     count = len(parts) - 1
     for first in range(count):
-        for second in range(first + 1, count):
-            is_wanted = search.only < 0 or first == search.only or second == search.only
+        begin, end = first + 1, count
+        if search.only >= 0 and first != search.only:
+            begin, end = max(begin, search.only), search.only + 1
+        for second in range(begin, end):
             is_seen = (first == search.only or not parts[first].is_hidden) and (
                 second == search.only or not parts[second].is_hidden
             )
-            if not (is_wanted and is_seen):
+            if not is_seen:
                 continue
             total = 0.0
             for k in range(3):
@@ -75,9 +77,9 @@ def _is_before(length, number, other_length, other_number):
 
 @entry(ModelArrays, PairSearchArrays, "-> bool")
 def connect_pairs(model, arrays):
-    """Connect some of the waiting pairs, the smallest gap first; return whether others may be as near.
+    """Compute the connections of the next pairs; return whether more pairs may be within the limit.
 
-    The rows are sorted by distance, and of equal ones the earlier parts are first.
+    The rows are sorted by distance and then by part numbers.
     """
     search, count = arrays.search[0], len(model.parts) - 1
     answer, surfaces = stack_answers(1)[0], Surfaces(arrays.faces, arrays.ranges)
@@ -90,9 +92,7 @@ def connect_pairs(model, arrays):
         first, second = number // count, number % count
         connect_pair(model, first, second, max(search.limit * WIDER, MIN_LIMIT), 0.0, 0, answer)
         if answer.may_be_inside:
-            start, end = surface_range(model, first, surfaces)
-            other, other_end = surface_range(model, second, surfaces)
-            faces, other_faces = arrays.faces[start:end], arrays.faces[other:other_end]
+            faces, other_faces = surfaces_of_pair(model, first, second, surfaces)
             complete_pair(model, first, second, faces, other_faces, answer)
         if answer.distance <= search.limit:
             _keep(arrays, number, count, answer)
@@ -101,7 +101,7 @@ def connect_pairs(model, arrays):
 
 @kernel
 def _keep(arrays, number, count, answer):
-    """Insert a pair among the rows; the farthest one leaves them if all are filled."""
+    """Insert a pair into the sorted rows; drop the farthest one if all rows are filled."""
     search, pairs, answers = arrays.search[0], arrays.pairs, arrays.answers
     at, distance = search.found, answer.distance
     while at > 0 and _is_before(

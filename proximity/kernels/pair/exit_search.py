@@ -1,4 +1,4 @@
-"""The way out of two parts in each other: a direction along which the first one soon comes free."""
+"""Search for a direction with a short displacement that frees one part of another."""
 
 from math import sqrt
 
@@ -13,25 +13,25 @@ from proximity.kernels.stack_arrays import stack_arrays_of, stack_f64, stack_f64
 from proximity.native import entry, kernel
 
 MAX_EXIT_TURNS = 4
-"""Times that the direction follows the surface at which a part comes free."""
+"""Number of times that the direction is set to the normal of the surface at which a part comes free."""
 BEYOND = 0.4
-"""Of the tolerance: so much beyond the depth expected parts should be apart."""
+"""Relative to the tolerance: the distance beyond the expected depth at which the parts should be apart."""
 MIN_GAIN = 0.25
-"""Of the tolerance: for less a direction is not turned."""
+"""Relative to the tolerance: a direction is not turned for a smaller gain."""
 ROUGH = 0.1
 """Tolerance while directions are compared."""
 AXES = 7
-"""Directions that are compared, both ways: the axes of both parts, and the line between their middles."""
+"""Number of compared lines: the axes of both parts, and the line between their centres."""
 
 stack_depths, _ = stack_arrays_of(DEPTH_ANSWER)
 
 
 @entry(ModelArrays, "int, int, int32[:], int32[:], float64[:], float, int, ExitAnswer[:]")
 def find_exit(model, first, second, faces, other_faces, direction, tolerance, budget, answers):
-    """Fill the way of the first part out of the second; (1,).
+    """Fill the displacement that frees the first part of the second; (1,).
 
-    *faces*, *other_faces*: one of each of their surfaces. *direction*: scene's frame; 0: any that is short.
-    *tolerance*: share of the depth by which its bounds may differ. *budget*: steps; 0: as many as it takes.
+    *faces*, *other_faces*: one of each of their surfaces. *direction*: scene's frame; if it is 0, a short way
+    is searched. *tolerance*: permitted relative gap of the bounds. *budget*: maximum steps; 0: no limit.
     """
     pair, best = (first, second, faces, other_faces, budget), answers[0]
     x, y, z = vector(direction)
@@ -46,7 +46,7 @@ def find_exit(model, first, second, faces, other_faces, direction, tolerance, bu
 
 @kernel
 def begin_exit(best):
-    """Forget the way."""
+    """Reset the best direction."""
     best.depth, best.lower, best.steps = np.inf, 0.0, 0
     for k in range(3):
         best.direction[k] = best.normal[k] = 0.0
@@ -54,10 +54,10 @@ def begin_exit(best):
 
 @kernel
 def try_direction(model, pair, direction, tolerance, expected, best):
-    """Keep a direction if the depth along it is less than along the best so far; return whether it is.
+    """Measure the depth along a direction; if it is less than the best, store it and return True.
 
-    *pair*: parts, one face of each surface of either, and the budget. *expected*: depth, m, that the first
-    probe exceeds by a little.
+    *pair*: parts, one face of each surface of either, and the budget. *expected*: depth, m; the first probe
+    is slightly beyond it.
     """
     first, second, faces, other_faces, budget = pair
     found, limit = stack_depths(1)[0], best.depth
@@ -70,7 +70,7 @@ def try_direction(model, pair, direction, tolerance, expected, best):
     best.depth, best.lower = found.upper + 0.0, found.lower
     for k in range(3):
         best.direction[k] = direction[k]
-    for k in range(3):  # which may be the direction
+    for k in range(3):  # after the direction, which may be the same memory
         best.normal[k] = found.normal[k]
     return True
 
@@ -92,7 +92,7 @@ def search_exit(model, pair, tolerance, best):
 
 @kernel
 def _compare_axes(model, pair, best):
-    """Compare the axes of both parts and the line between their middles, sorted by coordinates."""
+    """Compare the axes of both parts and the line between their centres, sorted by coordinates."""
     one, other = model.frames[pair[0]], model.frames[pair[1]]
     axes, direction, count = stack_f64_rows(14, 3), stack_f64(3), 0
     for number in range(2 * AXES):
@@ -121,7 +121,7 @@ def _compare_axes(model, pair, best):
 
 @kernel
 def _insert(axes, count, direction):
-    """Insert a direction among sorted ones that differ; return how many they are."""
+    """Insert a direction into sorted ones unless it is among them; return their number."""
     at = 0
     while at < count and _compared(axes, at, direction) < 0:
         at += 1
@@ -137,7 +137,7 @@ def _insert(axes, count, direction):
 
 @kernel
 def _compared(axes, row, direction):
-    """Whether a row is before a direction, -1, the same, 0, or behind it, 1."""
+    """Compare a row with a direction: -1 if it is before it, 0 if equal, 1 if after it."""
     for k in range(3):
         if axes[row, k] != direction[k]:
             return -1 if axes[row, k] < direction[k] else 1
@@ -146,13 +146,13 @@ def _compared(axes, row, direction):
 
 @kernel
 def follow_normals(model, pair, tolerance, best):
-    """Turn the direction to the normal at which the part comes free, while that makes the depth less."""
+    """Turn the direction to the normal at which the part comes free, while that reduces the depth."""
     normal = stack_f64(3)
     for _ in range(MAX_EXIT_TURNS):
         for k in range(3):
             normal[k] = best.normal[k]
         x, y, z = vector(normal)
-        # The share of the depth that turning saves, about.
+        # Approximate relative reduction of the depth by turning.
         gain = 1.0 - dot(x, y, z, *vector(best.direction))
         is_zero = x == 0.0 and y == 0.0 and z == 0.0
         if is_zero or gain < MIN_GAIN * tolerance:

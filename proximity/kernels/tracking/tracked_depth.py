@@ -1,4 +1,4 @@
-"""Parts that overlap: which one is inside the other, how deep, and whether a tracked part comes free."""
+"""Overlapping parts of a tracker: containment, depth, and whether a tracked part can move away."""
 
 from math import sqrt
 
@@ -9,7 +9,7 @@ from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.pair.exit_search import begin_exit, follow_normals, search_exit, try_direction
 from proximity.kernels.pair.part_query import inner_part
 from proximity.kernels.pair.triangles import between
-from proximity.kernels.scene.inside.containment import Surfaces, surface_range
+from proximity.kernels.scene.inside.containment import Surfaces, surfaces_of_pair
 from proximity.kernels.stack_arrays import stack_arrays_of, stack_f64
 from proximity.kernels.tracking.tracked_motion import SLIP
 from proximity.native import inlined, kernel
@@ -20,21 +20,19 @@ stack_exits, _ = stack_arrays_of(EXIT_ANSWER)
 
 @kernel
 def decide_inner_parts(model, held):
-    """Decide whether one part is inside the other, where surfaces may have met and do not cross."""
+    """Decide for undecided pairs, whose surfaces do not cross, whether one part is inside the other."""
     surfaces = Surfaces(held.faces, held.ranges)
     for number in range(len(held.pairs)):
         pair = held.pairs[number]
         if pair.is_undecided:
-            start, end = surface_range(model, pair.own, surfaces)
-            other, other_end = surface_range(model, pair.other, surfaces)
-            faces, other_faces = held.faces[start:end], held.faces[other:other_end]
+            faces, other_faces = surfaces_of_pair(model, pair.own, pair.other, surfaces)
             pair.is_inside = inner_part(model, pair.own, pair.other, faces, other_faces)
             pair.is_unsure = 1 if pair.lower <= 0.0 else 0
 
 
 @kernel
 def comes_free(model, held):
-    """Whether parts that touch others do not touch them from within: whether a small move frees them."""
+    """Test whether a small displacement frees all touching parts: whether they touch from outside."""
     normal, best, surfaces = stack_f64(3), stack_exits(1)[0], Surfaces(held.faces, held.ranges)
     for number in range(len(held.pairs)):
         pair = held.pairs[number]
@@ -45,9 +43,7 @@ def comes_free(model, held):
         frame = model.frames[pair.own]
         x, y, z = between(frame.own_lower, frame.own_upper)
         length = SLIP * sqrt(dot(x, y, z, x, y, z))
-        start, end = surface_range(model, pair.own, surfaces)
-        other, other_end = surface_range(model, pair.other, surfaces)
-        faces, other_faces = held.faces[start:end], held.faces[other:other_end]
+        faces, other_faces = surfaces_of_pair(model, pair.own, pair.other, surfaces)
         parts = pair.own, pair.other, faces, other_faces, held.settings[0].budget
         begin_exit(best)
         try_direction(model, parts, normal, 0.5, length, best)
@@ -58,7 +54,7 @@ def comes_free(model, held):
 
 @inlined
 def _copy_normal(pair, normal):
-    """Copy the direction found last; return whether there is one."""
+    """Copy the direction of the last search; return whether there is one."""
     for k in range(3):
         normal[k] = pair.normal[k]
     return normal[0] != 0.0 or normal[1] != 0.0 or normal[2] != 0.0
@@ -66,14 +62,12 @@ def _copy_normal(pair, normal):
 
 @kernel
 def fill_depth(model, held, record):
-    """Fill how far a part must move to be free of another, along the direction found last, or anew."""
+    """Fill the displacement that frees a part of another, in the last direction or a new one."""
     normal, best, surfaces, row = stack_f64(3), stack_exits(1)[0], Surfaces(held.faces, held.ranges), 0
     while held.pairs[row].own != record["own_part"] or held.pairs[row].other != record["part"]:
         row += 1
     pair, tolerance = held.pairs[row], max(held.settings[0].tolerance, MIN_DEPTH_TOLERANCE)
-    start, end = surface_range(model, pair.own, surfaces)
-    other, other_end = surface_range(model, pair.other, surfaces)
-    faces, other_faces = held.faces[start:end], held.faces[other:other_end]
+    faces, other_faces = surfaces_of_pair(model, pair.own, pair.other, surfaces)
     parts = pair.own, pair.other, faces, other_faces, held.settings[0].budget
     begin_exit(best)
     if _copy_normal(pair, normal):

@@ -1,4 +1,4 @@
-"""Motion of a part, or of several that move together: velocities from poses, and the poses of the others."""
+"""Motion of a group of parts: velocities from two poses, and the poses of the other parts."""
 
 from math import atan2, sqrt
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from proximity.kernels.tracking.tracked_records import HELD_SETTINGS as HELD_SET
 from proximity.native import bundle, entry, kernel
 
 MAX_STEP_NS = 100_000_000
-"""Between two poses from which a velocity is taken."""
+"""Maximum time between two poses from which a velocity is computed."""
 LINEAR_GIVEN, ANGULAR_GIVEN = 1, 2
 
 
@@ -57,9 +57,9 @@ def relate_group(frames, own, offsets):
 
 @entry("float64[:, 4], float64[:, 4], int, float64[:, 3] -> bool")
 def velocities_between(before, pose, elapsed_ns, velocities):
-    """Fill velocity and angular velocity, (2, 3), between two poses; return whether they are known.
+    """Fill velocity and angular velocity, (2, 3), between two poses.
 
-    The poses must be near enough in time.
+    Return False if the poses are too far apart in time.
     """
     if not 0 < elapsed_ns <= MAX_STEP_NS:
         return False
@@ -82,7 +82,7 @@ def velocities_between(before, pose, elapsed_ns, velocities):
 def move_group(group, pose_ns, known):
     """Fill the poses and velocities of all parts from the pose of the first one.
 
-    *known*: bits of the velocities that are given; the others follow from the last two poses.
+    *known*: bits of the given velocities; the others are computed from the last two poses.
     """
     option, velocities, given = group.settings[0], stack_f64_rows(2, 3), group.given
     is_found = False

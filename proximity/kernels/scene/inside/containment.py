@@ -381,3 +381,11 @@ def surface_range(model, part, surfaces):
             model, part, surfaces.faces[waiting : waiting + count], surfaces.faces[start : start + count]
         )
     return start, start + surfaces.ranges[part, 1]
+
+
+@inlined
+def surfaces_of_pair(model, first, second, surfaces):
+    """Return one face of each surface of two parts, searched at the first call."""
+    start, end = surface_range(model, first, surfaces)
+    other, other_end = surface_range(model, second, surfaces)
+    return surfaces.faces[start:end], surfaces.faces[other:other_end]
