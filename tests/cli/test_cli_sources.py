@@ -1,6 +1,7 @@
 """``proximity client`` and ``controller``: written sources, files left unchanged, and errors."""
 
 import json
+from itertools import chain
 
 import pytest
 
@@ -86,6 +87,7 @@ def test_client_and_library_in_csharp_are_two_that_one_folder_can_hold():
         name: client[name] for name in client if name in library
     }
     assert {"Runtime/ProximityClient.cs", "Runtime/ProximityHand.cs"} <= client.keys() - library.keys()
-    assert client.keys() ^ library.keys() == {
-        f"Runtime/{name}" for names in CSHARP.values() for name in names
-    }
+    assert sorted(path.rpartition("/")[2] for path in client.keys() ^ library.keys()) == sorted(
+        chain(*CSHARP.values())
+    )
+    assert "Examples~/Imported.cs" in library
