@@ -97,7 +97,8 @@ def pair_panels(document: Document) -> list[Panel]:
     """Return the times of a query of some pairs of parts."""
     panels = []
     for pair, title in PAIRS.items():
-        (times,) = (row["median"] for row in document["rows"] if row["pair"] == pair)
+        (figures,) = (row["times"] for row in document["rows"] if row["pair"] == pair)
+        times = {name: each[0] for name, each in figures.items()}
         rivals = sorted((times[key], name) for key, name in CONTENDERS.items() if key != OURS)
         bars = [Bar(OURS, times[OURS]), *(Bar(name, time) for time, name in rivals)]
         panels.append(Panel(title, "µs", bars))

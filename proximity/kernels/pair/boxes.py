@@ -1,20 +1,32 @@
 """Boxes of two parts, and points of the second, in the local frame of the first.
 
-A box of the second part is replaced by the axis-aligned box around it in that frame. The separation of boxes
-along the current best connection is another bound of their distance, not enlarged by rotation.
+A box of the second part is replaced by the axis-aligned box around it in that frame. The separation of two
+patches of faces along the current best connection is another bound of their distance. It is not enlarged by
+rotation, and uses their normal slabs, which are thin where boxes are not: wavy rings of 84 thousand faces at
+a fifth of their size take 960 steps instead of 8004.
 """
 
 import numpy as np
 
-from proximity.kernels.nodes import lower_at, upper_at, wide_boxes_of
+from proximity.kernels.geometry.triangle import dot
+from proximity.kernels.layout import (
+    MOMENT_AREA_NORMAL,
+    MOMENT_SLAB_LARGEST,
+    MOMENT_SLAB_LEAST,
+    MOMENT_STRIDE,
+    NODE_STRIDE,
+)
+from proximity.kernels.nodes import corner_at, load_points, lower_at, upper_at
 from proximity.kernels.stack_arrays import stack_f64
 from proximity.native import inlined, kernel
-from proximity.native.simd import fma, like, maximum, minimum, splat
+from proximity.native.simd import fma, like, load, maximum, select, splat, widen
 
 SHRINK = 1.0 - 2.0**-40
 """Factor on squared distances of boxes: covers their rounding."""
 MAP_ROUNDING = 2.0**-48
 """Bound of the rounding of a box mapped to the other frame, in sizes of coordinates."""
+ALIGNED_SQ = 0.995
+"""Squared cosine, of 4 degrees, from which an axis counts as one of coordinates."""
 POSE_SIZE = 12
 """Numbers of a part's pose: rotation by rows, and translation."""
 
@@ -97,12 +109,12 @@ def _reach_along(turn, row, hx, hy, hz):
 
 
 @inlined
-def mapped_boxes(words, base, turn, offset):
-    """Return the axis-aligned boxes, in the first frame, around the eight boxes at *base* of the second part.
+def mapped_boxes(boxes, turn, offset):
+    """Return the axis-aligned boxes, in the first frame, around eight boxes of the second part.
 
     Unused lanes, with infinite sides, are undefined.
     """
-    (lx, ly, lz), (ux, uy, uz) = wide_boxes_of(words, base)
+    (lx, ly, lz), (ux, uy, uz) = boxes
     half = splat(0.5)
     hx, hy, hz = (ux - lx) * half, (uy - ly) * half, (uz - lz) * half
     x, y, z = mapped(turn, offset, (lx + ux) * half, (ly + uy) * half, (lz + uz) * half)
@@ -125,20 +137,16 @@ def gaps_sq(one, other, slack):
 
 
 @inlined
-def box_at(words, position, axis, box):
-    """Write the box at a child's position: lower and upper corner, and its upper end along an axis; (7,)."""
-    end = 0.0
+def box_at(words, position, box):
+    """Write the box at a child's position, (6,): lower and upper corner."""
     for k in range(3):
-        low, high = np.float64(lower_at(words, position, k)), np.float64(upper_at(words, position, k))
-        box[k], box[k + 3] = low, high
-        end += max(axis[k] * low, axis[k] * high)
-    box[6] = end
+        box[k] = np.float64(lower_at(words, position, k))
+        box[k + 3] = np.float64(upper_at(words, position, k))
 
 
 @inlined
-def mapped_box_at(words, position, turn, offset, axis, box):
-    """Write a box of the second part like `box_at`, in the first frame, and its lower end along an axis."""
-    begin = 0.0
+def mapped_box_at(words, position, turn, offset, box):
+    """Write a box of the second part like `box_at`, in the first frame."""
     for row in range(3):
         middle, reach = offset[row], 0.0
         for k in range(3):
@@ -146,42 +154,86 @@ def mapped_box_at(words, position, turn, offset, axis, box):
             middle += turn[3 * row + k] * 0.5 * (low + high)
             reach += abs(turn[3 * row + k]) * 0.5 * (high - low)
         box[row], box[row + 3] = middle - reach, middle + reach
-        begin += axis[row] * middle
-    for k in range(3):
-        side = np.float64(upper_at(words, position, k)) - np.float64(lower_at(words, position, k))
-        begin -= abs(_axis_along(axis, turn, k)) * 0.5 * side
-    box[6] = begin
 
 
 @inlined
-def _axis_along(axis, turn, k):
-    """Return the component of an axis of the first frame along axis *k* of the second."""
-    return axis[0] * turn[k] + axis[1] * turn[3 + k] + axis[2] * turn[6 + k]
+def opposite_in_second(turn, axis):
+    """Return the opposite of an axis of the first frame, in the second; not of unit length."""
+    x, y, z = axis
+    return (
+        -(x * turn[0] + y * turn[3] + z * turn[6]),
+        -(x * turn[1] + y * turn[4] + z * turn[7]),
+        -(x * turn[2] + y * turn[5] + z * turn[8]),
+    )
 
 
 @inlined
-def ends_of(boxes, axis):
-    """Return the upper ends of eight boxes along an axis."""
+def _is_aligned(axis):
+    """Test whether an axis is almost one of coordinates: boxes are then as tight as slabs along it."""
+    x, y, z = axis[0] * axis[0], axis[1] * axis[1], axis[2] * axis[2]
+    return max(max(x, y), z) >= ALIGNED_SQ * (x + y + z)
+
+
+@inlined
+def _upper(x, lower, upper):
+    """Return the largest product of *x* with a number between two others."""
+    return maximum(x * lower, x * upper)
+
+
+@inlined
+def upper_ends(words, moments, base, boxes, axis):
+    """Return upper bounds of the scalar products of an axis with the points of a node's eight children.
+
+    *boxes*: of the children. *moments*: offset in words of the moments of node 0. The axis is divided into a
+    multiple of the child's mean normal, bounded by the slab, and a rest, bounded by the box.
+    """
     (lx, ly, lz), (ux, uy, uz) = boxes
     x, y, z = splat(axis[0]), splat(axis[1]), splat(axis[2])
-    return maximum(x * lx, x * ux) + (maximum(y * ly, y * uy) + maximum(z * lz, z * uz))
+    by_box = _upper(x, lx, ux) + (_upper(y, ly, uy) + _upper(z, lz, uz))
+    if _is_aligned(axis):
+        return by_box
+    at = moments + MOMENT_STRIDE * (base // NODE_STRIDE)
+    nx, ny, nz = load_points(words, at + MOMENT_AREA_NORMAL)
+    nx, ny, nz = widen(nx), widen(ny), widen(nz)
+    share = dot(nx, ny, nz, x, y, z) / dot(nx, ny, nz, nx, ny, nz)
+    largest, least = widen(load(words, at + MOMENT_SLAB_LARGEST)), widen(load(words, at + MOMENT_SLAB_LEAST))
+    end = select(share > splat(0.0), largest, least)
+    rx, ry, rz = x - share * nx, y - share * ny, z - share * nz
+    by_slab = fma(share, end, _upper(rx, lx, ux) + (_upper(ry, ly, uy) + _upper(rz, lz, uz)))
+    return select(by_slab < by_box, by_slab, by_box)  # not if it is nan, without a mean normal
 
 
 @inlined
-def begins_of(words, base, turn, offset, axis):
-    """Return the lower ends of the eight boxes at *base* of the second part along an axis of the first."""
-    (lx, ly, lz), (ux, uy, uz) = wide_boxes_of(words, base)
-    x = splat(_axis_along(axis, turn, 0))
-    y = splat(_axis_along(axis, turn, 1))
-    z = splat(_axis_along(axis, turn, 2))
-    begin = splat(axis[0] * offset[0] + axis[1] * offset[1] + axis[2] * offset[2])
-    return begin + (minimum(x * lx, x * ux) + (minimum(y * ly, y * uy) + minimum(z * lz, z * uz)))
+def upper_end_at(words, moments, position, axis):
+    """Return the upper bound of `upper_ends` for the child at a position."""
+    x, y, z = axis
+    by_box = _upper_of_box(words, position, x, y, z)
+    if _is_aligned(axis):
+        return by_box
+    at = moments + MOMENT_STRIDE * (position // NODE_STRIDE) + position % NODE_STRIDE
+    nx, ny, nz = corner_at(words, at + MOMENT_AREA_NORMAL, 0)
+    nx, ny, nz = np.float64(nx), np.float64(ny), np.float64(nz)
+    normal_sq = dot(nx, ny, nz, nx, ny, nz)
+    share = dot(nx, ny, nz, x, y, z) / normal_sq if normal_sq > 0.0 else 0.0
+    end = np.float64(words[at + (MOMENT_SLAB_LARGEST if share > 0.0 else MOMENT_SLAB_LEAST)])
+    rest = _upper_of_box(words, position, x - share * nx, y - share * ny, z - share * nz)
+    return min(share * end + rest, by_box)
 
 
 @inlined
-def farther(bounds, begins, ends, slack):
-    """Return the maximum of squared distances and those along an axis."""
-    gap = maximum(begins - ends - slack, splat(0.0))
+def _upper_of_box(words, position, x, y, z):
+    """Return the largest scalar product of a vector with the points of one child's box."""
+    return (
+        max(x * np.float64(lower_at(words, position, 0)), x * np.float64(upper_at(words, position, 0)))
+        + max(y * np.float64(lower_at(words, position, 1)), y * np.float64(upper_at(words, position, 1)))
+        + max(z * np.float64(lower_at(words, position, 2)), z * np.float64(upper_at(words, position, 2)))
+    )
+
+
+@inlined
+def farther(bounds, gaps, slack):
+    """Return the maximum of squared distances and those of separations along an axis."""
+    gap = maximum(gaps - slack, splat(0.0))
     return maximum(bounds, gap * gap * splat(SHRINK))
 
 

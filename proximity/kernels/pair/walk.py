@@ -19,22 +19,24 @@ from proximity.kernels.geometry.closest_feature import (
     stack_closest,
 )
 from proximity.kernels.geometry.rows import vector
+from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES, MAX_DEPTH, NO_SLOT, NODE_STRIDE, STACKS_SIZE
 from proximity.kernels.nodes import used_lanes, wide_boxes_of
 from proximity.kernels.pair.blocks import nearer_in_blocks, turn_axis
 from proximity.kernels.pair.boxes import (
     MAP_ROUNDING,
-    begins_of,
     box_at,
-    ends_of,
     farther,
     gaps_sq,
     lanes_of,
     mapped,
     mapped_box_at,
     mapped_boxes,
+    opposite_in_second,
     rounding_size,
     to_second,
+    upper_end_at,
+    upper_ends,
 )
 from proximity.kernels.pair.meeting import meeting_reach
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part
@@ -66,14 +68,21 @@ def _children_sq(model, query, one, other, is_first):
     position of a box.
     """
     (_, (turn, offset), slack, _, _, axis, box, _), words = query, model.words
-    margin = splat(MAP_ROUNDING * slack)
+    moments, margin = model.parts[0].moments, splat(MAP_ROUNDING * slack)
+    ahead = axis[0], axis[1], axis[2]
+    back = opposite_in_second(turn, ahead)
+    start = dot(*ahead, offset[0], offset[1], offset[2])
     if is_first:
-        mapped_box_at(words, other, turn, offset, axis, box)
-        opened = wide_boxes_of(words, one)
-        return farther(gaps_sq(opened, lanes_of(box), margin), splat(box[6]), ends_of(opened, axis), margin)
-    box_at(words, one, axis, box)
-    bounds = gaps_sq(lanes_of(box), mapped_boxes(words, other, turn, offset), margin)
-    return farther(bounds, begins_of(words, other, turn, offset, axis), splat(box[6]), margin)
+        mapped_box_at(words, other, turn, offset, box)
+        boxes = wide_boxes_of(words, one)
+        begin = start - upper_end_at(words, moments, other, back)
+        gaps = splat(begin) - upper_ends(words, moments, one, boxes, ahead)
+        return farther(gaps_sq(boxes, lanes_of(box), margin), gaps, margin)
+    box_at(words, one, box)
+    boxes = wide_boxes_of(words, other)
+    end = upper_end_at(words, moments, one, ahead)
+    gaps = splat(start) - upper_ends(words, moments, other, boxes, back) - splat(end)
+    return farther(gaps_sq(lanes_of(box), mapped_boxes(boxes, turn, offset), margin), gaps, margin)
 
 
 @inlined
@@ -190,7 +199,7 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
     words, parts, (turn, offset) = model.words, model.parts, frame_map
     limits, entries = stack_f64(MAX_PAIRS), stack_i32_rows(MAX_PAIRS, 3)
     frontier = Frontier(limits, entries, np.int64(0), np.int64(MAX_PAIRS))
-    axis, box, lane_limits = stack_f64(3), stack_f64(7), stack_f64(LANES)
+    axis, box, lane_limits = stack_f64(3), stack_f64(6), stack_f64(LANES)
     share = 1.0 / ((1.0 + tolerance) * (1.0 + tolerance))
     query, best = _begin(model, first, second, frame_map, best, share, axis, box, slots)
     margin = splat(MAP_ROUNDING * query[2])
@@ -199,8 +208,9 @@ def nearest_of_parts(model, first, second, frame_map, best, tolerance, budget, s
     while left:
         position, begin = one + trailing_zeros(left), count
         left &= left - 1
-        box_at(words, position, axis, box)
-        store(lane_limits, 0, gaps_sq(lanes_of(box), mapped_boxes(words, other, turn, offset), margin))
+        box_at(words, position, box)
+        boxes = mapped_boxes(wide_boxes_of(words, other), turn, offset)
+        store(lane_limits, 0, gaps_sq(lanes_of(box), boxes, margin))
         used = bits(used_lanes(words, other))
         count = append_children(frontier, count, position, other, False, used, lane_limits)
         nearest_to_end(frontier, begin, begin, count)
@@ -222,7 +232,7 @@ def nearest_from_frontier(
     *moved*: maximum displacement of any point of either part since, local units. Also returns the new count,
     or `OVERFLOW` if the frontier was too small; the other results are then invalid.
     """
-    words, parts, axis, box = model.words, model.parts, stack_f64(3), stack_f64(7)
+    words, parts, axis, box = model.words, model.parts, stack_f64(3), stack_f64(6)
     share = 1.0 / (1.0 + tolerance)
     query, best = _begin(model, first, second, frame_map, best, share, axis, box, slots)
     if count > 0:
