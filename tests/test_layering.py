@@ -75,6 +75,7 @@ motion · sign
 model
 """,
     "proximity.scene.queries": """
+closest_parts
 queries
 crossings
 checked_query

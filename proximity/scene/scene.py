@@ -23,14 +23,15 @@ from proximity.scene.part import (
     part_cells,
     parts_of_mesh,
 )
+from proximity.scene.queries.closest_parts import ClosestPartQueries
 from proximity.scene.queries.html_table import html_table
-from proximity.scene.queries.queries import Ignored, Queries
+from proximity.scene.queries.queries import Ignored
 from proximity.scene.scene_parts import ClosedParts, SceneParts, checked_parts, with_arrays
 from proximity.scene.solid import Solid
 from proximity.system.locks import fork_safe_lock
 
 
-class Scene(Queries, MotionQueries):
+class Scene(ClosestPartQueries, MotionQueries):
     """Parts that are queried together; they may be moved, deformed, added and removed between queries.
 
     A scene is a context manager: ``with proximity.load("a.prox") as scene`` closes it at the end: see

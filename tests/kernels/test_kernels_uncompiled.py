@@ -107,6 +107,9 @@ def answers(monkeypatch):
             found[f"{name}, within a limit"] = thing.closest(points, max_distance=0.3).signed_distance
             found[f"{name}, signed"] = thing.signed_distance(points)
             found[f"{name}, distance"] = thing.distance(points)
+            if isinstance(thing, Scene):
+                several = thing.closest_parts(points, most=2)
+                found |= {f"{name}, several {field}": getattr(several, field) for field in FIELDS}
             if name != "sheet":
                 found[f"{name}, contains"] = thing.contains(points)
             ends = np.roll(points, 1, axis=0)

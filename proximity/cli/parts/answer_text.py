@@ -75,7 +75,7 @@ def _shown(question: Question, answers: Answers, first_row: int) -> list[Column]
         behind = [column.name for column in columns].index("signed_distance") + 1
         sides = [_side(*pair) for pair in signs]
         columns.insert(behind, Column("side", "side", "", FIELDS["side"], sides, -TEXT_WIDTHS["side"], 0))
-    if "name" not in columns[0].name and columns[0].name != "ray":
+    if "name" not in columns[0].name and columns[0].name not in ("ray", "point_number"):
         rows = list(range(first_row, first_row + count_of(answers)))
         columns.insert(0, Column("#", "#", "", GIVEN, rows, 5, 0))
     return columns
@@ -106,7 +106,7 @@ def _write_rows(columns: list[Column], *, has_titles: bool) -> None:
 
 def _lines(question: Question, answer: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield labels and values of one answer, with the names of its points, if any."""
-    is_closest, is_found = question.mode == "closest", answer["face_id"] is not None
+    is_closest, is_found = "signed_distance" in answer, answer["face_id"] is not None
     for name, value in answer.items():
         field = FIELDS.get(name, GIVEN)
         if not field.label or value is None or not (is_found or name.endswith("name")):
@@ -127,10 +127,11 @@ def _lines(question: Question, answer: dict[str, Any]) -> Iterator[tuple[str, st
 
 
 def _why_nothing(mode: str, answer: dict[str, Any]) -> str:
-    distance = answer["signed_distance" if mode == "closest" else "distance"]
+    is_point = "signed_distance" in answer
+    distance = answer["signed_distance" if is_point else "distance"]
     asked = [answer[name] for name in ("query", "origin", "direction", "start", "end") if name in answer]
     if not all(math.isfinite(value) for values in asked for value in values):
-        why = "the point is not finite" if mode == "closest" else "the numbers given are not finite"
+        why = "the point is not finite" if is_point else "the numbers given are not finite"
     elif math.isnan(distance):
         why = "too far away to be computed"
     else:

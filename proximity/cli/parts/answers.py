@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from types import SimpleNamespace
 from typing import Any, NamedTuple, TextIO
 
 import numpy as np
@@ -32,7 +33,7 @@ from proximity.cli.output import (
 )
 from proximity.cli.parts.points import Points
 from proximity.errors import ArgumentError, ProximityError
-from proximity.scene.queries.results import NO_FACE, Feature
+from proximity.scene.queries.results import NO_FACE, NO_PART, Feature
 
 NUMBER_WIDTH = 9  # of a column, as -123.4567
 SMALLEST_M = 1e-7  # in a table: 4 decimals of a millimetre
@@ -67,6 +68,8 @@ FIELDS = {
     "start_name": _text("name", "start name"),
     "end_name": _text(label="end name"),
     "ray": _text("ray"),
+    "point_number": _text("#"),
+    "rank": Field(),
     "query": Field("{}_{unit}", axes="xyz", is_length=True),
     "origin": Field("{}_{unit}", axes="xyz", is_length=True),
     "direction": Field(axes="xyz"),
@@ -94,13 +97,15 @@ TITLED = ("name", "start_name", "end_name")
 GIVEN = _text()
 """Field of a column that is copied from the points."""
 TEXT_WIDTHS = {
-    "name": 10, "start_name": 10, "ray": 5, "side": len("outside"), "crossing": len("crossing"),
-    "part_name": 24,
+    "name": 10, "start_name": 10, "ray": 5, "point_number": 5, "side": len("outside"),
+    "crossing": len("crossing"), "part_name": 24,
 }  # fmt: skip
 FACES = ("part", "part_name", "face", "face_id")
 """``face`` is the row in the faces of the file, ``face_id`` that in the mesh of the part."""
+CLOSEST = ("signed_distance", "is_signed", "point", "gradient", *FACES, "feature", "barycentric")
 ANSWERED = {  # by kind of query, after the query points; named as in the library's results
-    "closest": ("signed_distance", "is_signed", "point", "gradient", *FACES, "feature", "barycentric"),
+    "closest": CLOSEST,
+    "nearest": ("point_number", "rank", *CLOSEST),
     "ray": ("distance", "point", "normal", *FACES, "barycentric"),
     "crossings": ("ray", "distance", "crossing", "point", "normal", *FACES, "barycentric"),
     "segment": ("distance", "fraction", "point_on_segment", "point_on_solid", *FACES),
@@ -123,10 +128,12 @@ class Question:
         is_segment: bool,
         is_all: bool = False,
         min_distance: float = 0.0,
+        nearest: int | None = None,
     ) -> None:
         self.scene, self.units, self._metres, self._workers = scene, units, metres, workers
-        ray_mode = "crossings" if is_all else "ray"
-        self.mode = "segment" if is_segment else "closest" if direction is None else ray_mode
+        ray_mode, point_mode = "crossings" if is_all else "ray", "nearest" if nearest else "closest"
+        self.mode = "segment" if is_segment else point_mode if direction is None else ray_mode
+        self._nearest = min(nearest or 1, len(scene.parts))
         self._direction, self._min_distance = direction, min_distance * metres
         self._lower, self._upper = in_units(np.array(scene.bounds), metres)
         self._size = float((self._upper - self._lower).max())
@@ -167,6 +174,12 @@ class Question:
         if self.mode == "closest":
             hits: Any = self.scene.closest(points, workers=self._workers)
             given, ends = {"query": rows}, (points, hits.point)
+        elif self.mode == "nearest":
+            numbers, ranks, hits = self._nearest_parts(points)
+            texts = {name: [values[row] for row in numbers.tolist()] for name, values in texts.items()}
+            texts["point_number"] = (self._asked - len(rows) + numbers).tolist()
+            texts["rank"] = (ranks + 1).tolist()
+            given, ends = {"query": rows[numbers]}, (points[numbers], hits.point)
         elif self.mode == "ray":
             directions = np.broadcast_to(np.array(self._direction), rows.shape)
             # Without a least distance the answers are the same, and faster.
@@ -195,7 +208,7 @@ class Question:
                 found[name] = in_units(getattr(hits, name), self._metres, *between).tolist()
             elif name == "crossing":
                 found[name] = ["enters" if each else "leaves" for each in hits.is_entering.tolist()]
-            elif name not in (*FACES, "feature", "ray"):
+            elif name not in (*FACES, "feature", "ray", "point_number", "rank"):
                 found[name] = getattr(hits, name).tolist()
             elif name == "part":
                 found |= self._faces(hits)
@@ -203,6 +216,18 @@ class Question:
                 words = zip(hits.feature.tolist(), found["face_id"], strict=True)
                 found[name] = [None if face is None else Feature(each).name.lower() for each, face in words]
         return found
+
+    def _nearest_parts(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
+        """Return the row of the point and the rank of each answer, and the answers.
+
+        A point without any part has one answer, that of rank 0.
+        """
+        found = self.scene.closest_parts(points, most=self._nearest, workers=self._workers)
+        is_kept = (found.part != NO_PART) | (np.arange(self._nearest) == 0)
+        names = [name for name in CLOSEST if name not in ("part_name", "face")]
+        hits = SimpleNamespace(**{name: getattr(found, name)[is_kept] for name in names})
+        numbers, ranks = np.nonzero(is_kept)
+        return numbers, ranks, hits
 
     def _faces(self, hits: Any) -> Answers:
         """Return part and face of each hit; None without a hit."""

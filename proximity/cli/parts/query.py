@@ -25,6 +25,7 @@ from proximity.errors import ArgumentError
 from proximity.system.memory import collector_paused
 
 EXIT_FARTHER = 1
+MAX_NEAREST = 10_000  # parts
 POINTS_AHEAD = 1_000_000  # read before the first answer, to compare the size of a file with that of the parts
 POINTS_PER_CHUNK = 20_000  # bounds the memory and the delay of the bar and of Ctrl-C
 
@@ -40,6 +41,14 @@ def query(
         str | None, option("FILE", "Read the points from a text, PLY, STL or OBJ file; - is standard input.")
     ] = None,
     points_units: POINTS_UNITS = None,
+    nearest: Annotated[
+        int | None,
+        option(
+            "K",
+            "Report the K nearest parts of each point, the nearest first.",
+            callback=in_range(1, MAX_NEAREST),
+        ),
+    ] = None,
     ray: Annotated[
         tuple[str, str, str] | None, option("DX DY DZ", "Cast a ray from each point in this direction.")
     ] = None,
@@ -79,6 +88,9 @@ def query(
     fields, and lengths with 15 digits. Signed distance is negative inside. A part without an inside has
     unsigned distances, which are marked.
 
+    With --nearest a point has a line for each of its K nearest parts, with the nearest point of that part.
+    Parts that contain the point come first, the deepest of them at the beginning.
+
     With --all a ray has a line for each crossing: its distance, and whether the ray enters or leaves the
     part there. A ray that only touches an edge or a corner does not cross there.
 
@@ -102,6 +114,7 @@ def query(
       proximity query bracket.stl -1 -2.5 -3e-2 --units in
       proximity query gearbox.step --points scan.csv --csv answers.csv --within 0.1
       proximity query gearbox.step --points scan.stl --within 0.1 --report report.html
+      proximity query gearbox.step 30 10 5 --nearest 3
       proximity query bracket.stl 30 10 50 --ray 0 0 -1
       proximity query bracket.stl 30 10 50 --ray 0 0 -1 --all
       proximity query bracket.stl 0 0 50  60 0 50 --segment --json
@@ -112,6 +125,8 @@ def query(
         (as_json and csv, "--json and --csv", "give one of them, not both"),
         (workers == 0 or workers < -1, "--workers", f"{workers} threads: expected 1 or more, or -1"),
         (within is not None and (ray or segment), "--within", "is for points, not for rays or segments"),
+        (nearest and (ray or segment), "--nearest", "is for points, not for rays or segments"),
+        (nearest and within is not None, "--nearest and --within", "give one of them, not both"),
         (cast_all and not ray, "--all", "is for --ray"),
         (min_distance is not None and not ray, "--min-distance", "is for --ray"),
         (points_units and points is None, "--points-units", "is for --points"),
@@ -142,6 +157,7 @@ def query(
             is_segment=segment,
             is_all=cast_all,
             min_distance=min_distance or 0.0,
+            nearest=nearest,
         )
     for note in notes_on_sizes(scene):
         report(f"note: {note}")

@@ -189,7 +189,7 @@ def closest_batch(model, points, order, limits, answers):
         for k in range(chunk.point_count):
             row, part, slot = rows[k], found.nearest[k, 0], found.nearest[k, 1]
             if part == NO_PART:
-                _write_nothing(answers, choices, row, found.distances[k])
+                write_nothing(answers, choices, row, found.distances[k])
                 continue
             is_deeper = len(parts) > 2 and found.deeper[k, 0] != NO_PART
             if is_deeper:
@@ -198,12 +198,12 @@ def closest_batch(model, points, order, limits, answers):
             face, feature, inside = closest_of_lane(model, part, slot, p, table, k, closest)
             inside = inside or is_deeper
             limit = limit_of(limits, row)
-            _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row)
+            write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row)
     return _units_code(frames, order, answers)
 
 
 @inlined
-def _write_nothing(answers, choices, row, distance):
+def write_nothing(answers, choices, row, distance):
     for column in range(POINT_ANSWER_REALS):
         answers[row, column] = np.nan
     answers[row, POINT_ANSWER_SIGNED_DISTANCE] = distance
@@ -214,12 +214,12 @@ def _write_nothing(answers, choices, row, distance):
 
 
 @kernel
-def _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row):
+def write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row):
     """Write the result for a closest feature, in the scene's frame."""
     length = closest.length
     distance = length / frames[part].scale
     if not distance <= limit:
-        _write_nothing(answers, choices, row, np.inf)
+        write_nothing(answers, choices, row, np.inf)
         return
     answers[row, POINT_ANSWER_SIGNED_DISTANCE] = -distance if inside else distance
     for k in range(3):
