@@ -37,6 +37,11 @@ from proximity.message import Surface as Surface
 from proximity.native.warm_up import kernels_are_cached as kernels_are_cached
 from proximity.native.warm_up import warm_up as warm_up
 from proximity.pose import Pose as Pose
+from proximity.requirements.records import Verdict as Verdict
+from proximity.requirements.records import Verification as Verification
+from proximity.requirements.records import VerifiedPair as VerifiedPair
+from proximity.requirements.records import VerifiedRequirement as VerifiedRequirement
+from proximity.requirements.verification import verify as verify
 from proximity.scene.loader import load as load
 from proximity.scene.motion import Motion as Motion
 from proximity.scene.motion_clearance import Gap as Gap

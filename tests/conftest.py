@@ -56,8 +56,8 @@ MORE_TESTS_OF_PROCESSES = {
 
 
 FIRST_TIER = {
-    "formats", "kernels", "mesh", "message", "native", "properties", "recording", "scene", "system",
-    "tracker",
+    "formats", "kernels", "mesh", "message", "native", "properties", "recording", "requirements", "scene",
+    "system", "tracker",
 }  # fmt: skip
 """Folders of the first tier: tests start no process, open no port and need only the extra ``test``."""
 LATER_TESTS = {

@@ -138,7 +138,8 @@ def test_there_is_something_to_look_at():
     assert {"Solid.closest", "Scene.closest", "Scene.move", "Scene.from_mesh", "Pose.inverse"} <= set(METHODS)
     assert set(FUNCTIONS) == {
         "from_mesh", "from_trimesh", "kernels_are_cached", "load", "open_publisher",
-        "open_subscriber", "overlap", "serve", "start_service", "to_trimesh", "view", "warm_up",
+        "open_subscriber", "overlap", "serve", "start_service", "to_trimesh", "verify", "view",
+        "warm_up",
     }  # fmt: skip
 
 

@@ -16,7 +16,7 @@ ROOT = Path(proximity.__file__).parent.parent
 PICTURES = {
     "proximity": """
 cli
-lab · web
+lab · requirements · web
 clients
 service
 tracker

@@ -67,8 +67,8 @@ def test_every_file_is_listed_here_and_all_are_small(made):
     assert sorted(made) == sorted(SOLID_NAMES + ASSEMBLY_NAMES)
     assert sum(map(len, made.values())) < 1_500_000
     kept = {path.name for path in make.FOLDER.iterdir() if path.is_file() and path.suffix != ".py"}
-    # points.csv and the scene files are written by hand.
-    assert kept == {*made, "points.csv", "hand.csv", "demo.toml", "held.toml"}
+    # points.csv, the scene files and the requirements are written by hand.
+    assert kept == {*made, "points.csv", "hand.csv", "demo.toml", "held.toml", "fit.toml"}
 
 
 @pytest.mark.parametrize("name", SOLID_NAMES + ASSEMBLY_NAMES)

@@ -29,6 +29,7 @@ PUBLIC = {
         "ClosestPoints", "RayHits", "RayCrossings", "SegmentHits", "Feature", "Clearance", "Relation",
         "Motion", "MotionClearance", "Gap", "overlap", "Overlap", "NO_FACE", "NO_PART",
     ),
+    "Requirements": ("verify", "Verification", "VerifiedRequirement", "VerifiedPair", "Verdict"),
     "Tracker": (
         "Tracker", "ContactFlag", "PartTracker", "ConnectionFlag", "CONNECTION", "warm_up",
         "kernels_are_cached",

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     import proximity
 
 EXIT_NEARER = 1
-COLUMNS = ("position", "x", "y", "z", "qx", "qy", "qz", "qw")
 DEGREE = math.pi / 180.0
 AXES = ("x", "y", "z")
 
@@ -43,7 +42,10 @@ class Moving:
     ] = None
     poses: Annotated[
         Path | None,
-        option("FILE", f"Move PART through the poses of a CSV file: {', '.join(COLUMNS)} (quaternion)."),
+        option(
+            "FILE",
+            "Move PART through the poses of a CSV file: position, x, y, z, qx, qy, qz, qw (quaternion).",
+        ),
     ] = None
     along: Annotated[
         str | None,
@@ -69,6 +71,8 @@ class Moving:
 
         The name is "" for a length.
         """
+        from proximity.errors import ArgumentError
+        from proximity.formats.pose_rows import read_poses
         from proximity.scene.motion import Motion
 
         if sum(each is not None for each in (self.hinge, self.slide, self.poses)) > 1:
@@ -83,7 +87,10 @@ class Moving:
             ends = (metres * each for each in _range(lengths, "--slide"))
             return Motion.slide(_vector(direction, "--slide"), *ends), metres, ""
         assert self.poses is not None
-        positions, poses = read_poses(self.poses, metres)
+        try:
+            positions, poses = read_poses(self.poses, metres)
+        except ArgumentError as unfit:
+            raise typer.BadParameter(str(unfit), param_hint="--poses") from None
         return Motion.through(poses, positions), 1.0, "position"
 
 
@@ -141,34 +148,6 @@ def _range(text: str, name: str) -> tuple[float, float]:
         return float(first), float(last)
     except ValueError:
         raise typer.BadParameter(f"{text!r}: expected two numbers, as in 0..110", param_hint=name) from None
-
-
-def read_poses(path: Path, metres: float) -> tuple[list[float], list["proximity.Pose"]]:
-    """Read positions and poses, scene from part, from a CSV file.
-
-    *metres*: length of the unit of x, y and z, m.
-    """
-    from proximity.errors import PoseError
-    from proximity.pose import Pose
-
-    positions, poses, line = [], [], 1
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            reader = csv.DictReader(stream)
-            for row in reader:
-                line = reader.line_num
-                position, *numbers = (float(row[name]) for name in COLUMNS)
-                positions.append(position)
-                poses.append(Pose.from_quaternion(numbers[3:], [metres * each for each in numbers[:3]]))
-    except OSError as failure:
-        reason = f"{path}: cannot be read ({failure.strerror or failure})"
-    except PoseError as unfit:
-        reason = f"{path}, line {line}: {unfit}"
-    except (KeyError, TypeError, ValueError, csv.Error):
-        reason = f"{path}, line {line}: expected CSV with the columns {', '.join(COLUMNS)}"
-    else:
-        return positions, poses
-    raise typer.BadParameter(reason, param_hint="--poses")
 
 
 def measure_motion(

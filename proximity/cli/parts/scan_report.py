@@ -59,6 +59,7 @@ def write_report(path: Path, scene: "proximity.Scene", part: str, scan: str, fou
     page = pages.render_page(_TEMPLATE, {
         "title": f"{scan} against {part}",
         "is_good": not found.farther_count,
+        "outcome": "Failed" if found.farther_count else "Passed",
         "verdict": f"{found.share_within()}; {found.farther_count} of {found.count} points are farther.",
         "summary": found.sentence().splitlines(),
         "sections": [
