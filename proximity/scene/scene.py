@@ -27,10 +27,11 @@ from proximity.scene.queries.html_table import html_table
 from proximity.scene.queries.queries import Ignored, Queries
 from proximity.scene.scene_parts import ClosedParts, SceneParts, checked_parts, with_arrays
 from proximity.scene.solid import Solid
+from proximity.scene.thickness import ThicknessQueries
 from proximity.system.locks import fork_safe_lock
 
 
-class Scene(Queries, MotionQueries):
+class Scene(Queries, MotionQueries, ThicknessQueries):
     """Parts that are queried together; they may be moved, deformed, added and removed between queries.
 
     A scene is a context manager: ``with proximity.load("a.prox") as scene`` closes it at the end: see
