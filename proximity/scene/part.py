@@ -84,7 +84,7 @@ class Part:
         Raises
         ------
         ArgumentError
-            If an argument is out of range, or *resolution* needs more than four million samples.
+            If an argument is out of range, or *resolution* needs more than a million samples.
         NotWatertightError
             If the part has no inside.
 

@@ -123,7 +123,9 @@ class ThicknessQueries:
             raise ArgumentError(f"part is None, expected one of the {len(self.parts)} parts of the scene")
         chosen = self.part(0 if part is None else part)
         pose = chosen.pose
-        found = measure(chosen.solid, pose.inverse.point(given.reshape(-1, 3)), share, workers)
+        rows = given.reshape(-1, 3)
+        rows = np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, np.nan)
+        found = measure(chosen.solid, pose.inverse.point(rows), share, workers)
         shape = given.shape[:-1]
         moved = found._replace(
             normal=pose.direction(found.normal),
@@ -225,6 +227,7 @@ def _ball_bounds(
     rounding = ROUNDING * largest_coordinate(solid)
     upper = np.fmin(_radius_limit(points, normals, ends, rounding), widest)
     lower, trial = np.zeros(len(points)), upper * (1.0 - 0.5 * tolerance)
+    margin = np.full(len(points), 0.5 * tolerance)
     rows = np.flatnonzero(trial > 0.0)  # nan fails
     for _ in range(MAX_STEPS):
         if not len(rows):
@@ -237,8 +240,9 @@ def _ball_bounds(
         error = DISTANCE_ROUNDING * radius + rounding
         is_free = (distance >= radius - error) & ~(limit < radius)
         lower[rows[is_free]] = np.maximum(radius - 2.0 * error, 0.0)[is_free]
-        # Where rounding hides the limit, the radius is halved.
-        smaller = np.where(limit < radius, (1.0 - 0.5 * tolerance) * limit, 0.5 * radius)
+        # If rounding hides the limit, the radius is reduced in growing steps.
+        margin[rows] = np.where(limit < radius, margin[rows], np.minimum(2.0 * margin[rows], 0.5))
+        smaller = np.minimum(limit, radius) * (1.0 - margin[rows])
         trial[rows] = smaller
         rows = rows[~is_free & (smaller > 2.0 * error)]
     return 2.0 * lower, 2.0 * upper

@@ -27,7 +27,9 @@ from proximity.scene.thickness import (
 WALL_ANGLE = pi / 4
 SAMPLES = 4_000
 """Number of squares with the side of the default resolution that cover the surface."""
-MAX_SAMPLES = 4_000_000
+MAX_SAMPLES = 1_000_000
+LARGEST_SAMPLE = 0.433 + 1e-3
+"""Area of a triangle with equal edges of length 1."""
 SINGLE_ROUNDING = 1e-7
 """Relative to the size: a wall thinner than a limit by less keeps it, as files have single precision."""
 MAX_POSITIONS = 10
@@ -92,6 +94,8 @@ def find_thin_walls(part: Any, below: Any, resolution: Any, wall_angle: Any, wor
     step = (
         (area.sum() / SAMPLES) ** 0.5 if resolution is None else positive("resolution", resolution, "metres")
     )
+    if area.sum() > LARGEST_SAMPLE * step**2 * MAX_SAMPLES:
+        raise _too_many(float(step))
     samples, face_ids = _samples(corners, float(step))
     walls = _walls(solid, samples.mean(axis=1), face_ids, angle, workers)
     rounding = DISTANCE_ROUNDING * largest_coordinate(solid)
@@ -143,11 +147,15 @@ def _samples(corners: np.ndarray, resolution: float) -> tuple[np.ndarray, np.nda
         faces = np.tile(faces[rows], 2)
         count += len(ready[-1])
         if count + len(corners) > MAX_SAMPLES:
-            raise ArgumentError(
-                f"resolution is {resolution:g} m, for which the part needs more than {MAX_SAMPLES} samples: "
-                "expected a larger one"
-            )
+            raise _too_many(resolution)
     return np.concatenate(ready), np.concatenate(face_ids)
+
+
+def _too_many(resolution: float) -> ArgumentError:
+    return ArgumentError(
+        f"resolution is {resolution:g} m, for which the part needs more than {MAX_SAMPLES} samples: "
+        "expected a larger one"
+    )
 
 
 def _walls(solid: Solid, points: np.ndarray, face_ids: np.ndarray, angle: float, workers: int) -> _Walls:
