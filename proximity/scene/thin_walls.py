@@ -27,7 +27,8 @@ from proximity.scene.thickness import (
 WALL_ANGLE = pi / 4
 SAMPLES = 4_000
 """Number of squares with the side of the default resolution that cover the surface."""
-MAX_SAMPLES = 1_000_000
+DEFAULT_SAMPLES, MAX_SAMPLES = 100_000, 1_000_000
+"""Largest number of samples with the default resolution, which else is enlarged, and with a given one."""
 LARGEST_SAMPLE = 0.433 + 1e-3
 """Area of a triangle with equal edges of length 1."""
 SINGLE_ROUNDING = 1e-7
@@ -45,7 +46,8 @@ class ThinWalls(NamedTuple):
     The least thickness of a wall is between ``lower`` and ``upper``, m; both are inf if the part has no wall.
     ``point`` and ``opposite``, (3,) m, are the ends of the line of the length ``upper``. ``is_thin`` is True
     if a wall is thinner than the limit, False if certainly none is, and None if the bounds do not decide, or
-    without a limit. ``share`` is the share of the sampled area that is thinner than the limit.
+    without a limit. ``share`` is the share of the sampled area that is thinner than the limit, nan without
+    one.
 
     ``thickness`` (K,), ``points`` (K, 3), ``opposites`` (K, 3), m, and ``face_ids`` (K,) are the thinnest
     positions, the thinnest first; with a limit, only those below it. ``samples`` (N, 3, 3) are triangles of
@@ -90,13 +92,7 @@ def find_thin_walls(part: Any, below: Any, resolution: Any, wall_angle: Any, wor
     solid, size = part.solid, float(np.subtract(*part.solid.bounds[::-1]).max())
     require_inside(solid)
     corners = solid.mesh.vertices[solid.mesh.faces]
-    area = _areas(corners)
-    step = (
-        (area.sum() / SAMPLES) ** 0.5 if resolution is None else positive("resolution", resolution, "metres")
-    )
-    if area.sum() > LARGEST_SAMPLE * step**2 * MAX_SAMPLES:
-        raise _too_many(float(step))
-    samples, face_ids = _samples(corners, float(step))
+    samples, face_ids, step = _samples(corners, resolution)
     walls = _walls(solid, samples.mean(axis=1), face_ids, angle, workers)
     rounding = DISTANCE_ROUNDING * largest_coordinate(solid)
     longest = float(np.linalg.norm(np.subtract(*solid.bounds))) if size else 0.0
@@ -105,9 +101,9 @@ def find_thin_walls(part: Any, below: Any, resolution: Any, wall_angle: Any, wor
     refined = _refined(solid, facing, angle, workers)
     found = _Walls(*(np.concatenate(each) for each in zip(refined, walls, strict=True)))
     best = int(found.thickness.argmin())
-    upper = float(found.thickness[best]) + rounding
-    if upper == inf and not len(facing.distance):
-        lower = inf
+    least = float(found.thickness[best])
+    lower = inf if least == inf and not len(facing.distance) else max(min(lower, least - rounding), 0.0)
+    upper = least + rounding
     slack = SINGLE_ROUNDING * size
     is_below = found.thickness < limit - slack
     shown = _apart(found, np.flatnonzero(is_below & (found.thickness < inf)), max(APART * size, 2.0 * step))
@@ -115,9 +111,9 @@ def find_thin_walls(part: Any, below: Any, resolution: Any, wall_angle: Any, wor
     pose, sample_area = part.pose, _areas(samples)
     share = float(sample_area[is_below[-len(samples) :]].sum() / sample_area.sum())
     return ThinWalls(
-        part.name, min(lower, upper), upper, pose.point(found.point[best]), pose.point(found.opposite[best]),
-        None if below is None else is_thin, 0.0 if below is None else share, found.thickness[shown],
-        pose.point(found.point[shown]), pose.point(found.opposite[shown]), found.face_id[shown], float(step),
+        part.name, lower, upper, pose.point(found.point[best]), pose.point(found.opposite[best]),
+        None if below is None else is_thin, np.nan if below is None else share, found.thickness[shown],
+        pose.point(found.point[shown]), pose.point(found.opposite[shown]), found.face_id[shown], step,
         pose.point(samples), walls.thickness,
     )  # fmt: skip
 
@@ -127,17 +123,35 @@ def _areas(corners: np.ndarray) -> np.ndarray:
     return np.asarray(0.5 * np.linalg.norm(crossed, axis=1))
 
 
-def _samples(corners: np.ndarray, resolution: float) -> tuple[np.ndarray, np.ndarray]:
-    """Cut triangles at the middle of their longest edges until none is longer than *resolution*.
+def _samples(corners: np.ndarray, resolution: Any) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return triangles that cover the surface, (N, 3, 3), their faces, and their longest edge allowed."""
+    if resolution is not None:
+        step = positive("resolution", resolution, "metres")
+        cut = _cut(corners, step, max(MAX_SAMPLES, 2 * len(corners)))
+        if cut is None:
+            raise ArgumentError(
+                f"resolution is {step:g} m, which needs more than {MAX_SAMPLES} samples, expected more"
+            )
+        return *cut, step
+    step = float((_areas(corners).sum() / SAMPLES) ** 0.5)
+    while (cut := _cut(corners, step, max(DEFAULT_SAMPLES, 2 * len(corners)))) is None:
+        step *= 1.5
+    return *cut, step
 
-    Return the triangles, (N, 3, 3), and the faces to which they belong.
+
+def _cut(corners: np.ndarray, longest: float, most: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Cut triangles at the middle of their longest edges until none is longer than *longest*.
+
+    Return the triangles and the rows of those that they are part of, or None for more than *most*.
     """
+    if _areas(corners).sum() > LARGEST_SAMPLE * longest**2 * most:
+        return None
     ready, face_ids = [], []
     faces, count = np.arange(len(corners), dtype=np.int32), 0
     while len(corners):
         sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)  # side k: corners k, k + 1
         first = sides.argmax(axis=1)
-        is_long = sides.max(axis=1) > resolution
+        is_long = sides.max(axis=1) > longest
         ready.append(corners[~is_long])
         face_ids.append(faces[~is_long])
         rows = np.flatnonzero(is_long)
@@ -146,16 +160,9 @@ def _samples(corners: np.ndarray, resolution: float) -> tuple[np.ndarray, np.nda
         corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
         faces = np.tile(faces[rows], 2)
         count += len(ready[-1])
-        if count + len(corners) > MAX_SAMPLES:
-            raise _too_many(resolution)
+        if count + len(corners) > most:
+            return None
     return np.concatenate(ready), np.concatenate(face_ids)
-
-
-def _too_many(resolution: float) -> ArgumentError:
-    return ArgumentError(
-        f"resolution is {resolution:g} m, for which the part needs more than {MAX_SAMPLES} samples: "
-        "expected a larger one"
-    )
 
 
 def _walls(solid: Solid, points: np.ndarray, face_ids: np.ndarray, angle: float, workers: int) -> _Walls:
