@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 SIZE = (700, 560)
 """Pixels of each of the two views."""
 MAP, NO_WALL = "RdYlBu", (0.78, 0.78, 0.78)
+LOOK = {**SURFACE_LOOK, "ambient": 0.5, "diffuse": 0.6}  # brighter: the colours are to be read
 THICKEST = 3.0
 """The thickness at the end of the colour bar, as a multiple of the limit."""
 DOTS_PER_INCH = 100
@@ -88,7 +89,7 @@ def _draw_view(
     tints[~np.isfinite(thickness)] = NO_WALL
     surface.cell_data["colors"] = np.round(255 * tints).astype(np.uint8)
     plotter = new_plotter(camera)
-    plotter.add_mesh(surface, scalars="colors", rgb=True, **SURFACE_LOOK)
+    plotter.add_mesh(surface, scalars="colors", rgb=True, **LOOK)
     for each in walls:
         mesh, pose = scene.part(each.part).solid.mesh, scene.part(each.part).pose
         part = pyvista.PolyData.from_regular_faces(camera.heights(pose.point(mesh.vertices)), mesh.faces)
