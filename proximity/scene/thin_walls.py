@@ -99,17 +99,18 @@ def find_thin_walls(part: Any, below: Any, resolution: Any, wall_angle: Any, wor
     thinnest = float(walls.thickness.min(initial=inf))
     lower, facing = least_facing(corners, min(thinnest + rounding, longest), cos(angle) - DISTANCE_ROUNDING)
     refined = _refined(solid, facing, angle, workers)
-    found = _Walls(*(np.concatenate(each) for each in zip(refined, walls, strict=True)))
-    best = int(found.thickness.argmin())
-    least = float(found.thickness[best])
+    found = _Walls(*(np.concatenate(each) for each in zip(walls, refined, strict=True)))
+    least = float(found.thickness.min())
+    best = int((found.thickness <= least + rounding).argmax())  # a sample if several are equal
     lower = inf if least == inf and not len(facing.distance) else max(min(lower, least - rounding), 0.0)
     upper = least + rounding
     slack = SINGLE_ROUNDING * size
     is_below = found.thickness < limit - slack
-    shown = _apart(found, np.flatnonzero(is_below & (found.thickness < inf)), max(APART * size, 2.0 * step))
+    listed = np.flatnonzero(is_below & (found.thickness < inf))
+    shown = _apart(found, listed, max(APART * size, 2.0 * step), 10.0 * rounding)
     is_thin = None if lower < limit - slack and upper >= limit - slack else upper < limit - slack
     pose, sample_area = part.pose, _areas(samples)
-    share = float(sample_area[is_below[-len(samples) :]].sum() / sample_area.sum())
+    share = float(sample_area[is_below[: len(samples)]].sum() / sample_area.sum())
     return ThinWalls(
         part.name, lower, upper, pose.point(found.point[best]), pose.point(found.opposite[best]),
         None if below is None else is_thin, np.nan if below is None else share, found.thickness[shown],
@@ -130,7 +131,7 @@ def _samples(corners: np.ndarray, resolution: Any) -> tuple[np.ndarray, np.ndarr
         cut = _cut(corners, step, max(MAX_SAMPLES, 2 * len(corners)))
         if cut is None:
             raise ArgumentError(
-                f"resolution is {step:g} m, which needs more than {MAX_SAMPLES} samples, expected more"
+                f"resolution is {step:g} m: more than {MAX_SAMPLES} samples, expected a larger length"
             )
         return *cut, step
     step = float((_areas(corners).sum() / SAMPLES) ** 0.5)
@@ -180,9 +181,12 @@ def _refined(solid: Solid, facing: Facing, angle: float, workers: int) -> _Walls
     return _walls(solid, np.concatenate(lines), face_ids, angle, workers)
 
 
-def _apart(walls: _Walls, rows: np.ndarray, distance: float) -> np.ndarray:
-    """Return the thinnest of some walls whose points are not nearer to each other than *distance*."""
-    rows = rows[np.argsort(walls.thickness[rows], kind="stable")]
+def _apart(walls: _Walls, rows: np.ndarray, distance: float, equal: float) -> np.ndarray:
+    """Return the thinnest of some walls whose points are not nearer to each other than *distance*.
+
+    Of those whose thickness differs by about *equal*, the first in *rows* is preferred.
+    """
+    rows = rows[np.argsort(np.round(walls.thickness[rows] / max(equal, 1e-300)), kind="stable")]
     chosen: list[int] = []
     while len(rows) and len(chosen) < MAX_POSITIONS:
         chosen.append(int(rows[0]))

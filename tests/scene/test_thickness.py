@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import shapes
 from project import MESHES
+from thick_parts import prism, surface_points, tube
 
 import oracle
 import proximity
@@ -23,38 +24,6 @@ def scene_of(mesh, *, seed=None, scale=1.0, offset=(0.0, 0.0, 0.0)):
 
 def in_scene(scene, points):
     return scene.parts[0].pose.point(np.asarray(points, float))
-
-
-def surface_points(mesh, count, seed):
-    """Points within faces, by area, and their faces."""
-    rng = np.random.default_rng(seed)
-    corners = mesh[0][mesh[1]]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    faces = rng.choice(len(area), count, p=area / area.sum())
-    weights = rng.dirichlet(np.ones(3), count)
-    return np.einsum("ij,ijk->ik", weights, corners[faces]), faces
-
-
-def prism(angle, length=10.0, width=4.0):
-    """A wedge along y, with a face in z = 0, an edge along x = 0, and that angle at the edge."""
-    top = [length * np.cos(angle), length * np.sin(angle)]
-    profile = [[0.0, 0.0], [length, 0.0], top]
-    vertices = np.array([[x, y, z] for y in (0.0, width) for x, z in profile])
-    faces = [[0, 1, 2], [3, 5, 4], [0, 3, 4], [0, 4, 1], [1, 4, 5], [1, 5, 2], [2, 5, 3], [2, 3, 0]]
-    return vertices, np.array(faces)
-
-
-def tube(inner, outer, height, sides):
-    """A tube about z; facets of both surfaces are parallel."""
-    angle = 2 * np.pi * np.arange(sides) / sides
-    ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1)
-    up = np.array([0.0, 0.0, height])
-    vertices = np.concatenate([outer * ring, outer * ring + up, inner * ring, inner * ring + up])
-    a, b = np.arange(sides), (np.arange(sides) + 1) % sides
-    quads = [(a, b, b + sides, a + sides), (b + 2 * sides, a + 2 * sides, a + 3 * sides, b + 3 * sides)]
-    quads += [(a + sides, b + sides, b + 3 * sides, a + 3 * sides), (b, a, a + 2 * sides, b + 2 * sides)]
-    faces = [np.stack(each, axis=1) for p, q, r, s in quads for each in ([p, q, r], [p, r, s])]
-    return vertices, np.concatenate(faces)
 
 
 def assert_bounds(found, expected, *, size=1.0):

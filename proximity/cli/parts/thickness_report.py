@@ -32,8 +32,9 @@ def write_report(
         return {"map": f'<img alt="thickness of the parts" src="data:image/png;base64,{image.decode()}">'}
 
     summary = [
-        f"{printable(each['part'])}: limit {length(below)} {units}, least thickness {length(each['lower'], DIGITS)} to "
-        f"{length(each['least'], DIGITS)} {units}; {percent(each['share'])} of the surface is below it."
+        f"{printable(each['part'])}: least thickness {length(each['lower'], DIGITS)} to "
+        f"{length(each['least'], DIGITS)} {units}; {percent(each['share'])} of the surface is thinner than "
+        f"{length(below)} {units}."
         for each in values
     ]
     page = pages.render_page(TEMPLATE, {
@@ -43,8 +44,8 @@ def write_report(
         "summary": summary,
         "sections": [
             ("Thickness", "map", (), (),
-             f"Red is below the limit of {length(below)} {units}, blue above it. The numbers are those of "
-             "the table; hidden positions have none."),
+             f"Red and orange are below the limit of {length(below)} {units}, yellow and blue above it. The "
+             "numbers are those of the table; hidden positions have none."),
             ("The thinnest positions", "", position_titles(units), position_rows(list(values)),
              f"In {units}; faces are numbered as in the file."),
         ],

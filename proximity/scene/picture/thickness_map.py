@@ -19,6 +19,7 @@ from proximity.scene.picture.scene_view import (
     rendered,
     rotation_towards,
 )
+from proximity.scene.thin_walls import SINGLE_ROUNDING
 
 if TYPE_CHECKING:
     from proximity.scene.scene import Scene
@@ -28,6 +29,7 @@ SIZE = (700, 560)
 """Pixels of each of the two views."""
 MAP, NO_WALL = "RdYlBu", (0.78, 0.78, 0.78)
 LOOK = {**SURFACE_LOOK, "ambient": 0.5, "diffuse": 0.6}  # brighter: the colours are to be read
+COLORS = 768
 THICKEST = 3.0
 """The thickness at the end of the colour bar, as a multiple of the limit."""
 DOTS_PER_INCH = 100
@@ -43,8 +45,10 @@ def draw_thickness(
     which is *metres* long. The thinnest positions are numbered over all parts, in the order of *walls*.
     """
     matplotlib = load_matplotlib()
-    colors = matplotlib.colormaps[MAP]
-    norm = matplotlib.colors.TwoSlopeNorm(limit / metres, 0.0, THICKEST * limit / metres)
+    multiple = THICKEST * (np.arange(COLORS) + 0.5) / COLORS  # of the limit
+    share = np.where(multiple < 1.0, 0.4 * multiple, 0.5 + 0.5 * (multiple - 1.0) / (THICKEST - 1.0))
+    colors = matplotlib.colors.ListedColormap(matplotlib.colormaps[MAP](share))
+    norm = matplotlib.colors.Normalize(0.0, THICKEST * limit / metres)
     points = np.concatenate([each.points for each in walls])
     with matplotlib.rc_context({"font.family": "sans-serif", "font.size": 11.0, "text.color": INK}):
         width, height = 2 * SIZE[0] / (1.0 - BAR) / DOTS_PER_INCH, SIZE[1] / DOTS_PER_INCH
@@ -61,7 +65,7 @@ def draw_thickness(
             0.8)), ticks=np.array([0.0, 0.5, 1.0, 2.0, THICKEST]) * limit / metres, extend="max",
         )  # fmt: skip
         bar.set_label(f"thickness, {unit}; grey: no wall")
-        bar.ax.set_yscale("linear")
+        bar.ax.axhline(limit / metres, color=INK, linewidth=2.2)
         stream = io.BytesIO()
         figure.savefig(stream, format="png", dpi=DOTS_PER_INCH)
     return stream.getvalue()
@@ -84,7 +88,10 @@ def _draw_view(
     pyvista, camera = load_pyvista(), _camera(to_viewer, walls)
     corners = camera.heights(np.concatenate([each.samples for each in walls]).reshape(-1, 3))
     surface = pyvista.PolyData.from_regular_faces(corners, np.arange(len(corners)).reshape(-1, 3))
-    thickness = np.concatenate([each.sample_thickness for each in walls])
+    # As decided: a wall that is thinner than the limit by rounding keeps it.
+    thickness = np.concatenate(
+        [each.sample_thickness + SINGLE_ROUNDING * np.ptp(each.samples, axis=(0, 1)).max() for each in walls]
+    )
     tints = colors_of(np.where(np.isfinite(thickness), thickness, 0.0))[:, :3]
     tints[~np.isfinite(thickness)] = NO_WALL
     surface.cell_data["colors"] = np.round(255 * tints).astype(np.uint8)
