@@ -117,10 +117,8 @@ def thickness(
     if csv_path is not None:
         _write_csv(csv_path, values, reading.units)
     if report is not None:
-        from proximity.cli.parts.thickness_report import write_report
-
         with progress.spinner(f"drawing {file}"):
-            write_report(report, scene, walls, values, file, sentence, below or 0.0, reading.units, metres)
+            _write_report(report, scene, walls, values, below or 0.0, reading.units)
     if as_json:
         said = {"below": below, "wall_angle": wall_angle, "verdict": sentence}
         write_document({"file": file, "units": reading.units, **said, "parts": values})
@@ -177,7 +175,31 @@ def _verdict(values: list[Values], below: float | None, units: str) -> tuple[str
     return f"No wall is thinner than {limit}.", 0
 
 
-def position_rows(values: list[Values]) -> list[tuple[str, ...]]:
+def _write_report(
+    path: Path,
+    scene: "proximity.Scene",
+    walls: list["proximity.ThinWalls"],
+    values: list[Values],
+    below: float,
+    units: str,
+) -> None:
+    from proximity.cli.parts.thickness_report import Page, write_report
+    from proximity.formats import metres_per_unit
+    from proximity.scene.picture.thickness_map import draw_thickness
+
+    limit, metres = f"{length(below)} {units}", metres_per_unit(units)
+    summary = []
+    for each in values:
+        least, lower = _bounds(each)
+        share = f"{_percent(each['share'])} of the surface is below {limit}"
+        summary.append(f"{printable(each['part'])}: least {least}, certain {lower} {units}; {share}.")
+    sentence, code = _verdict(values, below, units)
+    title = f"Thickness of {', '.join(printable(each['part']) for each in values[:3])}"
+    page = Page(title, sentence, code == 0, summary, limit, _position_titles(units), _position_rows(values))
+    write_report(path, page, lambda: draw_thickness(scene, walls, below * metres, unit=units, metres=metres))
+
+
+def _position_rows(values: list[Values]) -> list[tuple[str, ...]]:
     """Return number, thickness, x, y, z, face and part of the thinnest positions, as text."""
     rows = ((part, position) for part in values for position in part["positions"])
     return [
@@ -187,8 +209,8 @@ def position_rows(values: list[Values]) -> list[tuple[str, ...]]:
     ]  # fmt: skip
 
 
-def position_titles(units: str) -> list[str]:
-    """Return the titles of the columns of `position_rows`."""
+def _position_titles(units: str) -> list[str]:
+    """Return the titles of the columns of `_position_rows`."""
     return ["#", f"thickness [{units}]", *(f"{axis} [{units}]" for axis in "xyz"), "face", "part"]
 
 
@@ -202,14 +224,14 @@ def _print(values: list[Values], below: float | None, units: str) -> None:
         titles = [("part", False), (f"least [{units}]", True), (f"certain [{units}]", True)]
         titles += [] if below is None else [(f"below {length(below)} {units}", True)]
         rows = [
-            [printable(each["part"]), *_bounds(each), *([] if below is None else [percent(each["share"])])]
+            [printable(each["part"]), *_bounds(each), *([] if below is None else [_percent(each["share"])])]
             for each in values
         ]
         results_console().print(table_of(titles, rows))
-    listed = position_rows(values)[:MAX_SHOWN] if is_one or below is not None else []
+    listed = _position_rows(values)[:MAX_SHOWN] if is_one or below is not None else []
     if listed:
         shown = 6 if is_one else 7  # without the part
-        heads = [(title, title != "part") for title in position_titles(units)]
+        heads = [(title, title != "part") for title in _position_titles(units)]
         results_console().print(table_of(heads[:shown], [row[:shown] for row in listed]))
 
 
@@ -219,7 +241,7 @@ def _bounds(part: Values) -> tuple[str, str]:
     return length(part["least"], DIGITS), length(part["lower"], DIGITS)
 
 
-def percent(share: float) -> str:
+def _percent(share: float) -> str:
     """Return a share in per cent, rounded up, so that 0 % means none."""
     return f"{number(math.ceil(1e3 * share) / 10)} %"
 
@@ -232,7 +254,7 @@ def _lines(part: Values, below: float | None, units: str) -> list[tuple[str, str
     rows = [("least", f"{least} {units}"), ("certain", f"nowhere less than {lower} {units}")]
     rows += [(end, f"{'  '.join(length(axis, DIGITS) for axis in point)} {units}") for end, point in ends]
     if below is not None:
-        rows.append(("share", f"{percent(part['share'])} of the surface is below {length(below)} {units}"))
+        rows.append(("share", f"{_percent(part['share'])} of the surface is below {length(below)} {units}"))
     return rows
 
 
