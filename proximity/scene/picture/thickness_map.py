@@ -109,7 +109,9 @@ def _draw_view(
         return
     step = to_viewer / np.linalg.norm(to_viewer)
     off = points + 1e-6 * camera.meters_per_pixel * SIZE[0] * step
-    is_visible = np.isinf(scene.cast_distance(off, np.broadcast_to(step, off.shape)))
+    drawn = {each.part for each in walls}
+    others = [part.name for part in scene.parts if part.name not in drawn]
+    is_visible = np.isinf(scene.cast_distance(off, np.broadcast_to(step, off.shape), ignore=others))
     for number in np.flatnonzero(is_visible).tolist():
         right, down = camera.pixels(points[number])
         axes.plot(right, down, "o", color=INK, markersize=4)
