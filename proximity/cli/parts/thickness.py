@@ -118,7 +118,7 @@ def thickness(
         _write_csv(csv_path, values, reading.units)
     if report is not None:
         with progress.spinner(f"drawing {file}"):
-            _write_report(report, scene, walls, values, below or 0.0, reading.units)
+            _write_report(report, Path(file).name, scene, walls, values, below or 0.0, reading.units)
     if as_json:
         said = {"below": below, "wall_angle": wall_angle, "verdict": sentence}
         write_document({"file": file, "units": reading.units, **said, "parts": values})
@@ -177,6 +177,7 @@ def _verdict(values: list[Values], below: float | None, units: str) -> tuple[str
 
 def _write_report(
     path: Path,
+    name: str,
     scene: "proximity.Scene",
     walls: list["proximity.ThinWalls"],
     values: list[Values],
@@ -194,8 +195,8 @@ def _write_report(
         share = f"{_percent(each['share'])} of the surface is below {limit}"
         summary.append(f"{printable(each['part'])}: least {least}, certain {lower} {units}; {share}.")
     sentence, code = _verdict(values, below, units)
-    title = f"Thickness of {', '.join(printable(each['part']) for each in values[:3])}"
-    page = Page(title, sentence, code == 0, summary, limit, _position_titles(units), _position_rows(values))
+    rows = _position_titles(units), _position_rows(values)
+    page = Page(f"Thickness of {printable(name)}", sentence, code == 0, summary, limit, *rows)
     write_report(path, page, lambda: draw_thickness(scene, walls, below * metres, unit=units, metres=metres))
 
 
