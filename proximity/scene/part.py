@@ -92,7 +92,7 @@ class Part:
         -----
         Degenerate: two faces in front of each other are left out if their common part, seen along the normal,
         is narrower than a millionth of the part's size. A wall thinner than the limit by less than a
-        ten-millionth of the size keeps it, since files have single precision.
+        ten-millionth of the size, and a hundredth of the limit, keeps it, since files have single precision.
         Cost: 1 to 5 s for 50 thousand faces on one core, more for many needles.
         Source: the bound is the least value of linear functions on polygons, see `scene.facing_faces`.
         """

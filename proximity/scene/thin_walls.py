@@ -33,6 +33,8 @@ LARGEST_SAMPLE = 0.433 + 1e-3
 """Area of a triangle with equal edges of length 1."""
 SINGLE_ROUNDING = 1e-7
 """Relative to the size: a wall thinner than a limit by less keeps it, as files have single precision."""
+MAX_SLACK = 0.01
+"""Relative to the limit, of the same."""
 MAX_POSITIONS = 10
 APART = 0.05
 """Distance between the positions that are listed, as a share of the size of the part."""
@@ -104,7 +106,7 @@ def find_thin_walls(part: Any, below: Any, resolution: Any, wall_angle: Any, wor
     best = int((found.thickness <= least + rounding).argmax())  # a sample if several are equal
     lower = inf if least == inf and not len(facing.distance) else max(min(lower, least - rounding), 0.0)
     upper = least + rounding
-    slack = SINGLE_ROUNDING * size
+    slack = min(SINGLE_ROUNDING * size, MAX_SLACK * limit)
     is_below = found.thickness < limit - slack
     listed = np.flatnonzero(is_below & (found.thickness < inf))
     shown = _apart(found, listed, max(APART * size, 2.0 * step), 10.0 * rounding)

@@ -158,6 +158,11 @@ def test_wedge_is_a_wall_only_below_the_angle():
     assert (wide.is_thin, wide.lower) == (False, pytest.approx(4.0))
 
 
+def test_smallest_limit_does_not_accept_a_sharp_edge():
+    assert walls_of(prism(np.radians(30)), below=1e-6).is_thin is True
+    assert walls_of(prism(np.radians(30)), below=1e-9).is_thin is None
+
+
 def test_part_without_walls_has_no_least_thickness():
     found = walls_of(shapes.tetrahedron(), below=5.0, wall_angle=0.1)
 

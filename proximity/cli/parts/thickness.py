@@ -237,9 +237,11 @@ def _print(values: list[Values], below: float | None, units: str) -> None:
 
 
 def _bounds(part: Values) -> tuple[str, str]:
-    if math.isinf(part["least"]):
-        return "no wall", "-"
-    return length(part["least"], DIGITS), length(part["lower"], DIGITS)
+    least, lower = (part[name] for name in ("least", "lower"))
+    return (
+        "no wall" if math.isinf(least) else length(least, DIGITS),
+        "-" if math.isinf(lower) else length(lower, DIGITS),
+    )
 
 
 def _percent(share: float) -> str:
@@ -248,12 +250,14 @@ def _percent(share: float) -> str:
 
 
 def _lines(part: Values, below: float | None, units: str) -> list[tuple[str, str]]:
-    if math.isinf(part["least"]):
+    if math.isinf(part["lower"]):
         return [("least", "the part has no wall")]
     least, lower = _bounds(part)
-    ends = (("from", part["point"]), ("to", part["opposite"]))
-    rows = [("least", f"{least} {units}"), ("certain", f"nowhere less than {lower} {units}")]
-    rows += [(end, f"{'  '.join(length(axis, DIGITS) for axis in point)} {units}") for end, point in ends]
+    is_found = math.isfinite(part["least"])
+    rows = [("least", f"{least} {units}" if is_found else "no wall was found")]
+    rows.append(("certain", f"nowhere less than {lower} {units}"))
+    for end, point in (("from", part["point"]), ("to", part["opposite"])) if is_found else ():
+        rows.append((end, f"{'  '.join(length(axis, DIGITS) for axis in point)} {units}"))
     if below is not None:
         rows.append(("share", f"{_percent(part['share'])} of the surface is below {length(below)} {units}"))
     return rows
