@@ -69,6 +69,9 @@ motion_clearance · scene_parts
 pairs
 deformation · saved
 part
+thin_walls
+facing_faces
+thickness
 solid
 penetration · queries · solid_arrays
 motion · sign

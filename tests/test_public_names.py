@@ -39,8 +39,8 @@ def test_public_names_are_those_agreed():
         "PublishError", "Publisher", "RayCrossings", "RayHits", "Reading", "RecordingError", "Relation",
         "RunningPage", "RunningService", "Scene", "SceneError", "SegmentHits", "ServiceError", "SignMethod",
         "Solid",
-        "Source", "State", "Subscriber", "Surface", "Tracker", "TriangleMesh", "UnitsWarning", "Verdict",
-        "Verification", "VerifiedPair", "VerifiedRequirement", "from_mesh",
+        "Source", "State", "Subscriber", "Surface", "Thickness", "ThinWalls", "Tracker", "TriangleMesh",
+        "UnitsWarning", "Verdict", "Verification", "VerifiedPair", "VerifiedRequirement", "from_mesh",
         "from_trimesh", "kernels_are_cached", "load", "open_publisher", "open_subscriber", "overlap",
         "serve", "start_service", "to_trimesh", "verify", "view", "warm_up",
     }  # fmt: skip

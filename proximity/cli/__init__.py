@@ -28,6 +28,7 @@ PANELS = {
         "check": ("parts.check", "the contents of a file, part by part, and its defects"),
         "clearance": ("parts.clearance", "distances between parts, and their overlaps"),
         "verify": ("parts.verify", "requirements in a file: gaps and clashes, with receipts"),
+        "thickness": ("parts.thickness", "the thinnest walls of parts, and a limit for them"),
         "picture": ("parts.picture", "a PNG of the parts, of points and of a slice"),
         "view": ("parts.view", "the parts in the browser, with a probe and hands"),
         "compile": ("parts.check", "a file that opens in milliseconds, with the same answers"),
@@ -62,6 +63,7 @@ RUN_BARE = ("demo", "figures", "claims", "simulate")
 MEANT = {
     **dict.fromkeys(("distance", "distances", "measure", "closest", "nearest", "ray", "sdf"), "query"),
     **dict.fromkeys(("gap", "gaps", "collision", "collide", "interference", "overlap"), "clearance"),
+    **dict.fromkeys(("wall", "walls", "thin", "thinness"), "thickness"),
     **dict.fromkeys(("penetration", "depth", "crossing"), "clearance"),
     **dict.fromkeys(("info", "inspect", "validate", "list", "stats"), "check"),
     **dict.fromkeys(("requirements", "assert", "receipt"), "verify"),

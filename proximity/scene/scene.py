@@ -28,10 +28,11 @@ from proximity.scene.queries.html_table import html_table
 from proximity.scene.queries.queries import Ignored
 from proximity.scene.scene_parts import ClosedParts, SceneParts, checked_parts, with_arrays
 from proximity.scene.solid import Solid
+from proximity.scene.thickness import ThicknessQueries
 from proximity.system.locks import fork_safe_lock
 
 
-class Scene(ClosestPartQueries, MotionQueries):
+class Scene(ClosestPartQueries, MotionQueries, ThicknessQueries):
     """Parts that are queried together; they may be moved, deformed, added and removed between queries.
 
     A scene is a context manager: ``with proximity.load("a.prox") as scene`` closes it at the end: see

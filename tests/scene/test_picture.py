@@ -14,6 +14,7 @@ from proximity.errors import ArgumentError, MissingLibraryError
 from proximity.scene.picture import Picture, sheet, write_picture
 from proximity.scene.picture.distance_field import DistanceColors, FieldSlice
 from proximity.scene.picture.scene_view import TO_VIEWER, Camera, Connections, draw_scene, rotation_of
+from proximity.scene.picture.thickness_map import draw_thickness
 
 pytest.importorskip("pyvista", reason="pictures need PyVista: pip install cad-proximity[picture]")
 pytest.importorskip("matplotlib", reason="pictures need matplotlib: pip install cad-proximity[picture]")
@@ -262,3 +263,23 @@ def test_colours_are_red_inside_white_on_the_surface_and_blue_outside():
     assert surface.min() > 0.95
     assert colors.levels[0] <= -4.0 and colors.levels[-1] >= 20.0
     assert (colors(np.array([math.nan])) == 0.5).all()
+
+
+def test_thickness_is_red_below_the_limit_and_blue_above():
+    scene = proximity.Scene([proximity.Solid(*shapes.box((0, 0, 0), (10, 10, 1)))])
+    for limit, is_red in ((4.0, True), (0.3, False)):
+        walls = scene.parts[0].thin_places(below=limit)
+        views = pixels_of(draw_thickness(scene, [walls], limit, unit="m", metres=1.0))[:, :1300].reshape(
+            -1, 3
+        )
+        red, _, blue = views[np.ptp(views, axis=1) > 0.25].T
+        assert ((red > blue).sum() > 2 * (blue > red).sum()) == is_red
+
+
+def test_thickness_of_a_part_without_walls_is_grey():
+    scene = proximity.Scene([proximity.Solid(*shapes.tetrahedron())])
+    walls = scene.parts[0].thin_places(below=1.0, wall_angle=0.1)
+    image = pixels_of(draw_thickness(scene, [walls], 1.0, unit="m", metres=1.0))
+    views = image[:420, :1300].reshape(-1, 3)  # without the axes and the bar
+
+    assert np.ptp(views, axis=1).max() < 0.1 < np.ptp(views)

@@ -27,7 +27,8 @@ PUBLIC = {
     "Scenes and parts": ("Scene", "Part", "Solid", "TriangleMesh", "Pose", "SignMethod", "Surface"),
     "Answers": (
         "ClosestPoints", "RayHits", "RayCrossings", "SegmentHits", "Feature", "Clearance", "Relation",
-        "Motion", "MotionClearance", "Gap", "overlap", "Overlap", "NO_FACE", "NO_PART",
+        "Motion", "MotionClearance", "Gap", "Thickness", "ThinWalls", "overlap", "Overlap", "NO_FACE",
+        "NO_PART",
     ),
     "Requirements": ("verify", "Verification", "VerifiedRequirement", "VerifiedPair", "Verdict"),
     "Tracker": (

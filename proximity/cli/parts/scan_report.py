@@ -18,7 +18,7 @@ from proximity.scene.picture import Picture, load_renderer, sheet
 from proximity.system.extras import needed
 from proximity.system.whole_file import whole_file
 
-_TEMPLATE = Path(__file__).parent.parent / "report_page.html.j2"
+TEMPLATE = Path(__file__).parent.parent / "report_page.html.j2"
 _BINS = 61  # odd, so that one bin is around zero
 _HEAD = ("point", "x", "y", "z", "signed distance", "nearest part")
 
@@ -56,7 +56,7 @@ def write_report(path: Path, scene: "proximity.Scene", part: str, scan: str, fou
         view = f'<img alt="the points on the part" src="data:image/png;base64,{image}">'
         return {"view": view, "histogram": pages.svg(_histogram(found, within), "histogram")}
 
-    page = pages.render_page(_TEMPLATE, {
+    page = pages.render_page(TEMPLATE, {
         "title": f"{scan} against {part}",
         "is_good": not found.farther_count,
         "outcome": "Failed" if found.farther_count else "Passed",

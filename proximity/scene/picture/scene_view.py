@@ -59,7 +59,11 @@ class Camera:
     @classmethod
     def fitted(cls, view: str, points: np.ndarray, size: tuple[int, int]) -> "Camera":
         """Return the camera that shows all points, (N, 3) m, as large as possible."""
-        turn = rotation_of(view)
+        return cls.turned(rotation_of(view), points, size)
+
+    @classmethod
+    def turned(cls, turn: np.ndarray, points: np.ndarray, size: tuple[int, int]) -> "Camera":
+        """Return the camera with the rotation *turn* that shows all points as large as possible."""
         seen = points @ turn.T
         lower, upper = seen.min(axis=0), seen.max(axis=0)
         extent = np.maximum(upper - lower, SMALLEST_EXTENT)
@@ -91,7 +95,12 @@ def rotation_of(view: str) -> np.ndarray:
     """Return the rotation matrix of a view. Its rows point right, up and to the viewer."""
     if view not in TO_VIEWER:
         raise ArgumentError(f"no view {view!r}, expected one of {', '.join(TO_VIEWER)}")
-    back = np.array(TO_VIEWER[view]) / np.linalg.norm(TO_VIEWER[view])
+    return rotation_towards(np.array(TO_VIEWER[view]))
+
+
+def rotation_towards(to_viewer: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix of the view with a direction to the viewer, (3,)."""
+    back = to_viewer / np.linalg.norm(to_viewer)
     # In views from above and below, y points up in the image.
     up = np.array([0.0, 0.0, 1.0]) if abs(back[2]) < 1.0 else np.array([0.0, np.sign(back[2]), 0.0])
     right = np.cross(up, back) / np.linalg.norm(np.cross(up, back))
@@ -123,6 +132,17 @@ def draw_scene(
 
     *tints*: colours of the parts. *colors*: colour map of *field*, and colour map of the points.
     """
+    plotter = new_plotter(camera)
+    _add_parts(plotter, parts, tints, camera)
+    if field is not None:
+        _add_sheet(plotter, field, camera, colors[0])
+    if connections is not None and len(connections.points):
+        _add_queries(plotter, connections, camera, colors[1])
+    return rendered(plotter, camera)
+
+
+def new_plotter(camera: Camera) -> Any:
+    """Return a plotter with lights, without a screen."""
     pyvista = load_pyvista()
     width, height = camera.size
     plotter = pyvista.Plotter(
@@ -138,11 +158,12 @@ def draw_scene(
         plotter.add_light(
             pyvista.Light(position=camera.screen_from_scene.T @ direction, intensity=brightness)
         )
-    _add_parts(plotter, parts, tints, camera)
-    if field is not None:
-        _add_sheet(plotter, field, camera, colors[0])
-    if connections is not None and len(connections.points):
-        _add_queries(plotter, connections, camera, colors[1])
+    return plotter
+
+
+def rendered(plotter: Any, camera: Camera) -> np.ndarray:
+    """Draw and close a plotter; return the image, (H, W, 3) uint8."""
+    width, height = camera.size
     _aim(plotter, camera)
     plotter.enable_ssao(radius=0.06, bias=0.004, kernel_size=32)
     image = plotter.screenshot(return_img=True)
