@@ -101,7 +101,7 @@ changes_input · message_input · moves_input
 gloves · inbox · part_prediction · sources
 """,
     "proximity.web": """
-running_page
+motion_page · running_page
 page_process
 bridge
 saved_page · sources

@@ -222,15 +222,21 @@ def _open_parts(settings: PageSettings) -> Shown:
     served, files = page_settings(settings.files, settings), PartFiles(**dict(settings.reading))
     scene, count = files.scene(served), finger_count(served, None)
     shown = Shown(_title(settings), scene, None, PageInbox(None, None, None, scene, count))
-    welcome = {
-        "title": shown.title,
+    welcome = page_welcome(shown.title, settings, served, scene)
+    shown.content, shown.notes = shown_contents(scene, welcome, settings.points), files.notes
+    return shown
+
+
+def page_welcome(title: str, settings: PageSettings, served: SceneFile, scene: Scene) -> dict[str, Any]:
+    """Return the data for a page that computes distances to the parts of a scene itself."""
+    count = finger_count(served, None)
+    return {
+        "title": title,
         **dict.fromkeys(("feeds", "may_pose", "may_move", "may_hide", "has_geometry"), True),
         "finger_count": count,
         "tracker": {name: value for name in TRACKER if (value := getattr(served.fingers, name)) is not None},
         **_about(settings, served, scene, count),
     }
-    shown.content, shown.notes = shown_contents(scene, welcome, settings.points), files.notes
-    return shown
 
 
 def _without_hand(settings: PageSettings) -> PageSettings:

@@ -128,6 +128,8 @@ cubes.prox --slide 1,0,0 0..1
 cubes.prox beside --slide 1,0,0 0..1 --poses poses.csv
 cubes.prox beside --slide 1,0,0 0..1 --clashes
 cubes.prox beside --plot curve.svg
+cubes.prox beside --page motion.html
+cubes.prox beside --slide 1,0,0 0..1 --page motion.svg
 cubes.prox b* --slide 1,0,0 0..1
 cubes.prox beside base --along -y
 cubes.prox beside base --along 0,-1,0 --json
@@ -140,6 +142,25 @@ cubes.prox beside base --along w
 
 def test_what_is_printed_is_as_recorded(transcript):
     transcript("clearance", TRANSCRIPT)
+
+
+@pytest.mark.parametrize(("units", "ends"), [("mm", "-8..8"), ("cm", "-0.8..0.8")])
+def test_page_of_a_motion_has_its_curve_and_its_positions_in_millimetres(run, monkeypatch, units, ends):
+    saved = []
+    monkeypatch.setattr("proximity.web.motion_page.save_page", lambda *given: saved.append(given))
+
+    result = run(
+        "cubes.prox", "beside", "base", "--slide", "1,0,0", ends, "--units", units, "--page", "a.html"
+    )
+
+    ((path, contents),) = saved
+    motion = json.loads(contents["welcome"])["motion"]
+    assert result.code == 0 and str(path) == "a.html"
+    assert (motion["part"], motion["nearest"], motion["others"]) == ("beside", "base", ["base"])
+    assert (motion["unit"], motion["scale"]) == ("mm", 1e-3)
+    assert motion["positions"][0] == pytest.approx(-0.008) and motion["positions"][-1] == pytest.approx(0.008)
+    assert len(motion["distances"]) == len(motion["positions"]) == len(motion["bounds"]) + 1
+    assert {"geometry", "scene"} <= contents.keys()
 
 
 def pairs_of(run, *words):

@@ -104,6 +104,7 @@ def clearance(
       proximity clearance gearbox.step lid 'screw*' --json
       proximity clearance knob.stl plate.stl
       proximity clearance gearbox.step lid --hinge 0,40,12 1,0,0 0..110 --plot gap.png
+      proximity clearance gearbox.step lid --hinge 0,40,12 1,0,0 0..110 --page lid.html
       proximity clearance gearbox.step shaft cover --along z
       proximity clearance gearbox.step --below 0.5 --ignore-touching --allow wanted.csv
     """
@@ -116,10 +117,13 @@ def clearance(
         (below is None and ignore_touching, "--ignore-touching", "requires --below"),
         (not is_gate and allow is not None, "--allow", "requires --clashes or --below"),
     )
-    is_motion = moving.is_given or moving.plot is not None or moving.along is not None
+    is_drawn = moving.plot is not None or moving.page is not None
+    is_motion = moving.is_given or is_drawn or moving.along is not None
     if is_motion:
         refuse(
             (not moving.is_given and moving.plot, "--plot", "requires --hinge, --slide or --poses"),
+            (not moving.is_given and moving.page, "--page", "requires --hinge, --slide or --poses"),
+            (moving.page and moving.page.suffix != ".html", "--page", f"{moving.page} does not end in .html"),
             (moving.along and moving.is_given, "--along", "not allowed with another motion"),
             (moving.along and len(names) != 2, "--along", "requires two PARTs"),
             (not names, moving.option_name, "requires the PART that moves"),
@@ -145,8 +149,8 @@ def clearance(
             measure_gap(scene, pair, moving.along, units=reading.units, metres=metres, as_json=as_json)
             return
         measure_motion(
-            scene, part, others, moving, below=below, units=reading.units, metres=metres, csv_path=csv_path,
-            as_json=as_json,
+            scene, part, others, moving, title=" + ".join(file.name for file in files), below=below,
+            units=reading.units, metres=metres, csv_path=csv_path, as_json=as_json,
         )  # fmt: skip
         return
     approximation = 0.0 if scene.report is None else scene.report.approximation

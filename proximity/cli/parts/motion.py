@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 EXIT_NEARER = 1
 DEGREE = math.pi / 180.0
+MILLIMETRE = 1e-3
 AXES = ("x", "y", "z")
 
 
@@ -54,6 +55,10 @@ class Moving:
     plot: Annotated[Path | None, option("FILE", "Draw the distance over the motion: .png, .svg or .pdf.")] = (
         None
     )
+    page: Annotated[
+        Path | None,
+        option("FILE", "Write a standalone page (.html) that plays the motion, with the distance."),
+    ] = None
 
     @property
     def is_given(self) -> bool:
@@ -63,7 +68,7 @@ class Moving:
     @property
     def option_name(self) -> str:
         """Name of the first option that is given."""
-        names = ("hinge", "slide", "poses", "along", "plot")
+        names = ("hinge", "slide", "poses", "along", "plot", "page")
         return next(f"--{name}" for name in names if getattr(self, name))
 
     def motion(self, metres: float) -> tuple["proximity.Motion", float, str]:
@@ -156,6 +161,7 @@ def measure_motion(
     others: list[str] | None,
     moving: Moving,
     *,
+    title: str,
     below: float | None,
     units: str,
     metres: float,
@@ -189,6 +195,13 @@ def measure_motion(
     if moving.plot is not None:
         label = {"degrees": "angle [degrees]", "position": "position"}.get(unit, f"displacement [{units}]")
         _draw(moving.plot, found, scale, metres, label, units)
+    if moving.page is not None:
+        from proximity.web.motion_page import write_motion_page
+
+        write_motion_page(
+            moving.page, scene, motion, found, title=title, others=others, unit=unit or "mm",
+            scale=scale if unit else MILLIMETRE,
+        )  # fmt: skip
     if as_json:
         write_document({"units": units, "position_unit": unit or units, "below": below, **values})
     else:

@@ -9,6 +9,7 @@ import { RecordedHand } from "./inputs/recorded_hand.js";
 import { Link } from "./link.js";
 import { LocalLink } from "./local_link.js";
 import { LocalScene, documentOf } from "./local_scene.js";
+import { Motion } from "./motion.js";
 import { Panel, byId, isTyped, makeChoice, showChoice } from "./panel.js";
 import { Parts } from "./parts.js";
 import { Stage } from "./stage.js";
@@ -79,7 +80,8 @@ class Page {
     this.isLoading = false;
     this.panel.cover("");
     this.tools.readLink();
-    const { clashes, points, unit } = this.about;
+    const { clashes, points, unit, motion } = this.about;
+    if (motion) this.motion = new Motion(this.stage, this.parts, this.local, motion);
     if (clashes) this.tools.clashes.show(clashes);
     this.tools.points.unit = unit;
     if (points) this.tools.points.show(points.name, new Float64Array(await this.local.ask("points")));

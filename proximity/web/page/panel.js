@@ -52,9 +52,10 @@ export class Panel {
     const pill = byId("state");
     pill.textContent = state;
     pill.className = `pill ${LOOK[state] ?? "warn"}`;
+    pill.hidden = Boolean(this.about.motion) && state === "NO HANDS"; // which a motion does not need
     document.body.classList.toggle("late", state === "LATE");
     document.body.classList.toggle("stale", state === "STALE" || state === "STOPPING");
-    setText(byId("meaning"), isProbed ? probe.hint : this.meaning(state, contacts, tracked));
+    setText(byId("meaning"), pill.hidden ? "" : isProbed ? probe.hint : this.meaning(state, contacts, tracked));
     byId("numbers").parentElement.hidden = !contacts.length; // of hands
     this.showNumbers(reading, link, isLogged, header, contacts);
     this.showFingers(contacts, state);

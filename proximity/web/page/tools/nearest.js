@@ -15,14 +15,16 @@ const NEARER = 0.999;
 const MEETING = 0xa00000;
 
 export class Nearest {
-  constructor(stage, parts, local) {
-    Object.assign(this, { stage, parts, local });
+  /** *most*: number of connections; *tolerance*: share of a distance; *reach*: m, the largest distance, by default the
+   * radius of the scene; *names*: of the parts to connect to, by default all. */
+  constructor(stage, parts, local, { most = MOST, tolerance = TOLERANCE, reach, names } = {}) {
+    Object.assign(this, { stage, parts, local, most, tolerance, reach, names });
     this.found = []; // displayed connections: part, distance, lower, relation, ends
     this.group = new THREE.Group();
     const material = new THREE.LineBasicMaterial({ color: 0xffffff, depthTest: false });
     this.lines = new THREE.LineSegments(new THREE.BufferGeometry(), material);
     this.lines.renderOrder = 18;
-    this.labels = Array.from({ length: MOST }, () => new Label({ height: 0.08, avoids: true }));
+    this.labels = Array.from({ length: most }, () => new Label({ height: 0.08, avoids: true }));
     this.group.add(this.lines, ...this.labels.map((label) => label.object));
     this.group.visible = false;
     stage.root.add(this.group);
@@ -44,15 +46,15 @@ export class Nearest {
     this.shown = key;
     this.local.follow(this.local.scene, this.parts.list);
     this.found = [];
-    let maxDistance = this.stage.radius;
+    let maxDistance = this.reach ?? this.stage.radius;
     for (const other of this.others(part)) {
-      const answer = this.local.scene.clearance(part.name, other.name, { maxDistance, tolerance: TOLERANCE });
+      const answer = this.local.scene.clearance(part.name, other.name, { maxDistance, tolerance: this.tolerance });
       if (answer.distance > maxDistance) continue;
       this.found.push({ part: other, ...answer });
       this.found.sort((one, two) => one.distance - two.distance);
       const meeting = this.found.filter(({ relation }) => relation !== APART).length;
-      this.found.length = Math.min(this.found.length, Math.max(MOST, meeting));
-      if (this.found.length >= MOST) maxDistance = this.found.at(-1).distance;
+      this.found.length = Math.min(this.found.length, Math.max(this.most, meeting));
+      if (this.found.length >= this.most) maxDistance = this.found.at(-1).distance;
     }
     this.draw(part);
     const words = this.found.map(({ part: other, ...answer }) => `${other.name} ${said(answer)}`);
@@ -60,11 +62,11 @@ export class Nearest {
   }
 
   others(part) {
-    return this.parts.list.filter((other) => other !== part && other.object.visible);
+    return this.parts.list.filter((other) => other !== part && other.object.visible && (this.names?.includes(other.name) ?? true));
   }
 
   draw(part) {
-    const apart = this.found.filter(({ relation }) => relation === APART).slice(0, MOST);
+    const apart = this.found.filter(({ relation }) => relation === APART).slice(0, this.most);
     const ends = apart.flatMap(({ pointOnFirst, pointOnSecond }) => [...pointOnFirst, ...pointOnSecond]);
     this.lines.geometry.dispose();
     this.lines.geometry = new THREE.BufferGeometry();
