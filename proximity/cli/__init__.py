@@ -26,8 +26,8 @@ PANELS = {
     "ask": {
         "query": ("parts.query", "distances from points, rays or segments to the parts"),
         "check": ("parts.check", "the contents of a file, part by part, and its defects"),
-        "clearance": ("parts.clearance", "distances between parts, and their overlaps"),
-        "verify": ("parts.verify", "requirements in a file: gaps and clashes, with receipts"),
+        "clearance": ("parts.clearance", "gaps and clashes of parts, at a pose or over a motion"),
+        "verify": ("parts.verify", "requirements in a file, such as gaps; with receipts"),
         "thickness": ("parts.thickness", "the thinnest walls of parts, and a limit for them"),
         "picture": ("parts.picture", "a PNG of the parts, of points and of a slice"),
         "view": ("parts.view", "the parts in the browser, with a probe and hands"),
@@ -63,6 +63,10 @@ RUN_BARE = ("demo", "figures", "claims", "simulate")
 MEANT = {
     **dict.fromkeys(("distance", "distances", "measure", "closest", "nearest", "ray", "sdf"), "query"),
     **dict.fromkeys(("gap", "gaps", "collision", "collide", "interference", "overlap"), "clearance"),
+    **dict.fromkeys(("clash", "clashes", "clearances"), "clearance --clashes"),
+    **dict.fromkeys(("motion", "hinge", "slide"), "clearance --hinge"),
+    **dict.fromkeys(("compare", "deviation", "scan"), "query --points"),
+    **dict.fromkeys(("rays", "cast", "hits"), "query --rays"),
     **dict.fromkeys(("wall", "walls", "thin", "thinness"), "thickness"),
     **dict.fromkeys(("penetration", "depth", "crossing"), "clearance"),
     **dict.fromkeys(("info", "inspect", "validate", "list", "stats"), "check"),

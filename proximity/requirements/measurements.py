@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Callable, Mapping
-from math import floor, inf, log10
+from math import cos, floor, inf, log10
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from proximity.scene.motion import Motion
 from proximity.scene.motion_clearance import TOLERANCE
 from proximity.scene.pairs import SHARING, Clearance, deepest_of
 from proximity.scene.scene import Scene
+from proximity.scene.thin_walls import WALL_ANGLE
 
 STEPS = (1.05, 1.5, 2.0, 4.0, 8.0, 16.0)
 """Displacements in deviations, at which parts are compared to bound a gap along an axis."""
@@ -22,6 +23,8 @@ DEPTH_TOLERANCES = (1e-3, 1e-5, 1e-7)
 """Relative tolerances of a depth, from the fastest on."""
 SINGLE = 2.0**-23
 """Rounding of coordinates by the import of STEP, as a share of the largest one."""
+WALL_SHARE = 2.0 / cos(WALL_ANGLE)
+"""Deviations by which a wall of CAD surfaces may be thinner or thicker than that of the triangles."""
 MIN_MARGIN = 1e-9  # m; a smaller difference from a limit is not resolved by another tolerance
 
 
@@ -81,6 +84,8 @@ def verify_subject(subject: Subject) -> VerifiedPair:
     if found.triangles[1] == inf and limits.greatest == inf:
         verdict = Verdict.UNDECIDED
         reason = f"{subject.first} does not meet {subject.second} along this axis: there is no gap"
+        if not subject.second:
+            reason = f"{subject.first} has no wall: no two faces of it are parallel enough"
     elif verdict is Verdict.UNDECIDED:
         reason, tolerance = _remedy(subject, found)
     return VerifiedPair(
@@ -257,8 +262,17 @@ def _depth(subject: Subject) -> Measured:
     return Measured((found.lower, found.upper), *widened, (found.point, found.point))
 
 
+def _thickness(subject: Subject) -> Measured:
+    """Measure the least wall thickness of a part."""
+    found = subject.scene.part(subject.first).thin_places(below=subject.requirement.limits.least)
+    margin = WALL_SHARE * subject.deviation
+    widened = max(found.lower - margin, 0.0), found.upper + margin
+    return Measured((found.lower, found.upper), *widened, (found.point, found.opposite))
+
+
 KINDS = {
     "gap": Kind("gap", {"least": "least", "greatest": "greatest"}, ("along", "motion", "pose"), _gap),
     "clash": Kind("depth", {"deepest": "greatest"}, ("pose",), _depth, default=("*", "*")),
+    "thickness": Kind("thickness", {"least": "least"}, (), _thickness, names="part"),
 }
 """Kinds of requirements by their key in the file."""

@@ -20,8 +20,6 @@ from proximity.service.config.table_fields import REQUIRED, Range, Table
 from proximity.service.config.toml_document import Document, read_document
 from proximity.service.config.toml_document import Path as KeyPath
 
-PLANNED = ("thickness",)
-"""Kinds of requirements of a later version."""
 LENGTH, LENGTH_ABOVE_0 = Range("units of the file"), Range("units of the file", 0.0, is_above=True)
 LENGTH_FROM_0, NUMBER = Range("units of the file", 0.0), Range("of any length", -1e9, 1e9)
 DEGREES, DEGREE = Range("degrees or units of the file", -1e9, 1e9), math.pi / 180.0
@@ -135,14 +133,11 @@ class _Reader:
     def read(self, index: int, content: Any) -> Requirement:
         """Read an entry."""
         path: KeyPath = ("require", index)
-        planned = [name for name in PLANNED if isinstance(content, dict) and name in content]
-        more = ("between", "part", "motion", "pose", *KINDS, *planned)
+        more = ("between", "part", "motion", "pose", *KINDS)
         table = Table(self._document, path, content, (*keys_of(Entry), *more))
         entry = Entry(**read_fields(Entry, table))
-        for name in planned:
-            table.complain(name, f"cannot be verified by this version, expected {' or '.join(KINDS)}")
         name, *others = [*filter(table.has, KINDS)] or [""]
-        if not name and not planned:
+        if not name:
             self._document.complain(path, f"require[{index}] has no limits, expected {' or '.join(KINDS)}")
         kind = KINDS.get(name, KINDS["gap"])
         excluded = [(other, name) for other in (*others, *({"along", "motion", "pose"} - {*kind.takes}))]

@@ -239,6 +239,17 @@ def test_kind_is_added_by_its_entry_in_the_table(folder, monkeypatch):
     ]  # fmt: skip
 
 
+def test_least_thickness_is_that_of_each_part(folder):
+    found = only(folder, 'part = ["c*", "base"]\nthickness = { least = 5 }')
+    assert [(pair.first, pair.second, pair.verdict) for pair in found.pairs] == [
+        ("core", "", VIOLATED), ("base", "", HOLDS),
+    ]  # fmt: skip
+    for pair in found.pairs:
+        assert pair.lower <= pair.upper <= pair.lower + 1e-9
+        length = np.linalg.norm(np.subtract(pair.point_on_first, pair.point_on_second))
+        assert length == pytest.approx(pair.upper)
+
+
 # Files
 
 

@@ -31,7 +31,8 @@ def write_report(path: Path, page: Page, draw: Callable[[], bytes]) -> None:
         return {"map": f'<img alt="thickness of the parts" src="data:image/png;base64,{image}">'}
 
     text = pages.render_page(TEMPLATE, {
-        "title": page.title, "is_good": page.is_good, "verdict": page.verdict, "summary": page.summary,
+        "title": page.title, "is_good": page.is_good, "outcome": "Passed" if page.is_good else "Failed",
+        "verdict": page.verdict, "summary": page.summary,
         "sections": [
             ("Thickness", "map", (), (),
              f"Red and orange are below the limit of {page.limit}, yellow and blue above it. The numbers are "
