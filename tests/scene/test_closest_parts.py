@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from query_rows import MESHES, mesh_of, some_points
 from scene_parts import part_of, some_parts, some_pose, some_questions
 
-from proximity.errors import ArgumentError, SceneError
+from proximity.errors import ArgumentError, SceneError, UnitsWarning
 from proximity.kernels.layout import NO_FACE, NO_PART
 from proximity.pose import Pose
 from proximity.scene.queries.results import ClosestPoints
@@ -225,6 +225,21 @@ def test_far_points_and_far_parts():
 def test_number_of_parts_is_a_whole_number(most):
     with pytest.raises(ArgumentError, match=r"most is .* expected a whole number"):
         Scene(some_parts(2)).closest_parts([0.0, 0.0, 0.0], most=most)
+
+
+def test_points_in_millimetres_are_noted_at_the_line_of_the_call():
+    with pytest.warns(UnitsWarning, match="points are metres") as noted:
+        Scene(some_parts(2)).closest_parts([[5000.0, 0.0, 0.0]], most=2)
+
+    assert [each.filename for each in noted] == [__file__]
+
+
+def test_closed_scene_refuses():
+    scene = Scene(some_parts(2))
+    scene.close()
+
+    with pytest.raises(SceneError, match="closed"):
+        scene.closest_parts([0.0, 0.0, 0.0], most=1)
 
 
 def test_other_arguments_are_checked_as_for_closest():
