@@ -13,6 +13,7 @@ import numpy as np
 from proximity.errors import MeshFormatError
 from proximity.formats.contents import UNKNOWN_FACE, RawFile, Source
 from proximity.formats.step import conversion, product_structure
+from proximity.formats.step.deviation import add_deviations
 from proximity.formats.step.external_parts import with_external_parts, without_trailer
 from proximity.formats.step.step_records import REFERENCE, StepText
 from proximity.formats.units import UNITS, metres_per_unit
@@ -46,6 +47,7 @@ def read_step(
     metres = max((metres_per_unit(unit) for unit in units if unit in UNITS), default=_ASSUMED_METRES)
     raw, reached = conversion.mesh_within_limits(text, source.path, tolerance, metres, is_cached=is_cached)
     notes += _notes_on_faces(text, raw)
+    notes += add_deviations(text, raw.meshes, tolerance)
     if len(raw.meshes) < body_count:
         raise MeshFormatError(
             f"its assemblies hold {body_count} parts, but OpenCASCADE could read {len(raw.meshes)} only"

@@ -1,0 +1,138 @@
+"""Deviations of public STEP files, against dense samples measured by an OpenCASCADE binding (OCP)."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("OCP", reason="measures with OpenCASCADE")
+
+from OCP.BRep import BRep_Tool
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
+from OCP.BRepExtrema import BRepExtrema_DistShapeShape
+from OCP.BRepMesh import BRepMesh_IncrementalMesh
+from OCP.gp import gp_Pnt
+from OCP.Interface import Interface_Static
+from OCP.STEPCAFControl import STEPCAFControl_Reader
+from OCP.TCollection import TCollection_ExtendedString
+from OCP.TDF import TDF_LabelSequence
+from OCP.TDocStd import TDocStd_Document
+from OCP.TopAbs import TopAbs_FACE
+from OCP.TopExp import TopExp
+from OCP.TopLoc import TopLoc_Location
+from OCP.TopoDS import TopoDS
+from OCP.TopTools import TopTools_IndexedMapOfShape
+from OCP.XCAFDoc import XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
+
+from proximity import formats
+
+FILES = [
+    "cad/featuretype.STEP",
+    "cad/box_sides.STEP",
+    "assemblies/as1-oc-214.stp",
+    "assemblies/bracket-with-bolts.step",
+    "assemblies/iris-box.step",
+]
+NEAR = 2e-9  # m, rounding of single precision and of OpenCASCADE
+SAMPLES = 150  # points measured for each face, each way
+
+
+def faces_of(shape):
+    found = TopTools_IndexedMapOfShape()
+    TopExp.MapShapes_s(shape, TopAbs_FACE, found)
+    return [TopoDS.Face_s(found.FindKey(row)) for row in range(1, found.Extent() + 1)]
+
+
+def read_products(path):
+    """Return the faces of each product of a file, in its own frame."""
+    document = TDocStd_Document(TCollection_ExtendedString("x"))
+    reader = STEPCAFControl_Reader()
+    Interface_Static.SetCVal_s("xstep.cascade.unit", "MM")
+    reader.ReadFile(str(path))
+    reader.Transfer(document)
+    labels = TDF_LabelSequence()
+    tool = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
+    tool.GetShapes(labels)
+    labels = [labels.Value(row) for row in range(1, labels.Length() + 1)]
+    simple = [label for label in labels if XCAFDoc_ShapeTool.IsSimpleShape_s(label)]
+    return document, [faces_of(XCAFDoc_ShapeTool.GetShape_s(label)) for label in simple]
+
+
+def nodes_of(face):
+    """Return points of a face, m, from a fine triangulation of it, with the edges."""
+    BRepMesh_IncrementalMesh(face, 0.002, False, 0.05, True)
+    location = TopLoc_Location()
+    mesh = BRep_Tool.Triangulation_s(face, location)
+    move = location.Transformation()
+    points = [mesh.Node(row).Transformed(move) for row in range(1, mesh.NbNodes() + 1)]
+    return np.array([[point.X(), point.Y(), point.Z()] for point in points]) * 1e-3
+
+
+def distances_to_face(face, points):
+    """Return the distances of points, m, from a face."""
+    found = []
+    for point in points * 1e3:
+        vertex = BRepBuilderAPI_MakeVertex(gp_Pnt(*point.tolist())).Vertex()
+        found.append(BRepExtrema_DistShapeShape(vertex, face).Value())
+    return np.array(found) * 1e-3
+
+
+def distances_to_triangles(triangles, points):
+    """Return the distances of points from triangles, by comparing all of them."""
+    best = np.full(len(points), np.inf)
+    a, b, c = triangles.transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)
+    area = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+    for row, point in enumerate(points):
+        for start, end in ((a, b), (b, c), (c, a)):
+            side = end - start
+            share = ((point - start) * side).sum(1) / np.maximum((side * side).sum(1), 1e-300)
+            foot = start + np.clip(share, 0.0, 1.0)[:, None] * side
+            best[row] = min(best[row], np.linalg.norm(point - foot, axis=1).min())
+        turns = [
+            (np.cross(end - start, point - start) * normal).sum(1) for start, end in ((a, b), (b, c), (c, a))
+        ]
+        is_inside = np.min(turns, axis=0) >= 0.0
+        if is_inside.any():
+            heights = np.abs(((point - a) * normal).sum(1) / area)[is_inside]
+            best[row] = min(best[row], heights.min())
+    return best
+
+
+def measured(face, triangles, random):
+    """Return the largest distances found from the triangles to the face, and back."""
+    sides = (triangles + np.roll(triangles, -1, axis=1)) / 2
+    points = np.concatenate([triangles.mean(axis=1), sides.reshape(-1, 3)])
+    points = points[random.permutation(len(points))[:SAMPLES]]
+    nodes = nodes_of(face)
+    nodes = nodes[random.permutation(len(nodes))[:SAMPLES]]
+    return distances_to_face(face, points).max(), distances_to_triangles(triangles, nodes).max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FILES)
+def test_bounds_contain_what_opencascade_measures(shared_data, name):
+    random = np.random.default_rng(5)
+    keep, products = read_products(shared_data / name)
+    ratios, seen = [], set()
+    for part in formats.read_geometries(shared_data / name).geometries:
+        count = len(part.deviations)
+        if id(part.faces) in seen:
+            continue
+        seen.add(id(part.faces))
+        corners = part.vertices[part.faces]
+        middles = corners[np.unique(part.source_faces, return_index=True)[1]].mean(axis=1)
+        alike = [faces for faces in products if len(faces) == count]
+        fits = [
+            max(distances_to_face(f, m[None])[0] for f, m in zip(faces, middles, strict=True))
+            for faces in alike
+        ]
+        assert fits and min(fits) < 1e-3, part.name
+        for row, face in enumerate(alike[int(np.argmin(fits))]):
+            there, back = measured(face, corners[part.source_faces == row], random)
+            bound = part.deviations[row]
+            assert max(there, back) <= bound + NEAR, (part.name, row, there, back, bound)
+            if max(there, back) > 1e-7:
+                ratios.append(bound / max(there, back))
+    ratios = np.array(ratios)
+    print(name, len(ratios), np.quantile(ratios, [0.5, 0.95, 1.0]), (ratios > 2).sum())
+    assert (ratios <= 2.0).mean() >= 0.8
+    assert keep is not None
