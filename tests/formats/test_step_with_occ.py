@@ -13,13 +13,12 @@ from OCP.gp import gp_Pnt
 from OCP.Interface import Interface_Static
 from OCP.STEPCAFControl import STEPCAFControl_Reader
 from OCP.TCollection import TCollection_ExtendedString
-from OCP.TDF import TDF_LabelSequence
+from OCP.TDF import TDF_ChildIterator
 from OCP.TDocStd import TDocStd_Document
 from OCP.TopAbs import TopAbs_FACE
-from OCP.TopExp import TopExp
+from OCP.TopExp import TopExp_Explorer
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS
-from OCP.TopTools import TopTools_IndexedMapOfShape
 from OCP.XCAFDoc import XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
 
 from proximity import formats
@@ -36,9 +35,11 @@ SAMPLES = 150  # points measured for each face, each way
 
 
 def faces_of(shape):
-    found = TopTools_IndexedMapOfShape()
-    TopExp.MapShapes_s(shape, TopAbs_FACE, found)
-    return [TopoDS.Face_s(found.FindKey(row)) for row in range(1, found.Extent() + 1)]
+    explorer, found = TopExp_Explorer(shape, TopAbs_FACE), []
+    while explorer.More():
+        found.append(TopoDS.Face(explorer.Current()))
+        explorer.Next()
+    return found
 
 
 def read_products(path):
@@ -48,12 +49,12 @@ def read_products(path):
     Interface_Static.SetCVal_s("xstep.cascade.unit", "MM")
     reader.ReadFile(str(path))
     reader.Transfer(document)
-    labels = TDF_LabelSequence()
-    tool = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
-    tool.GetShapes(labels)
-    labels = [labels.Value(row) for row in range(1, labels.Length() + 1)]
-    simple = [label for label in labels if XCAFDoc_ShapeTool.IsSimpleShape_s(label)]
-    return document, [faces_of(XCAFDoc_ShapeTool.GetShape_s(label)) for label in simple]
+    labels, products = TDF_ChildIterator(XCAFDoc_DocumentTool.ShapesLabel_s(document.Main())), []
+    while labels.More():
+        if XCAFDoc_ShapeTool.IsSimpleShape_s(labels.Value()):
+            products.append(faces_of(XCAFDoc_ShapeTool.GetShape_s(labels.Value())))
+        labels.Next()
+    return document, products
 
 
 def nodes_of(face):
