@@ -70,13 +70,12 @@ def find_chords(vertices: np.ndarray, triangles: np.ndarray, groups: np.ndarray,
     keys, counts = np.unique((sides * group_count + np.repeat(groups, 3))[is_side], return_counts=True)
     keys = keys[counts % 2 == 1]  # the others are inside a face, or at its seam
     sides, own = keys // group_count, keys % group_count
-    is_pair = np.zeros(len(sides), bool)
-    is_pair[:-1] = sides[1:] == sides[:-1]
-    is_second = np.zeros(len(sides), bool)
-    is_second[1:] = is_pair[:-1]
-    is_alone = ~is_pair & ~is_second
-    firsts = np.flatnonzero(is_pair | is_alone)
-    others = np.where(is_pair[firsts], np.minimum(firsts + 1, len(sides) - 1), firsts)
+    _, starts, counts = np.unique(sides, return_index=True, return_counts=True)
+    is_pair = np.repeat(counts == 2, counts)  # more than two faces at one side are taken one by one
+    is_second = np.ones(len(sides), bool)
+    is_second[starts] = False
+    firsts = np.flatnonzero(~(is_pair & is_second))
+    others = firsts + is_pair[firsts]
     pairs = np.stack([own[firsts], own[others]], axis=1).astype(np.int64)
     points = np.stack([sides[firsts] // len(vertices), sides[firsts] % len(vertices)], axis=1)
     return Chords(vertices[points], pairs, *_candidates(pairs, group_count, curves))
@@ -125,7 +124,7 @@ def chord_bounds(shapes: list[Shape], curves: np.ndarray, chords: np.ndarray, fi
             rows = splines[curves[splines] == curve]
             spline = shapes[curve].spline
             assert spline is not None, "a shape of the kind spline has one"
-            shape = spline_distance.SplineShape(spline)
+            shape = spline_distance.shape_of(spline)
             bounds[rows] = spline_distance.chord_bounds(shape, chords[rows], fit)
     return bounds
 
@@ -176,17 +175,37 @@ def _ellipse_bounds(shapes: list[Shape], chords: np.ndarray) -> Pair:
     return residual, np.where(turn <= _MAX_ANGLE, reach * turn * turn / 8.0, np.inf)
 
 
-def lateral_bound(surface: Shape, curve: Shape, sagitta: float, depth: float) -> float:
+def lateral_bound(surface: Shape, curve: Shape, sagitta: float, depth: float, chords: np.ndarray) -> float:
     """Return a bound of the distance of the images of chords on a surface from the curve of an edge, m.
 
-    *sagitta*: of `chord_bounds`; *depth*: largest distance of the chords from the surface, m. In general the
-    image is no farther from the chord than its depth, and than its curve. Points of a chord of a circle about
-    the axis of a surface stay in their plane through the axis, so that only the part of the sagitta along the
-    surface counts.
+    *sagitta*: of `chord_bounds`; *depth*: largest distance of the chords from the surface, m; *chords*:
+    (N, 2, 3) m. In general the image is no farther from the chord than its depth, and than its curve. Points
+    of a chord of a circle about the axis of a surface stay in their plane through the axis, so that only the
+    part of the sagitta along the surface counts. Otherwise that part is measured at points of the chords.
     """
     bound = sagitta + min(sagitta, depth)
     share = _share_along(surface, curve, sagitta)
-    return bound if share is None else min(bound, share[0] * sagitta + share[1])
+    if share is not None:
+        return min(bound, share[0] * sagitta + share[1])
+    if curve.kind in ("circle", "spline"):
+        from proximity.formats.step import lateral  # for few edges
+
+        return min(bound, lateral.sampled_bound(surface, curve, chords))
+    return bound
+
+
+def radial_bound(surface: Shape, curve: Shape, sagitta: float) -> float:
+    """Return the bound of `lateral_bound` for images perpendicular to the axis of a cone, or infinity.
+
+    These images of a chord are on its generator, or on its circle about the axis.
+    """
+    if surface.kind != "cone" or curve.kind not in ("line", "circle"):
+        return np.inf
+    if curve.kind == "line":
+        return 2.0 * sagitta
+    share = _share_along(surface, curve, sagitta)
+    is_coaxial = share is not None and abs(float(curve.axis @ surface.axis)) > 1.0 - _COAXIAL
+    return share[1] if share is not None and is_coaxial else np.inf
 
 
 def _share_along(surface: Shape, curve: Shape, sagitta: float) -> tuple[float, float] | None:

@@ -10,6 +10,8 @@ that the sides follow the edges in order, and that the curves of edges lie on th
 A face for which a bound cannot be proved has an infinite one.
 """
 
+import hashlib
+import json
 from collections.abc import Sequence
 from contextlib import suppress
 
@@ -21,20 +23,49 @@ from proximity.formats.step import chords, surface_distance
 from proximity.formats.step.cad_faces import CadFace, read_bodies
 from proximity.formats.step.step_records import StepText
 from proximity.formats.text_rows import listed
+from proximity.system.file_cache import FileCache
 
 _UNREADABLE = (MeshFormatError, TypeError, ValueError, LookupError, ArithmeticError)
 """Errors for records that are not as expected. The converter has read the file, so it is not refused."""
 _SINGLE = float(np.finfo(np.float32).eps)
 _FIT = 64 * _SINGLE
-"""Maximum distance of the corners of a triangle from its CAD face, as a share of the size of the part, unless
-the tolerance is larger."""
+"""Maximum distance of the corners of a triangle from its CAD face as a share of the size of the part, if that
+is more."""
+_VERSION = b"1"
+"""Number of the method in the keys of the cache."""
 _KINDS = ("plane", "cone", "sphere", "torus")
 
 
-def add_deviations(text: StepText, meshes: Sequence[RawMesh], tolerance: float) -> list[str]:
+def cached_deviations(
+    text: StepText, meshes: Sequence[RawMesh], fit: float, cache: FileCache | None
+) -> list[str]:
+    """Set the deviations of meshes as `add_deviations`, or read them from a cache, which may be None."""
+    if cache is None:
+        return add_deviations(text, meshes, fit)
+    shared = list({id(mesh.source_faces): mesh for mesh in meshes}.values())
+    digest = hashlib.blake2b(b"%s %r" % (_VERSION, fit) + text.text.encode())
+    for mesh in shared:
+        for array in (mesh.vertices, mesh.faces, mesh.source_faces):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    key = digest.hexdigest()
+    if (kept := cache.read(key)) is not None:
+        found = json.loads(kept)
+        arrays = {
+            id(mesh.source_faces): np.array(own) for mesh, own in zip(shared, found["bounds"], strict=True)
+        }
+        for mesh in meshes:
+            mesh.deviations = arrays[id(mesh.source_faces)]
+        return list(found["notes"])
+    notes = add_deviations(text, meshes, fit)
+    bounds = [[] if mesh.deviations is None else mesh.deviations.tolist() for mesh in shared]
+    cache.write(key, json.dumps({"bounds": bounds, "notes": notes}).encode())
+    return notes
+
+
+def add_deviations(text: StepText, meshes: Sequence[RawMesh], fit: float) -> list[str]:
     """Set the deviations of meshes from the CAD faces of a file. Return notes on those without a bound.
 
-    *tolerance*: the converter's, m.
+    *fit*: maximum distance of the corners of triangles from their CAD faces, m.
     """
     representations: list[list[CadFace]] = []
     with suppress(*_UNREADABLE):
@@ -51,7 +82,7 @@ def add_deviations(text: StepText, meshes: Sequence[RawMesh], tolerance: float) 
                 "it cannot be computed",
             )
             with suppress(*_UNREADABLE):
-                bounds, reason = _deviations(mesh, representations, tolerance)
+                bounds, reason = _deviations(mesh, representations, fit)
             shared[key] = bounds
             if reason:
                 name = mesh.name or "a part"
@@ -60,9 +91,7 @@ def add_deviations(text: StepText, meshes: Sequence[RawMesh], tolerance: float) 
     return list(notes.values())
 
 
-def _deviations(
-    mesh: RawMesh, representations: list[list[CadFace]], tolerance: float
-) -> tuple[np.ndarray, str]:
+def _deviations(mesh: RawMesh, representations: list[list[CadFace]], fit: float) -> tuple[np.ndarray, str]:
     """Return the bound of each CAD face of a mesh, m, and the reason for infinite ones."""
     count = int(mesh.source_faces.max(initial=-1)) + 1
     unknown = np.full(max(count, 1), np.inf)
@@ -70,7 +99,7 @@ def _deviations(
         return unknown, "the numbers of its CAD faces are unknown"
     corners = mesh.vertices[mesh.faces]
     size = float(np.abs(mesh.vertices).max(initial=0.0))
-    fit = max(tolerance, _FIT * size)
+    fit = max(fit, _FIT * size)
     is_present = np.bincount(mesh.source_faces, minlength=count) > 0
     for faces in representations:
         if len(faces) == count and is_present.all() and _fits(faces, mesh.source_faces, corners, fit):
@@ -114,21 +143,30 @@ def _bounds(mesh: RawMesh, faces: list[CadFace], corners: np.ndarray, fit: float
     rows, first = np.unique(found.rows[order], return_index=True)
     sagittas, own = np.full(len(found.ends), np.inf), np.full(len(found.ends), -1)
     sagittas[rows], own[rows] = bounds[order][first], found.curves[order][first]
-    laterals = np.zeros(len(faces))
+    by_curve = np.argsort(own, kind="stable")
+    starts = np.searchsorted(own[by_curve], np.arange(len(curves.shapes) + 1))
+    laterals, radials = np.zeros((2, len(faces)))
     for number, curve, sagitta in _largest(found.groups, own, sagittas):
         if curve < 0 or not sagitta < np.inf:
             laterals[number] = np.inf
             continue
-        lateral = chords.lateral_bound(faces[number].surface, curves.shapes[curve], sagitta, depths[number])
+        ends = found.ends[by_curve[starts[curve] : starts[curve + 1]]]
+        surface, shape = faces[number].surface, curves.shapes[curve]
+        lateral = chords.lateral_bound(surface, shape, sagitta, depths[number], ends)
         laterals[number] = max(laterals[number], lateral)
+        radials[number] = max(radials[number], chords.radial_bound(surface, shape, sagitta))
     for number in np.flatnonzero(np.isinf(laterals)).tolist():
         reasons.setdefault(number, "its triangles do not end at its edges, or an edge is not read")
     missing = np.setdiff1d(np.arange(len(curves.shapes)), found.curves[np.isfinite(bounds)])
     for number in {number for curve in missing for number in curves.faces[curve]}:
         laterals[number] = np.inf
         reasons.setdefault(number, "an edge has no triangles")
+    # Perpendicular to the axis of a cone, images are farther away, but end at the edges.
+    slopes = np.array([face.surface.second if face.surface.kind == "cone" else 0.0 for face in faces])
+    radials[np.isinf(laterals)] = np.inf
+    bounds = np.minimum(depths + laterals, depths * np.hypot(1.0, slopes) + radials)
     shown = [f"{faces[row].number} ({faces[row].surface.record}): {reasons[row]}" for row in sorted(reasons)]
-    return depths + laterals, f"faces {listed(shown)}" if shown else ""
+    return bounds, f"faces {listed(shown)}" if shown else ""
 
 
 def _depths(
@@ -155,7 +193,7 @@ def _spline_depth(face: CadFace, triangles: np.ndarray) -> float:
     except ImportError:
         return np.inf
     assert face.surface.spline is not None, "a surface of the kind spline has one"
-    return spline_distance.surface_bound(spline_distance.SplineShape(face.surface.spline), triangles)
+    return spline_distance.surface_bound(spline_distance.shape_of(face.surface.spline), triangles)
 
 
 def _largest(groups: np.ndarray, curves: np.ndarray, sagittas: np.ndarray) -> list[tuple[int, int, float]]:

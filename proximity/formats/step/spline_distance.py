@@ -6,14 +6,14 @@ second derivatives. They follow from the control points of the derivatives.
 """
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.spatial import cKDTree
 
 from proximity.formats.step.cad_faces import Spline
-from proximity.formats.step.surface_distance import MAX_LEVEL, MAX_RATIO, MAX_TRIANGLES, quartered
+from proximity.formats.step.surface_distance import MAX_LEVEL, MAX_RATIO, MAX_TRIANGLES, middles_of, quartered
 
 MAX_SPANS = 20_000
 """Maximum number of pieces of a surface."""
@@ -24,8 +24,16 @@ _PIECES = 16
 bounds of the second derivatives."""
 _STEPS = 12
 """Number of Newton steps for the parameters of a point."""
+_SMALL = 1e-10
+"""Improvement of a distance, as a share of the coordinates, that is not worth another step."""
 _SAMPLES = 3
 """Number of starting points for each degree and piece."""
+
+
+Rows = tuple[np.ndarray, np.ndarray]
+"""Rows of the first control points along both parameters."""
+Bases = tuple[np.ndarray, np.ndarray]
+"""Basis functions one degree lower, and of the degree of a spline."""
 
 
 @dataclass(slots=True, eq=False)
@@ -61,7 +69,16 @@ class _Net:
             pieces *= len(values) + 1
         return pieces <= MAX_SPANS
 
-    def is_extruded(self, axis: int) -> bool:
+    def profile(self, axis: int) -> "_Net":
+        """Return the curve that a parameter moves, or the same net if it does more than move a curve."""
+        if not self._is_extruded(axis):
+            return self
+        degrees, knots = list(self.degrees), list(self.knots)
+        degrees[axis], knots[axis] = 0, knots[axis][1:-1]
+        control = self.control[:1] if axis == 0 else self.control[:, :1]
+        return _Net((degrees[0], degrees[1]), (knots[0], knots[1]), control)
+
+    def _is_extruded(self, axis: int) -> bool:
         """Whether a parameter moves all points by the same vector: its second derivatives are zero."""
         if self.degrees[axis] != 1 or self.control.shape[axis] != 2:
             return False
@@ -85,18 +102,6 @@ class _Net:
                 knots[axis], control = _with_knot(knots[axis], control, degree, value)
             control = np.moveaxis(control, 0, axis)
         return _Net(self.degrees, (knots[0], knots[1]), control)
-
-    def values(self, parameters: np.ndarray) -> np.ndarray:
-        """Return the values at parameters, (N, 2), as (N, 4)."""
-        weights, rows = zip(*(self._basis(axis, parameters[:, axis]) for axis in (0, 1)), strict=True)
-        control = self.control[rows[0][:, :, None], rows[1][:, None, :]]
-        return np.einsum("ni,nj,nijc->nc", *weights, control)
-
-    def _basis(self, axis: int, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        degree = self.degrees[axis]
-        matrix = BSpline.design_matrix(values, self.knots[axis], degree)
-        shape = len(values), degree + 1
-        return matrix.data.reshape(shape), matrix.indices.reshape(shape)
 
     def windows(self, spans: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """Return the control points of each piece, (S, T, degree + 1, degree + 1, 4)."""
@@ -122,6 +127,7 @@ class SplineShape:
             np.unique(knots[(knots >= low) & (knots <= high)])
             for knots, low, high in zip(self.net.knots, lows, highs, strict=True)
         ]
+        self._small = _SMALL * float(np.abs(self.net.control[..., :3]).max())
         self._starts = inner[0][:-1], inner[1][:-1]
         self._breaks = inner
         self._tree: tuple[cKDTree, np.ndarray] | None = None
@@ -133,15 +139,28 @@ class SplineShape:
 
     def points(self, parameters: np.ndarray) -> np.ndarray:
         """Return points at parameters, (N, 2)."""
-        values = self.net.values(parameters)
+        rows, (_, u), (_, v) = self._rows_and_bases(parameters)
+        values = _combined(self.net.control, rows, u, v)
         return values[:, :3] / values[:, 3:]
 
-    def _points_and_slopes(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        values = self.net.values(parameters)
+    def points_and_slopes(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return points at parameters, (N, 2), and the first derivatives, (N, 2, 3)."""
+        rows, (lower_u, u), (lower_v, v) = self._rows_and_bases(parameters)
+        values = _combined(self.net.control, rows, u, v)
         weights = values[:, 3:]
         points = values[:, :3] / weights
-        slopes = [net.values(parameters) for net in self._slopes]
-        return points, np.stack([(each[:, :3] - each[:, 3:] * points) / weights for each in slopes], axis=1)
+        along_u = _combined(self._slopes[0].control, rows, lower_u, v)
+        along_v = _combined(self._slopes[1].control, rows, u, lower_v)
+        pairs = [(each[:, :3] - each[:, 3:] * points) / weights for each in (along_u, along_v)]
+        return points, np.stack(pairs, axis=1)
+
+    def _rows_and_bases(self, parameters: np.ndarray) -> tuple[Rows, Bases, Bases]:
+        firsts, bases = [], []
+        for axis, (degree, knots) in enumerate(zip(self.net.degrees, self.net.knots, strict=True)):
+            first, lower, basis = _basis(knots, degree, parameters[:, axis])
+            firsts.append(first)
+            bases.append((lower, basis))
+        return (firsts[0], firsts[1]), bases[0], bases[1]
 
     def nearest_parameters(self, points: np.ndarray) -> np.ndarray:
         """Return the parameters of surface points near *points*, (N, 2)."""
@@ -158,40 +177,40 @@ class SplineShape:
     def refined(self, points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """Improve parameters of points by Gauss-Newton steps, and return them.
 
-        A step that would increase the distance is halved.
+        A step that would increase the distance is shortened. A point is done when it improves little.
         """
-        best = parameters
-        found, slopes = self._points_and_slopes(best)
+        best, rows = parameters.copy(), np.arange(len(points))
+        found, slopes = self.points_and_slopes(parameters)
         distances = np.linalg.norm(found - points, axis=1)
-        factor = np.ones(len(points))
+        factor = np.ones((len(points), 1))
         for _ in range(_STEPS):
-            sums = np.einsum("nic,njc->nij", slopes, slopes)
-            trace = np.trace(sums, axis1=1, axis2=2)
-            sums += (1e-12 * trace + np.finfo(float).tiny)[:, None, None] * np.eye(2)
-            # Scaled by the ranges, as the parameters may have very different units.
-            sides = np.einsum("nic,nc->ni", slopes, points - found)
-            step = _solved(sums, sides)
-            tried = np.clip(best + factor[:, None] * step, self.lower, self.upper)
-            new_found, new_slopes = self._points_and_slopes(tried)
+            step = _solved(
+                np.einsum("nic,njc->nij", slopes, slopes), np.einsum("nic,nc->ni", slopes, points - found)
+            )
+            tried = np.clip(best[rows] + factor * step, self.lower, self.upper)
+            new_found, new_slopes = self.points_and_slopes(tried)
             new = np.linalg.norm(new_found - points, axis=1)
             is_better = new < distances
-            best = np.where(is_better[:, None], tried, best)
-            found = np.where(is_better[:, None], new_found, found)
-            slopes = np.where(is_better[:, None, None], new_slopes, slopes)
-            factor = np.where(is_better, 1.0, 0.25 * factor)
-            gain = distances - np.minimum(new, distances)
+            best[rows[is_better]] = tried[is_better]
+            is_open = (distances - new > 1e-3 * distances + self._small) | (~is_better & (factor[:, 0] > 0.1))
+            found[is_better], slopes[is_better] = new_found[is_better], new_slopes[is_better]
+            factor = np.where(is_better[:, None], 1.0, 0.25 * factor)
             distances = np.minimum(new, distances)
-            if not (gain > 1e-3 * distances).any():
+            if not is_open.any():
                 break
+            points, rows, found, slopes = points[is_open], rows[is_open], found[is_open], slopes[is_open]
+            distances, factor = distances[is_open], factor[is_open]
         return best
 
-    def second_bounds(self) -> np.ndarray:
-        """Return bounds of the second derivatives on each piece, (S, T, 3): along u, mixed, along v.
+    @cached_property
+    def _table(self) -> np.ndarray:
+        """Bounds of the second derivatives on each piece, (S, T, 3): along u, mixed, along v.
 
         Points are relative to the middle of the piece's control points, so that weights count little.
         """
-        nets = [self.net, *self._slopes, self._slopes[0].derived(0), self._slopes[0].derived(1)]
-        nets.append(self._slopes[1].derived(1))
+        profile = self.net.profile(0).profile(1)
+        slopes = profile.derived(0), profile.derived(1)
+        nets = [profile, *slopes, slopes[0].derived(0), slopes[0].derived(1), slopes[1].derived(1)]
         windows = [net.windows(self._starts) for net in nets]
         weights = windows[0][..., 3]
         middle = (windows[0][..., :3] / weights[..., None]).mean(axis=(2, 3))[:, :, None, None]
@@ -205,18 +224,25 @@ class SplineShape:
         reach = np.linalg.norm(windows[0][..., :3] / weights[..., None] - middle, axis=-1).max(axis=(2, 3))
         (u, wu), (v, wv), (uu, wuu), (uv, wuv), (vv, wvv) = map(norms, windows[1:])
         u, v = (u + wu * reach) / least, (v + wv * reach) / least
-        bounds = np.stack([
+        return np.stack([
             (uu + 2 * wu * u + wuu * reach) / least,
             (uv + wu * v + wv * u + wuv * reach) / least,
             (vv + 2 * wv * v + wvv * reach) / least,
         ], axis=-1)  # fmt: skip
-        for axis in (0, 1):
-            if self.net.is_extruded(axis):
-                bounds[..., [2 * axis, 1]] = 0.0
-        return bounds
 
-    def box_bounds(self, table: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Return the largest entries of a table of `second_bounds` on boxes of parameters, (N, 3)."""
+    def excess(self, parameters: np.ndarray) -> np.ndarray:
+        """Return bounds of the distance of the surface from its linear interpolation between corners.
+
+        *parameters*: (N, K, 2) of the corners.
+        """
+        lower, upper = parameters.min(axis=1), parameters.max(axis=1)
+        along_u, mixed, along_v = self.second_bounds(lower, upper).T
+        u, v = (upper - lower).T
+        return np.asarray((along_u * u * u + 2.0 * mixed * u * v + along_v * v * v) / 8.0)
+
+    def second_bounds(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Return bounds of the second derivatives on boxes of parameters, (N, 3): along u, mixed, along v."""
+        table = self._table
         firsts, lasts = [], []
         for axis, starts in enumerate(self._starts):
             last = len(starts) - 1
@@ -280,6 +306,31 @@ def _with_knot(
     return np.insert(knots, span + 1, value), np.concatenate(parts)
 
 
+def _basis(knots: np.ndarray, degree: int, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return first control points, and basis functions one degree lower and of the degree.
+
+    Source: de Boor 1972, "On calculating with B-splines".
+    """
+    spans = np.clip(np.searchsorted(knots, values, side="right") - 1, degree, len(knots) - degree - 2)
+    lower = basis = np.ones((len(values), 1))
+    for each in range(1, degree + 1):
+        after = knots[spans[:, None] + 1 + np.arange(each)]
+        before = knots[spans[:, None] + 1 - each + np.arange(each)]
+        shares = basis / (after - before)
+        lower, basis = basis, np.zeros((len(values), each + 1))
+        basis[:, :-1] += (after - values[:, None]) * shares
+        basis[:, 1:] += (values[:, None] - before) * shares
+    return spans - degree, lower, basis
+
+
+def _combined(control: np.ndarray, firsts: Rows, along_u: np.ndarray, along_v: np.ndarray) -> np.ndarray:
+    """Return the sums of control points, (m, n, 4), weighted by basis functions, as (N, 4)."""
+    rows = firsts[0][:, None] + np.arange(along_u.shape[1])
+    columns = firsts[1][:, None] + np.arange(along_v.shape[1])
+    own = control[rows[:, :, None], columns[:, None, :]]
+    return np.einsum("ni,nic->nc", along_u, np.einsum("nj,nijc->nic", along_v, own))
+
+
 def _between(breaks: np.ndarray, count: int) -> np.ndarray:
     """Return *count* values from each break to the next, without repetition."""
     return np.unique(np.concatenate([np.linspace(a, b, count) for a, b in pairwise(breaks)]))
@@ -296,27 +347,33 @@ def _solved(matrices: np.ndarray, sides: np.ndarray) -> np.ndarray:
     return np.stack([first, second], axis=1) / scale
 
 
+@lru_cache(maxsize=256)
+def shape_of(spline: Spline) -> SplineShape:
+    """Return the shape of a spline."""
+    return SplineShape(spline)
+
+
 def surface_bound(shape: SplineShape, triangles: np.ndarray) -> float:
     """Return an upper bound of the largest distance of triangles, (N, 3, 3) m, from a surface."""
     if not shape.is_smooth:
         return np.inf
-    table = shape.second_bounds()
     corners, inverse = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     parameters = shape.nearest_parameters(corners)[inverse.reshape(-1)].reshape(-1, 3, 2)
     bound = found = 0.0
     for level in range(MAX_LEVEL + 1):
         parameters = shape.joined(parameters)
         distances = shape.distances(triangles, parameters)
-        upper = distances + _excess(shape, table, parameters)
+        upper = distances + shape.excess(parameters)
         found = max(found, float(distances.max(initial=0.0)))
         is_last = level == MAX_LEVEL or 4 * len(triangles) > MAX_TRIANGLES
         is_done = (upper <= MAX_RATIO * found) | is_last
         bound = max(bound, float(upper[is_done].max(initial=0.0)))
         if is_done.all():
             break
-        triangles = quartered(triangles[~is_done])
-        guess = quartered(parameters[~is_done]).reshape(-1, 2)
-        parameters = shape.refined(triangles.reshape(-1, 3), guess).reshape(-1, 3, 2)
+        triangles, parameters = triangles[~is_done], parameters[~is_done]
+        guess, middles = middles_of(parameters), middles_of(triangles)
+        refined = shape.refined(middles.reshape(-1, 3), guess.reshape(-1, 2)).reshape(-1, 3, 2)
+        parameters, triangles = quartered(parameters, refined), quartered(triangles, middles)
     return bound
 
 
@@ -330,13 +387,13 @@ def chord_bounds(shape: SplineShape, chords: np.ndarray, fit: float) -> np.ndarr
         return bounds
     parameters = shape.nearest_parameters(chords.reshape(-1, 3)).reshape(-1, 2, 2)
     is_near = shape.distances(chords, parameters) <= fit
-    table, rows = shape.second_bounds(), np.flatnonzero(is_near)
+    rows = np.flatnonzero(is_near)
     chords, parameters = chords[rows], shape.joined(parameters[rows])
     bounds[rows] = 0.0
     found = 0.0
     for level in range(_MAX_HALVINGS + 1):
         distances = shape.distances(chords, parameters)
-        upper = distances + _excess(shape, table, parameters)
+        upper = distances + shape.excess(parameters)
         found = max(found, float(distances.max(initial=0.0)))
         is_done = (upper <= MAX_RATIO * np.maximum(found, distances)) | (level == _MAX_HALVINGS)
         np.maximum.at(bounds, rows[is_done], upper[is_done])
@@ -357,10 +414,3 @@ def _halved(pairs: np.ndarray) -> np.ndarray:
     """Split pairs, (N, 2, ...), at their middles; the halves of one pair are in succession."""
     middle = pairs.mean(axis=1)
     return np.stack([pairs[:, 0], middle, middle, pairs[:, 1]], axis=1).reshape(-1, *pairs.shape[1:])
-
-
-def _excess(shape: SplineShape, table: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    lower, upper = parameters.min(axis=1), parameters.max(axis=1)
-    along_u, mixed, along_v = shape.box_bounds(table, lower, upper).T
-    u, v = (upper - lower).T
-    return (along_u * u * u + 2.0 * mixed * u * v + along_v * v * v) / 8.0

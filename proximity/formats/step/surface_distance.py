@@ -139,19 +139,25 @@ def _torus_bounds(surfaces: Surfaces, triangles: np.ndarray, groups: np.ndarray)
         is_last = level == MAX_LEVEL or 4 * len(rows) > MAX_TRIANGLES
         is_done = (upper <= MAX_RATIO * found[groups[rows]]) | is_last
         np.maximum.at(bounds, rows[is_done], upper[is_done])
-        triangles, rows = quartered(triangles[~is_done]), np.repeat(rows[~is_done], 4)
+        triangles, rows = triangles[~is_done], np.repeat(rows[~is_done], 4)
+        triangles = quartered(triangles, middles_of(triangles))
         if not len(rows):
             break
     return bounds
 
 
-def quartered(triangles: np.ndarray) -> np.ndarray:
+def middles_of(triangles: np.ndarray) -> np.ndarray:
+    """Return the middles of the sides of triangles, (N, 3, ...), from the first side on."""
+    return np.asarray(0.5 * (triangles + np.roll(triangles, -1, axis=1)))
+
+
+def quartered(triangles: np.ndarray, middles: np.ndarray) -> np.ndarray:
     """Split triangles at the middles of their sides.
 
-    *triangles*: (N, 3, ...); the result is (4 N, 3, ...), the parts of one triangle in succession.
+    Both are (N, 3, ...); the result is (4 N, 3, ...), the parts of one triangle in succession.
     """
     a, b, c = (triangles[:, corner] for corner in range(3))
-    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    ab, bc, ca = (middles[:, side] for side in range(3))
     parts = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1)
     return parts.reshape(-1, 3, *triangles.shape[2:])
 
