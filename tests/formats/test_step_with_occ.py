@@ -1,5 +1,7 @@
 """Deviations of public STEP files, against dense samples measured by an OpenCASCADE binding (OCP)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from OCP.BRep import BRep_Tool
 from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
 from OCP.BRepExtrema import BRepExtrema_DistShapeShape
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
-from OCP.gp import gp_Pnt
+from OCP.gp import gp_Pnt, gp_Trsf
 from OCP.Interface import Interface_Static
 from OCP.STEPCAFControl import STEPCAFControl_Reader
 from OCP.TCollection import TCollection_ExtendedString
@@ -21,7 +23,9 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS
 from OCP.XCAFDoc import XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
 
-from proximity import formats
+import proximity
+from proximity import Pose, Scene, formats
+from proximity.formats.contents import Geometry
 
 FILES = [
     "cad/featuretype.STEP",
@@ -43,7 +47,7 @@ def faces_of(shape):
 
 
 def read_products(path):
-    """Return the faces of each product of a file, in its own frame."""
+    """Return the shape and the faces of each product of a file, in its own frame."""
     document = TDocStd_Document(TCollection_ExtendedString("x"))
     reader = STEPCAFControl_Reader()
     Interface_Static.SetCVal_s("xstep.cascade.unit", "MM")
@@ -52,7 +56,8 @@ def read_products(path):
     labels, products = TDF_ChildIterator(XCAFDoc_DocumentTool.ShapesLabel_s(document.Main())), []
     while labels.More():
         if XCAFDoc_ShapeTool.IsSimpleShape_s(labels.Value()):
-            products.append(faces_of(XCAFDoc_ShapeTool.GetShape_s(labels.Value())))
+            shape = XCAFDoc_ShapeTool.GetShape_s(labels.Value())
+            products.append((shape, faces_of(shape)))
         labels.Next()
     return document, products
 
@@ -108,6 +113,27 @@ def measured(face, triangles, random):
     return distances_to_face(face, points).max(), distances_to_triangles(triangles, nodes).max()
 
 
+def alike(products, part):
+    """Return the product that a part was made of."""
+    corners = part.vertices[part.faces]
+    middles = corners[np.unique(part.source_faces, return_index=True)[1]].mean(axis=1)
+    same = [product for product in products if len(product[1]) == len(part.deviations)]
+    gaps = [
+        max(distances_to_face(*pair)[0] for pair in zip(faces, middles[:, None], strict=True))
+        for _, faces in same
+    ]
+    assert gaps and min(gaps) < 1e-3, part.name
+    return same[int(np.argmin(gaps))]
+
+
+def moved(shape, pose):
+    """Return a shape at a pose, m."""
+    move = gp_Trsf()
+    rows = np.column_stack([pose.rotation, 1e3 * pose.translation])
+    move.SetValues(*rows.ravel().tolist())
+    return shape.Moved(TopLoc_Location(move), False)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_bounds_contain_what_opencascade_measures(shared_data, name):
@@ -115,19 +141,11 @@ def test_bounds_contain_what_opencascade_measures(shared_data, name):
     keep, products = read_products(shared_data / name)
     ratios, seen = [], set()
     for part in formats.read_geometries(shared_data / name).geometries:
-        count = len(part.deviations)
         if id(part.faces) in seen:
             continue
         seen.add(id(part.faces))
         corners = part.vertices[part.faces]
-        middles = corners[np.unique(part.source_faces, return_index=True)[1]].mean(axis=1)
-        alike = [faces for faces in products if len(faces) == count]
-        fits = [
-            max(distances_to_face(f, m[None])[0] for f, m in zip(faces, middles, strict=True))
-            for faces in alike
-        ]
-        assert fits and min(fits) < 1e-3, part.name
-        for row, face in enumerate(alike[int(np.argmin(fits))]):
+        for row, face in enumerate(alike(products, part)[1]):
             there, back = measured(face, corners[part.source_faces == row], random)
             bound = part.deviations[row]
             assert max(there, back) <= bound + NEAR, (part.name, row, there, back, bound)
@@ -137,3 +155,38 @@ def test_bounds_contain_what_opencascade_measures(shared_data, name):
     print(name, len(ratios), np.quantile(ratios, [0.5, 0.95, 1.0]), (ratios > 2).sum())
     assert (ratios <= 2.0).mean() >= 0.8
     assert keep is not None
+
+
+@pytest.mark.slow
+def test_distances_of_cad_parts_are_within_the_bounds(shared_data):
+    """Five hundred pairs of small parts at random poses."""
+    random, documents, found = np.random.default_rng(3), [], {}
+    for name in FILES[1:]:
+        document, products = read_products(shared_data / name)
+        documents.append(document)
+        for part in proximity.load(shared_data / name).parts:
+            count = len(part.deviation_by_face)
+            if count <= 16 and len(np.unique(part.source_faces)) == count:
+                mesh = part.solid.mesh
+                deviations = part.deviation_by_face
+                of_file = Geometry(
+                    "", mesh.vertices, mesh.faces, part.source_faces, part.pose, False, deviations
+                )
+                found[part.name] = part, alike(products, of_file)[0]
+    assert len(found) > 5
+    widths = []
+    for _ in range(500):
+        names = random.choice(sorted(found), 2, replace=False)
+        parts = [replace(found[name][0], pose=random_pose(random)) for name in names]
+        answer = Scene(parts).clearance(*names, surface="cad")
+        first, second = (moved(found[part.name][1], part.pose) for part in parts)
+        true = BRepExtrema_DistShapeShape(first, second).Value() * 1e-3
+        assert answer.lower - NEAR <= true <= answer.distance + NEAR, names
+        widths.append(answer.distance - answer.lower)
+    print("widths", np.quantile(widths, [0.5, 1.0]))
+
+
+def random_pose(random):
+    """Return a pose within a quarter of a metre, with any rotation."""
+    quaternion = random.normal(size=4)
+    return Pose.from_quaternion(quaternion / np.linalg.norm(quaternion), random.uniform(-0.15, 0.15, 3))

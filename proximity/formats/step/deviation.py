@@ -31,7 +31,7 @@ _SINGLE = float(np.finfo(np.float32).eps)
 _FIT = 64 * _SINGLE
 """Maximum distance of the corners of a triangle from its CAD face as a share of the size of the part, if that
 is more."""
-_VERSION = b"1"
+_VERSION = b"2"
 """Number of the method in the keys of the cache."""
 _KINDS = ("plane", "cone", "sphere", "torus")
 

@@ -123,11 +123,11 @@ def _mesh_finer(
             break
     names = listed(list(dict.fromkeys(one.name or "a part" for one in coarse)))
     exceeded = (
-        f"{names}: triangles within {tolerance * 1e3:g} mm deviate by up to {first * 1e3:.2g} mm from the "
+        f"{names}: triangles within {tolerance * 1e3:g} mm deviate by up to {first * 1e3:.3g} mm from the "
     )
     if worst == first:
         return [exceeded + "CAD surfaces, and finer ones do not improve it"]
-    return [exceeded + f"CAD surfaces; finer ones are used, which deviate by up to {worst * 1e3:.2g} mm"]
+    return [exceeded + f"CAD surfaces; finer ones are used, which deviate by up to {worst * 1e3:.3g} mm"]
 
 
 def _deviation(mesh: RawMesh) -> float:

@@ -53,8 +53,8 @@ def upper_bounds(kind: str, surfaces: Surfaces, triangles: np.ndarray, groups: n
     """Return upper bounds of the largest distance of any point of each triangle from its surface.
 
     *triangles*: (N, 3, 3) m. *groups*: (N,) int, number of the face that the triangle belongs to; only the
-    largest bound of each face is refined. Degenerate: a triangle that the axis of a cone passes through is
-    bounded by the radius.
+    largest bound of each face is refined. Degenerate: a triangle that the axis of a cone passes through is as
+    deep as the radius there.
     """
     at_corners = np.abs(signed_distances(kind, surfaces, triangles)).max(axis=1)
     if kind == "plane":
@@ -93,8 +93,11 @@ def _depth_in_cone(surfaces: Surfaces, triangles: np.ndarray) -> np.ndarray:
         found = radius[:, corner] + least * slope - _length(nearest)
         depth = np.maximum(depth, found)
         turns[:, corner] = _dot(np.cross(start, flat[:, following]), surfaces.axis)
-    is_pierced = (turns >= 0.0).all(axis=1) | (turns <= 0.0).all(axis=1)
-    depth = np.where(is_pierced, np.abs(radius).max(axis=1), depth)
+    # A turn is the weight of the third corner for the point on the axis.
+    total = turns.sum(axis=1)
+    is_pierced = ((turns >= 0.0).all(axis=1) | (turns <= 0.0).all(axis=1)) & (total != 0.0)
+    on_axis = (turns * np.roll(radius, 1, axis=1)).sum(axis=1) / np.where(is_pierced, total, 1.0)
+    depth = np.where(is_pierced, np.maximum(depth, on_axis), depth)
     return depth / np.sqrt(1.0 + surfaces.second * surfaces.second)
 
 
@@ -108,7 +111,8 @@ def _least_radius(triangles: np.ndarray) -> np.ndarray:
     turns = _dot(np.cross(start, np.roll(start, -1, axis=1)), normal[:, None])
     with np.errstate(divide="ignore", invalid="ignore"):
         of_plane = np.nan_to_num(np.abs(_dot(start[:, 0], normal)) / _length(normal))
-    return np.where((turns >= 0.0).all(axis=1), np.minimum(of_plane, of_edges), of_edges)
+    is_above = (turns >= 0.0).all(axis=1) & (_length(normal) > 0.0)
+    return np.where(is_above, np.minimum(of_plane, of_edges), of_edges)
 
 
 def _torus_bounds(surfaces: Surfaces, triangles: np.ndarray, groups: np.ndarray) -> np.ndarray:
