@@ -64,7 +64,7 @@ LATER_TESTS = {
     "test_clients.py", "test_clients_service.py", "test_documentation.py", "test_hostile_text.py",
     "test_kernel_build.py", "test_kernels_uncompiled.py", "test_message_blank.py", "test_message_header.py",
     "test_modes.py", "test_picture.py", "test_refusals.py", "test_release.py", "test_step.py",
-    "test_step_cache.py",
+    "test_step_cache.py", "test_step_with_occ.py", "test_deviation.py",
 }  # fmt: skip
 """Files in these folders that start processes, take minutes, or need the extra ``test-all``."""
 LONG_TESTS = {

@@ -25,11 +25,21 @@ DIGITS = 15
 conversion."""
 WIDTH, LABEL_WIDTH = 100, 15  # width in columns without a terminal, and width of labels
 MM_PER_M = 1e3
+NEGLIGIBLE = 2e-7  # m
+"""Deviation from CAD surfaces that is not reported: the rounding of positions in STEP files."""
 MISSING = "-"
 STDOUT = Path("-")
 FEW_DIGITS = 6  # number of significant digits in summaries
 NO_LENGTH = 1e-12
 """Maximum rounding error of a length in any unit."""
+
+
+def at_most(value: float, digits: int = 2) -> str:
+    """Return a positive number rounded up to *digits* significant digits."""
+    if not 0.0 < value < math.inf:
+        return length(value)
+    step = 10.0 ** (math.floor(math.log10(value)) + 1 - digits)
+    return length(math.ceil(value / step) * step, digits + 1)
 
 
 def write_document(result: Any, *, indent: int | None = 1) -> None:

@@ -45,6 +45,7 @@ class Geometry:
     source_faces: np.ndarray  # (F,) int32, row of the polygon in the file; STEP: of the CAD face in the part
     pose: Pose  # world_from_part, m
     is_hidden: bool = False  # whether it is hidden in the file
+    deviations: np.ndarray | None = None  # (K,) m, of triangles from each CAD face; None: triangles are exact
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,6 +76,7 @@ class RawMesh:
     matrix: np.ndarray | None = None  # (4, 4) float64, world from mesh; None: identity
     is_hidden: bool = False  # hidden from queries until it is shown
     above: tuple[str, ...] = ()  # names of the assemblies above it, the outermost first
+    deviations: np.ndarray | None = None  # (K,) of each CAD face, or None if triangles are the shape
 
 
 @dataclass(slots=True, eq=False)

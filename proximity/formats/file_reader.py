@@ -223,7 +223,8 @@ def _geometries(raw: RawFile, metres: float, stem: str) -> tuple[tuple[Geometry,
         if key not in shared:
             shared[key] = _arrays(mesh, name, placement, metres)
         vertices, faces, source_faces = shared[key]
-        geometries.append(Geometry(name, vertices, faces, source_faces, pose, mesh.is_hidden))
+        deviations = _deviations(mesh, placement, metres)
+        geometries.append(Geometry(name, vertices, faces, source_faces, pose, mesh.is_hidden, deviations))
     return tuple(geometries), notes
 
 
@@ -237,6 +238,24 @@ def _arrays(
         array.flags.writeable = False
     _check_finite(mesh, vertices, name)
     return arrays
+
+
+def _deviations(mesh: RawMesh, placement: Placement, metres: float) -> np.ndarray | None:
+    """Return the deviations of a mesh at its position, m.
+
+    Positions of assemblies have single precision: each level adds half a unit in the last place of its
+    rotation, twice, as the nearest rotation replaces it, and of its translation.
+    """
+    if mesh.deviations is None:
+        return None
+    stretch = placement.scale if placement.stretch is None else np.linalg.norm(placement.stretch, 2)
+    deviations = mesh.deviations * abs(stretch)
+    if mesh.matrix is not None and (mesh.matrix != np.eye(4)).any():
+        reach = np.linalg.norm(mesh.vertices, axis=1).max() + np.linalg.norm(placement.translation)
+        deviations = deviations + (len(mesh.above) + 1) * 2 * np.finfo(np.float32).eps * reach
+    deviations = deviations * metres
+    deviations.flags.writeable = False
+    return np.asarray(deviations)
 
 
 def _check_finite(mesh: RawMesh, vertices: np.ndarray, name: str) -> None:

@@ -21,7 +21,7 @@ from proximity.formats import (
 )
 from proximity.kernels.layout import EXTENSION, MAGIC
 from proximity.scene.model.scene_state import SceneState
-from proximity.scene.part import LoadReport, Part, parts_of_mesh
+from proximity.scene.part import LoadReport, Part, parts_of_mesh, with_deviations
 from proximity.scene.scene import Scene
 from proximity.scene.scene_parts import SceneParts
 from proximity.system.regular_file import open_regular
@@ -193,7 +193,7 @@ def _parts_of(geometries: Iterable[Geometry], origin: str) -> list[Part]:
         # Meshes that share their arrays are validated and given a tree once.
         parts += [
             replace(
-                body,
+                with_deviations(body, geometry.deviations),
                 name=geometry.name + body.name.removeprefix(first.name),
                 pose=geometry.pose,
                 is_hidden=geometry.is_hidden,

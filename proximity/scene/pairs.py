@@ -38,6 +38,8 @@ class Relation(StrEnum):
 
 SHARING = (Relation.CROSSING, Relation.FIRST_INSIDE, Relation.SECOND_INSIDE)
 """Relations of parts with common volume; open parts may cross without."""
+SURFACES = ("triangles", "cad")
+"""Surfaces that a clearance may be between."""
 MIN_TOLERANCE = 1e-9
 """Relative to a depth: the search does not bring its bounds closer than this."""
 _RELATIONS = tuple(Relation)
@@ -52,7 +54,8 @@ class Clearance(NamedTuple):
     one point of both surfaces if the parts cross; the point of the inner surface that is nearest to the outer
     one if a part is inside the other. ``face_on_first`` and ``face_on_second`` are the faces of the ends;
     `NO_FACE` if a part is inside the other. The true distance is between ``lower``, m, and ``distance``,
-    which are equal unless a tolerance or a budget ended the search early.
+    which are equal unless a tolerance or a budget ended the search early, or they are bounds of the distance
+    between CAD surfaces.
     """
 
     first: str
@@ -83,7 +86,13 @@ class PairQueries:
                 return model, parts.solids, [parts.find(name) for name in names]
 
     def clearance(
-        self, first: str | int, second: str | int, *, tolerance: float = 0.0, budget: int | None = None
+        self,
+        first: str | int,
+        second: str | int,
+        *,
+        tolerance: float = 0.0,
+        budget: int | None = None,
+        surface: str = "triangles",
     ) -> Clearance:
         """Return the shortest distance between two parts, hidden or not, and its ends.
 
@@ -97,18 +106,23 @@ class PairQueries:
         budget : int
             Steps of the search (boxes opened and groups of eight triangles compared) after which it returns
             its present bounds; None for no limit.
+        surface : {"triangles", "cad"}
+            Surfaces that the distance is between. With "cad", ``lower`` and ``distance`` are bounds of the
+            distance between the CAD surfaces of STEP files: the deviations of both parts are subtracted and
+            added (`Part.deviation`). The relation, the points and the faces are those of the triangles.
 
         Returns
         -------
         Clearance
-            Exact up to rounding, without a tolerance or a budget.
+            Exact up to rounding, without a tolerance or a budget. With "cad" and a part whose deviation is
+            not known, ``lower`` is 0 and ``distance`` is ``inf``.
 
         Raises
         ------
         SceneError
             If a part does not exist, or both are the same.
         ArgumentError
-            If the tolerance or the budget is out of range.
+            If the tolerance or the budget is out of range, or the surface is not one of the two.
 
         Notes
         -----
@@ -120,10 +134,15 @@ class PairQueries:
         """
         tolerance = not_negative("tolerance", tolerance, "shares")
         steps = 0 if budget is None else whole("budget", budget)
+        if surface not in SURFACES:
+            raise ArgumentError(f"surface is {shown(surface)}, expected one of {', '.join(SURFACES)}")
         model, solids, (row, other) = self._state_with_rows(first, second)
         if row == other:
             raise SceneError(f"{first!r} is asked how far it is from itself, expected two parts")
-        return connect(model, solids, row, other, tolerance, steps)
+        found = connect(model, solids, row, other, tolerance, steps)
+        if surface == "triangles":
+            return found
+        return widened(found, self._parts[row].deviation + self._parts[other].deviation)
 
     def penetration(
         self, first: str | int, second: str | int, *, direction: Any = None, tolerance: float = 0.01
@@ -217,6 +236,14 @@ class PairQueries:
         count = None if most is None else whole("most", most, 0)
         model, _, rows = self._state_with_rows(*(() if of is None else (of,)))
         return nearest_pairs(model, limit, rows[0] if rows else -1, count)
+
+
+def widened(found: Clearance, deviation: float) -> Clearance:
+    """Return a clearance with the bounds of the distance between CAD surfaces.
+
+    *deviation*: sum of the deviations of both parts, m.
+    """
+    return found._replace(lower=max(found.lower - deviation, 0.0), distance=found.distance + deviation)
 
 
 def connect(

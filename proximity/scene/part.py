@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 PART_COLUMNS = ("name", "faces", "sign by", "watertight", "position, m", "hidden", "stiffness, N/m")
 NO_REPAIRS = Repairs(0, 0, 0.0, 0, 0, 0, False)
+NO_DEVIATIONS = np.zeros(0)
+NO_DEVIATIONS.flags.writeable = False
 NO_VELOCITY = np.zeros(3)
 NO_VELOCITY.flags.writeable = False
 NO_VELOCITIES = np.zeros((0, 3))
@@ -35,7 +37,10 @@ class Part:
     for each row of ``solid.mesh.faces``, the row of the face in the file or in the caller's array.
     ``repairs`` counts the repairs on loading. Queries and ticks ignore a part if ``is_hidden`` is set.
     ``stiffness``, N/m, and ``damping``, N s/m, describe a deformable part; a rigid part has a ``stiffness``
-    of None.
+    of None. ``deviation``, m, is an upper bound of the distance between the triangles and the CAD surfaces of
+    a STEP file, in both directions; ``inf`` if no bound is known, as for a deformed part; 0 for a file of
+    triangles. ``deviation_by_face[part.source_faces[face_id]]`` is that of one CAD face; it is empty for a
+    file of triangles.
     """
 
     name: str
@@ -48,6 +53,8 @@ class Part:
     is_hidden: bool = False  # ignored by queries
     stiffness: float | None = None  # N/m; None: rigid
     damping: float = 0.0  # N s/m, of a part that is not rigid
+    deviation: float = 0.0  # m, from the CAD surfaces
+    deviation_by_face: np.ndarray = field(default_factory=lambda: NO_DEVIATIONS)  # (K,) m, of each CAD face
 
     def thin_places(
         self,
@@ -166,7 +173,32 @@ def checked_part(given: Any) -> Part:
         is_hidden=bool(part.is_hidden),
         stiffness=stiffness,
         damping=damping,
+        deviation=not_negative(
+            f"deviation of part {part.name!r}", part.deviation, "metres", may_be_infinite=True
+        ),
     )
+
+
+def with_deviations(part: Part, deviations: np.ndarray | None) -> Part:
+    """Return a part with its deviation from CAD faces.
+
+    *deviations*: (K,) m, of each CAD face; None for a file of triangles. Welding moves the triangles, too.
+    """
+    if deviations is None:
+        return part
+    if part.repairs.weld_distance:
+        deviations = deviations + part.repairs.weld_distance
+        deviations.flags.writeable = False
+    deviation = float(deviations[np.unique(part.source_faces)].max(initial=0.0))
+    return replace(part, deviation=deviation, deviation_by_face=deviations)
+
+
+def deformed(part: Part, solid: Solid) -> Part:
+    """Return a part with the solid of another shape, which has no CAD surfaces."""
+    count = len(part.deviation_by_face)
+    if not count:
+        return replace(part, solid=solid)
+    return replace(part, solid=solid, deviation=np.inf, deviation_by_face=np.full(count, np.inf))
 
 
 def _as_part(part: Any) -> Part:

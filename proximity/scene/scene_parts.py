@@ -15,7 +15,7 @@ from proximity.errors import ArgumentError, MeshError, SceneError
 from proximity.mesh.bvh import LocalFrame
 from proximity.scene.model.assembly import Model, adopt, assemble
 from proximity.scene.model.scene_state import SceneState, write_motion, write_surface
-from proximity.scene.part import Part, checked_part
+from proximity.scene.part import Part, checked_part, deformed
 from proximity.system.memory import return_free_memory
 
 MANY_FACES = 100_000
@@ -185,7 +185,7 @@ class SceneParts:
         except (ArgumentError, MeshError):  # before any change
             self._interrupted = None
             raise
-        self._parts[row], self.solids[row] = replace(part, solid=solid), solid
+        self._parts[row], self.solids[row] = deformed(part, solid), solid
         state.reshape(row)
         self._interrupted = None
 

@@ -398,7 +398,7 @@ def test_colours_of_faces_do_not_change_the_numbers_of_cad_faces(tmp_path):
     assert part.source_faces.tolist() == np.repeat(np.arange(6), 2).tolist()
 
 
-def test_step_with_free_form_faces_is_noted(tmp_path):
+def test_step_with_free_form_faces_is_noted_if_the_deviation_is_unknown(tmp_path, monkeypatch):
     text = step_text.box_step((1, 2, 3), "mm", name="lid")
     point = re.search(r"(#\d+) = CARTESIAN_POINT", text)[1]
     surface = (
@@ -406,8 +406,14 @@ def test_step_with_free_form_faces_is_noted(tmp_path):
         ".F.,(2,2),(2,2),(0.,1.),(0.,1.),.UNSPECIFIED.);\n"
     )
     text = text.replace(TAIL, surface + TAIL)
-    contents = read(tmp_path, text.encode())
-    assert contents.notes[-1].startswith("on free-form faces, which the file has, OpenCASCADE may exceed")
+    (note,) = read(tmp_path, text.encode(), cache=False).notes
+    assert note.startswith("curved faces are approximated within 0.01 mm")
+    monkeypatch.setattr("proximity.formats.step.deviation.read_bodies", lambda _: [])
+    _, note, unbounded = read(tmp_path, text.encode(), cache=False).notes
+    assert note.startswith("on free-form faces, which the file has, OpenCASCADE may exceed")
+    assert unbounded == (
+        "the deviation of lid from its CAD surfaces is not bounded: no solid of the file has its faces"
+    )
 
 
 def test_step_without_units_is_read_in_those_of_the_caller(tmp_path):

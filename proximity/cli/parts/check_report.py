@@ -13,6 +13,8 @@ from proximity.cli.output import (
     DIGITS,
     FEW_DIGITS,
     MISSING,
+    NEGLIGIBLE,
+    at_most,
     counted,
     in_unit,
     in_units,
@@ -22,6 +24,7 @@ from proximity.cli.output import (
     printable,
 )
 from proximity.cli.tables import Column, print_fitting, results_console
+from proximity.formats import metres_per_unit
 from proximity.mesh.topology import open_edges
 
 NAMES_SHOWN = 3  # number of parts named in a remark; the others are counted
@@ -163,6 +166,7 @@ def _part_values(part: "proximity.Part", metres: float) -> Values:
         "area": in_unit(found.area, metres**2),
         **_box(np.array(found.lower), np.array(found.upper), metres),
         "has_inside": bool(part.solid.has_inside),
+        "deviation": in_unit(part.deviation, metres) if part.deviation < math.inf else None,
         "sign_method": part.solid.sign_method.value,
         "sign_reason": part.solid.sign_reason,
         "repairs": {**asdict(part.repairs), "weld_distance": in_unit(part.repairs.weld_distance, metres)},
@@ -193,6 +197,15 @@ def _total(parts: list[Values]) -> Values:
     }
 
 
+def _deviation(part: Values, units: str) -> str:
+    """Return a sentence on the deviation of a part, or an empty text if it is negligible."""
+    if part["deviation"] is None:
+        return "of the triangles from the CAD surfaces: unknown"
+    if part["deviation"] * metres_per_unit(units) <= NEGLIGIBLE:
+        return ""
+    return f"of the triangles from the CAD surfaces: at most {at_most(part['deviation'])} {units}"
+
+
 def _remarks(parts: list[Values], units: str) -> Lines:
     yield from _grouped(parts, "sign", lambda part: f"{part['sign_method']}: {part['sign_reason']}")
     unclosed = [part for part in parts if part["open_edge_count"]]
@@ -202,6 +215,7 @@ def _remarks(parts: list[Values], units: str) -> Lines:
     if (more := len(unclosed) - NAMES_SHOWN) > 0:
         yield "not closed", f"edges of {counted(more, 'more part')}; --json lists them"
     yield from _grouped(parts, "repaired", lambda part: part["repairs_described"])
+    yield from _grouped(parts, "deviation", lambda part: _deviation(part, units))
     yield from _grouped(
         parts, "no inside", lambda part: "" if part["has_inside"] else "distances are unsigned"
     )

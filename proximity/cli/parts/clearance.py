@@ -2,8 +2,10 @@
 
 import csv
 import io
+import math
 import re
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,6 +28,8 @@ from proximity.cli.options import (
 )
 from proximity.cli.output import (
     MISSING,
+    NEGLIGIBLE,
+    at_most,
     counted,
     in_unit,
     length,
@@ -72,6 +76,9 @@ def clearance(
         bool, flag("--ignore-touching", "With --below: leave out pairs that touch.")
     ] = False,
     allow: ALLOW = None,
+    cad: Annotated[
+        bool, flag("--cad", "Bounds for the CAD surfaces of STEP files; --below holds for these.")
+    ] = False,
     list_all: Annotated[bool, flag("--all", "All pairs, not only the nearest 20.")] = False,
     csv_path: Annotated[Path | None, option("FILE", "Write the pairs to a CSV file, too.", "--csv")] = None,
     as_json: JSON = False,
@@ -91,6 +98,10 @@ def clearance(
     point is within --contact touch: they fit. With --clashes the exit code is 1 if a pair overlaps by more,
     and 0 if none does. With --below it is 1 if a pair is nearer, or overlaps. List intended clashes
     once with --csv, and pass the file to --allow.
+
+    Distances are those of the triangles, which deviate from the curved surfaces of a STEP file. With --cad
+    each pair has two bounds, between which the distance of the CAD surfaces is, and --below lists a pair
+    unless its lower bound keeps the distance.
 
     With --hinge, --slide or --poses PART moves, and the answer is its smallest distance over the whole
     motion, also between the sampled poses: to all others, or to the second PART. With --below the exit code
@@ -114,6 +125,7 @@ def clearance(
         (len(names) > 2, "PART", f"{len(names)} names are given, expected two at most"),
         (len(names) == 2 and list_all, "--all", "two parts are one pair"),
         (clashes and below is not None, "--below", "not allowed with --clashes"),
+        (clashes and cad, "--cad", "not allowed with --clashes"),
         (below is None and ignore_touching, "--ignore-touching", "requires --below"),
         (not is_gate and allow is not None, "--allow", "requires --clashes or --below"),
     )
@@ -128,7 +140,7 @@ def clearance(
             (moving.along and len(names) != 2, "--along", "requires two PARTs"),
             (not names, moving.option_name, "requires the PART that moves"),
             (
-                clashes or list_all or ignore_touching,
+                clashes or list_all or ignore_touching or cad,
                 moving.option_name,
                 "only with --below, --csv or --json",
             ),
@@ -156,25 +168,32 @@ def clearance(
     approximation = 0.0 if scene.report is None else scene.report.approximation
     limit = contact_limit(scene) if contact is None else contact * metres
     nearest = 0.0 if below is None else below * metres
+    deviations = {part.name: part.deviation for part in scene.parts}
+    reach = nearest + (2.0 * max(deviations.values()) if cad else 0.0)
     allowed = {} if allow is None else measured_pairs.read_allowed(allow, scene)
     groups, shown = [measured_pairs.matching(scene, name) for name in names], " + ".join(map(str, files))
     with progress.spinner(f"measuring {shown}"):
-        found = measured_pairs.find_pairs(scene, groups, nearest if is_gate else None, is_whole=list_all)
+        found = measured_pairs.find_pairs(scene, groups, reach if is_gate else None, is_whole=list_all)
         pairs = measure_pairs(scene, found, limit)
     pairs = measured_pairs.without_allowed(pairs, allowed, allow)
     sentence = measured_pairs.verdict(pairs, limit, approximation, metres, reading.units)
+    deviation_of = partial(measured_pairs.deviation_of, deviations)
     if is_gate:
-        pairs = [pair for pair in pairs if pair.is_clash or pair.clearance.distance < nearest]
+        pairs = [
+            pair
+            for pair in pairs
+            if pair.is_clash or pair.clearance.distance - (deviation_of(pair) if cad else 0.0) < nearest
+        ]
     if ignore_touching:
         pairs = [pair for pair in pairs if pair.relation != "touching"]
-    values = [_values(pair, metres) for pair in pairs]
+    values = [_values(pair, deviation_of(pair), metres, is_cad=cad) for pair in pairs]
     if csv_path is not None:
         _write_csv(csv_path, values, reading.units)
     if as_json:
         said = {"below": below, "contact": in_unit(limit, metres), "verdict": sentence}
         write_document({"file": shown, "units": reading.units, **said, "pairs": values})
     elif len(pairs) == len(names) - 1 == 1:
-        print_block(_lines(values[0], reading.units))
+        print_block(_lines(values[0], metres, reading.units))
     else:
         _print_table(values if list_all or clashes else values[: measured_pairs.MAX_SHOWN], reading.units)
         if len(scene.parts) == 1:
@@ -183,6 +202,8 @@ def clearance(
         if not clashes:
             names = [printable(name) for name in names]
             typer.echo(_summary(values, below, reading.units, names, len(scene.parts), is_whole=list_all))
+        if not cad and (difference := _deviation(values, metres, reading.units)):
+            typer.echo(difference)
         _print_verdict(sentence, is_clash=any(pair.is_clash for pair in pairs))
     if is_gate and pairs:
         raise typer.Exit(EXIT_NEARER)
@@ -201,18 +222,27 @@ def _files_and_names(words: list[str]) -> tuple[list[Path], list[str]]:
     return [Path(word) for word in (words[0], *files)], names
 
 
-def _values(pair: "MeasuredPair", metres: float) -> Values:
-    """Return the values of a pair in the user's unit."""
+def _values(pair: "MeasuredPair", deviation: float, metres: float, *, is_cad: bool) -> Values:
+    """Return the values of a pair in the user's unit.
+
+    *deviation*: of the triangles of both parts from the CAD surfaces, m. Infinity becomes None.
+    """
     import numpy as np
 
     from proximity.cli.output import in_units
 
-    found = pair.clearance
+    found, is_known = pair.clearance, deviation < math.inf
+    bounds = {
+        "lower": in_unit(max(found.lower - deviation, 0.0), metres),
+        "upper": in_unit(found.distance + deviation, metres) if is_known else None,
+    }
     ends = found.point_on_first[None], found.point_on_second[None]
     return {
         "first": found.first,
         "second": found.second,
         "distance": float(in_units(np.array([found.distance]), metres, *ends)[0]),
+        **(bounds if is_cad else {}),
+        "deviation": in_unit(deviation, metres) if is_known else None,
         "relation": str(pair.relation),
         "deepest": in_unit(pair.deepest, metres),
         "deepest_lower": in_unit(pair.deepest_lower, metres),
@@ -231,6 +261,23 @@ def _volume(pair: Values) -> str:
     return length(pair["overlap"], DIGITS) if pair["overlap"] else MISSING
 
 
+def _deviation(pairs: list[Values], metres: float, units: str) -> str:
+    """Return a sentence on the deviation from the CAD surfaces, or an empty text if it is negligible."""
+    deviations = [pair["deviation"] for pair in pairs]
+    if None in deviations:
+        unknown = counted(deviations.count(None), "pair")
+        return f"The distance between the CAD surfaces of {unknown} is not known: see proximity check."
+    most = max(deviations, default=0.0)
+    if most * metres <= NEGLIGIBLE:
+        return ""
+    return f"Distances between the CAD surfaces differ by at most {at_most(most)} {units}: see --cad."
+
+
+def _upper(pair: Values) -> str:
+    upper = pair.get("upper")
+    return "unknown" if upper is None else length(upper, DIGITS)
+
+
 def _length(pair: Values, name: str) -> str:
     return length(pair[name], FEW_DIGITS) if pair[name] else MISSING
 
@@ -239,9 +286,13 @@ def _point(position: list[float]) -> str:
     return "  ".join(length(coordinate, DIGITS) for coordinate in position)
 
 
-def _lines(pair: Values, units: str) -> Iterator[tuple[str, str]]:
+def _lines(pair: Values, metres: float, units: str) -> Iterator[tuple[str, str]]:
     """Yield the labels and values that describe one pair."""
     yield "distance", f"{length(pair['distance'])} {units}, {pair['relation']}"
+    if "lower" in pair:
+        yield "CAD surfaces", f"{length(pair['lower'])} to {_upper(pair)} {units}"
+    elif said := _deviation([pair], metres, units):
+        yield "note", said
     for end, part in (("from", "first"), ("to", "second")):
         yield end, f"{_point(pair[end])} {units} ({pair[part]})"
     if pair["overlap"] != 0.0:
@@ -275,6 +326,10 @@ def _columns(pairs: list[Values], units: str, width: int) -> "list[Column]":
         Column("first", "first", False, [in_lines(printable(pair["first"]), width) for pair in pairs]),
         Column("second", "second", False, [in_lines(printable(pair["second"]), width) for pair in pairs]),
         Column("distance", f"distance [{units}]", True, [length(pair["distance"], DIGITS) for pair in pairs]),
+        Column(
+            "lower", f"at least [{units}]", True, [length(pair.get("lower", 0.0), DIGITS) for pair in pairs]
+        ),
+        Column("upper", f"at most [{units}]", True, [_upper(pair) for pair in pairs]),
         Column("relation", "relation", False, [pair["relation"] for pair in pairs]),
         Column("deepest", f"deepest [{units}]", True, [_length(pair, "deepest") for pair in pairs]),
         Column("overlap", f"overlap [{cube}]", True, list(map(_volume, pairs))),
@@ -283,6 +338,7 @@ def _columns(pairs: list[Values], units: str, width: int) -> "list[Column]":
         Column("to", f"to [{units}]", True, [_point(pair["to"]) for pair in pairs]),
     ]
     left_out = set() if deep else {"deepest", "depth"}
+    left_out |= {"distance"} if any("lower" in pair for pair in pairs) else {"lower", "upper"}
     if not any(pair["distance"] for pair in pairs):
         left_out.add("distance")
     return [column for column in columns if column.name not in left_out]
@@ -308,11 +364,12 @@ def _summary(
     hidden = 0 if is_whole else max(len(pairs) - MAX_SHOWN, 0)
     if below is not None:
         of = f"{printable(names[0])} and another part" if len(names) == 1 else "parts"
-        near = f"nearer than {length(below)} {units}"
+        near, may_be = f"nearer than {length(below)} {units}", any("lower" in pair for pair in pairs)
         if not pairs:
             return f"No pair of {' and '.join(map(printable, names)) if len(names) == 2 else of} is {near}."
         shown = f"; these are the first {MAX_SHOWN}, --all lists all" if hidden else ""
-        return f"{counted(len(pairs), 'pair')} of {count} {'is' if len(pairs) == 1 else 'are'} {near}{shown}."
+        be = "may be" if may_be else "is" if len(pairs) == 1 else "are"
+        return f"{counted(len(pairs), 'pair')} of {count} {be} {near}{shown}."
     meeting = sum(pair["relation"] != "apart" for pair in pairs)
     if hidden or len(pairs) < count:
         listed = f"These are the nearest {len(pairs) - hidden} of {counted(count, 'pair')}; "
@@ -338,12 +395,15 @@ def _write_csv(path: Path, pairs: list[Values], units: str) -> None:
     writer = csv.writer(text, lineterminator="\n")
     ends = [f"{end}_{axis}_{units}" for end in ("from", "to") for axis in "xyz"]
     ends += [f"depth_{units}", *(f"direction_{axis}" for axis in "xyz"), f"deepest_{units}"]
+    bounds = ("lower", "upper") if pairs and "lower" in pairs[0] else ()
+    ends += [f"{bound}_{units}" for bound in bounds]
     writer.writerow(["first", "second", f"distance_{units}", "relation", f"overlap_{units}3", *ends])
     for pair in pairs:
         volume = "" if pair["overlap"] is None else pair["overlap"]
         named = table_text(pair["first"]), table_text(pair["second"])
         depth = [pair["depth"], *(pair["direction"] or [""] * 3), pair["deepest"]]
         points = *pair["from"], *pair["to"]
-        writer.writerow([*named, pair["distance"], pair["relation"], volume, *points, *depth])
+        limits = [pair[bound] for bound in bounds]
+        writer.writerow([*named, pair["distance"], pair["relation"], volume, *points, *depth, *limits])
     with whole_file(path) as stream:
         stream.write(text.getvalue().encode())

@@ -51,6 +51,14 @@ def find_pairs(
     return [pair for pair in kept.values() if limit is None or pair.distance <= limit]
 
 
+def deviation_of(deviations: dict[str, float], pair: MeasuredPair) -> float:
+    """Return the sum of the deviations of two parts, m.
+
+    *deviations*: of each part, by name.
+    """
+    return sum(deviations[name] for name in pair.clearance[:2])
+
+
 def read_allowed(path: Path, scene: proximity.Scene) -> dict[frozenset[str], int]:
     """Read the allowed pairs from a CSV file, and return them with their line numbers.
 

@@ -7,14 +7,17 @@ precision, 1e-7 of a part's size, because cascadio provides no more.
 """
 
 import re
+from collections.abc import Callable
 
 import numpy as np
 
 from proximity.errors import MeshFormatError
-from proximity.formats.contents import UNKNOWN_FACE, RawFile, Source
+from proximity.formats.contents import UNKNOWN_FACE, RawFile, RawMesh, Source
 from proximity.formats.step import conversion, product_structure
+from proximity.formats.step.deviation import cached_deviations
 from proximity.formats.step.external_parts import with_external_parts, without_trailer
 from proximity.formats.step.step_records import REFERENCE, StepText
+from proximity.formats.text_rows import listed
 from proximity.formats.units import UNITS, metres_per_unit
 
 _SI_PREFIXES = {
@@ -29,6 +32,13 @@ _SI_PREFIXES = {
 _CONVERSIONS = {"INCH": "in", "FOOT": "ft", "YARD": "yd", "MILE": "mi", "MIL": "mil", "MILLIMETRE": "mm"}
 _CONTEXT = re.compile(r"GLOBAL_UNIT_ASSIGNED_CONTEXT\s*+\(\s*+\(([^)]*+)")
 _SI_METRE = re.compile(r"SI_UNIT\s*+\(\s*+(\$|\.\w++\.)\s*+,\s*+\.METRE\.")
+_MAX_ATTEMPTS = 2
+"""Maximum number of conversions with a finer tolerance."""
+_MARGIN, _LEAST_SHARE = 0.8, 1 / 4
+"""Factor of the finer tolerance, since deviations are only nearly proportional to it, and its minimum as a
+share of the last one."""
+_GAIN = 0.95
+"""Minimum improvement for which finer triangles replace coarse ones."""
 _ASSUMED_METRES = 1e-3  # OpenCASCADE's unit of numbers without a unit
 
 
@@ -50,21 +60,80 @@ def read_step(
         raise MeshFormatError(
             f"its assemblies hold {body_count} parts, but OpenCASCADE could read {len(raw.meshes)} only"
         )
+    cache = conversion.CACHE if is_cached else None
+    unbounded = cached_deviations(text, raw.meshes, tolerance, cache)
     if reached == tolerance:
         notes.append(
             f"curved faces are approximated within {tolerance * 1e3:g} mm by flat triangles: distances "
             "are exact to the triangles"
         )
-    if conversion.FREE_FORM.search(text.blank):
+        with conversion.converter():
+            notes += _mesh_finer(
+                raw,
+                tolerance,
+                lambda finer: conversion.mesh_within_limits(
+                    text, source.path, finer, metres, is_cached=is_cached
+                )[0],
+                lambda meshes: cached_deviations(text, meshes, tolerance, cache),
+            )
+    if unbounded and conversion.FREE_FORM.search(text.blank):
         notes.append(
             "on free-form faces, which the file has, OpenCASCADE may exceed the tolerance: measure with two "
             "tolerances where that matters"
         )
+    notes += unbounded
     raw.notes += notes
     raw.approximation = reached
     raw.units = ", ".join(units) or None
     raw.metres_per_number = 1.0 if units else undeclared_metres / _ASSUMED_METRES
     return raw
+
+
+def _mesh_finer(
+    raw: RawFile,
+    tolerance: float,
+    mesh: Callable[[float], RawFile],
+    add_deviations: Callable[[list[RawMesh]], object],
+) -> list[str]:
+    """Replace meshes that deviate by more than the tolerance, m, by finer ones. Return notes.
+
+    *mesh*: converts the file with another tolerance. On some free-form faces it exceeds any tolerance: then
+    the coarse triangles stay.
+    """
+    coarse = [one for one in raw.meshes if _deviation(one) > tolerance]
+    if not coarse:
+        return []
+    first = worst = max(map(_deviation, coarse))
+    finer = tolerance
+    for _ in range(_MAX_ATTEMPTS):
+        finer *= _MARGIN * max(tolerance / worst, _LEAST_SHARE)
+        try:
+            again = mesh(finer)
+        except MeshFormatError:  # it takes too many triangles
+            break
+        if len(again.meshes) != len(raw.meshes):
+            break
+        add_deviations(again.meshes)
+        for old, new in zip(raw.meshes, again.meshes, strict=True):
+            if _deviation(old) > tolerance and _deviation(new) < _GAIN * _deviation(old):
+                old.vertices, old.faces, old.source_faces = new.vertices, new.faces, new.source_faces
+                old.deviations = new.deviations
+        last, worst = worst, max(map(_deviation, raw.meshes))
+        if worst <= tolerance or worst == last:
+            break
+    names = listed(list(dict.fromkeys(one.name or "a part" for one in coarse)))
+    exceeded = (
+        f"{names}: triangles within {tolerance * 1e3:g} mm deviate by up to {first * 1e3:.3g} mm from the "
+    )
+    if worst == first:
+        return [exceeded + "CAD surfaces, and finer ones do not improve it"]
+    return [exceeded + f"CAD surfaces; finer ones are used, which deviate by up to {worst * 1e3:.3g} mm"]
+
+
+def _deviation(mesh: RawMesh) -> float:
+    """Return the largest deviation of a mesh, m, or 0.0 if it is not bounded: finer triangles do not help."""
+    largest = 0.0 if mesh.deviations is None else float(mesh.deviations.max(initial=0.0))
+    return largest if np.isfinite(largest) else 0.0
 
 
 def _units(text: StepText) -> list[str]:

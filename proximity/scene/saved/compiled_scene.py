@@ -20,6 +20,7 @@ from proximity.scene.model.assembly import Model, finished
 from proximity.scene.model.scene_state import write_motion, write_surface
 from proximity.scene.saved.archive import read_archive, write_archive
 from proximity.scene.saved.description import (
+    deviations_of,
     expect,
     list_of,
     names_of,
@@ -81,6 +82,7 @@ def write_scene(path: Any, model: Model, parts: Iterable[Any], report: Any) -> N
     metadata = {
         "report": None if report is None else asdict(report),
         "parts": {field: [_plain(getattr(part, field)) for part in parts] for field in _FIELDS},
+        "deviations": [_finite(part.deviation_by_face) for part in parts],
         "solid_of_part": [number_of[id(part.solid)] for part in parts],
         "solids": [
             [row, str(solid.name), solid.sign_method.value, solid.sign_reason, solid.is_watertight]
@@ -123,6 +125,11 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
+def _finite(deviations: np.ndarray) -> list[float | None]:
+    """Return deviations as JSON has them, with None for infinity."""
+    return [value if value < np.inf else None for value in deviations.tolist()]
+
+
 def _source_faces(part: Any) -> np.ndarray:
     rows = np.asarray(part.source_faces)
     expected = (part.solid.mesh.face_count,)
@@ -162,14 +169,19 @@ def _scene(metadata: dict[str, Any], arrays: dict[str, np.ndarray]) -> CompiledS
     faces = _slices(
         _array(arrays, "source_faces", np.int32), [solids[number].mesh.face_count for number in solid_of_part]
     )
+    deviations = deviations_of(metadata.get("deviations"), faces)
     parts = [
         {
             "solid": solids[number],
             "pose": Pose.known(pose[:9].reshape(3, 3), pose[9:]),
             "source_faces": of_source,
+            "deviation": float(by_face[np.unique(of_source)].max()) if len(by_face) else 0.0,
+            "deviation_by_face": by_face,
             **{field: values[field][row] for field in _FIELDS},
         }
-        for row, (number, pose, of_source) in enumerate(zip(solid_of_part, poses, faces, strict=True))
+        for row, (number, pose, of_source, by_face) in enumerate(
+            zip(solid_of_part, poses, faces, deviations, strict=True)
+        )
     ]
     return CompiledScene(model, parts, report_of(metadata["report"]))
 

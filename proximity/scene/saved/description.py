@@ -9,7 +9,7 @@ import numpy as np
 from proximity.errors import ArgumentError, MeshFormatError
 from proximity.mesh.body_split import Repairs
 from proximity.scene.model.scene_state import first_unfit_move
-from proximity.scene.part import checked_surface
+from proximity.scene.part import NO_DEVIATIONS, checked_surface
 from proximity.scene.sign import SignMethod
 
 _NO_ROWS = np.zeros((0, 3))
@@ -93,6 +93,28 @@ def surfaces_of(
     except ArgumentError as reason:
         raise MeshFormatError(str(reason)) from None
     return [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+
+
+def deviations_of(value: Any, faces: list[np.ndarray]) -> list[np.ndarray]:
+    """Return the deviations of all parts from their CAD faces as read-only arrays; empty in earlier files.
+
+    *faces*: CAD face of each face of each part.
+    """
+    if value is None:
+        return [NO_DEVIATIONS] * len(faces)
+    found = []
+    for row, (entries, rows) in enumerate(
+        zip(list_of(list, value, "deviations", len(faces)), faces, strict=True)
+    ):
+        deviations = np.array([np.inf if entry is None else entry for entry in entries], np.float64)
+        expect(deviations.ndim == 1 and (deviations >= 0.0).all(), f"deviations of part {row} are negative")
+        expect(
+            not len(deviations) or (rows.min(initial=-1) >= -1 and rows.max(initial=-1) < len(deviations)),
+            f"part {row} has {len(deviations)} deviations, but other CAD faces",
+        )
+        deviations.flags.writeable = False
+        found.append(deviations)
+    return found
 
 
 def report_of(value: Any) -> dict[str, Any] | None:
