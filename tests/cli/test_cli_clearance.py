@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+from dataclasses import replace
 
 import mesh_files
 import numpy as np
@@ -225,6 +226,36 @@ def test_csv_has_all_digits_and_no_formulas(run, folder):
     np.testing.assert_allclose(np.array(rows[1][5:11], float)[::3], [0.05, 0.25], atol=1e-15)
     assert rows[0][11:] == ["depth_m", "direction_x", "direction_y", "direction_z", "deepest_m"]
     assert rows[1][11:] == ["0.0", "", "", "", "0.0"]
+
+
+def test_bounds_of_cad_surfaces_decide_what_may_be_nearer(run, folder):
+    found = {(pair["first"], pair["second"]): pair for pair in pairs_of(run, "assembly.step", "--cad")}
+    pair = found["base", "pin"]
+    assert 0.0 < pair["deviation"] < 1e-3
+    assert pair["lower"] == pytest.approx(pair["distance"] - pair["deviation"], abs=1e-9)
+    assert pair["upper"] == pytest.approx(pair["distance"] + pair["deviation"], abs=1e-9)
+    assert "lower" not in pairs_of(run, "assembly.step")[0]
+
+    words = "assembly.step", "base", "pin", "--below", 4  # the triangles keep it, the lower bound does not
+    assert run(*words).code == 0
+    assert run(*words, "--cad").code == 1
+    run("assembly.step", "--cad", "--csv", "bounds.csv")
+    header = (folder / "bounds.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert header.endswith("deepest_mm,lower_mm,upper_mm")
+    assert "not allowed with --clashes" in run("assembly.step", "--clashes", "--cad").words
+
+
+def test_pair_without_a_bound_is_listed_as_one_that_may_be_near(run, folder):
+    scene = proximity.load("assembly.step")
+    parts = [replace(part, deviation=np.inf, deviation_by_face=part.deviation_by_face + np.inf)
+             if part.name == "pin" else part for part in scene.parts]  # fmt: skip
+    Scene(parts).save(folder / "unknown.prox")
+
+    assert run("unknown.prox", "pin", "pin_2", "--below", 1).code == 0
+    answer = run("unknown.prox", "pin", "pin_2", "--below", 1, "--cad")
+    assert answer.code == 1
+    assert "0 to unknown mm" in answer.out
+    assert "of 1 pair is not known" in run("unknown.prox", "pin", "pin_2").out
 
 
 def test_a_bolt_in_its_hole_overlaps_by_the_approximation_of_the_circle(run):

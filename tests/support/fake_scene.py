@@ -52,7 +52,12 @@ class FakeScene:
         )
         self.parts = (
             SimpleNamespace(
-                name=name, solid=solid, pose=Pose(), source_faces=np.arange(100, 200), repairs=FakeRepairs()
+                deviation=0.0,
+                name=name,
+                solid=solid,
+                pose=Pose(),
+                source_faces=np.arange(100, 200),
+                repairs=FakeRepairs(),
             ),
         )
         self.part_sizes = np.full((1, 3), 2.0 * RADIUS)
