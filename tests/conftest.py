@@ -116,7 +116,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Ignore files without a wanted test, by their text: imports of some are missing, and of many are slow."""
+    """Ignore files without a wanted test, by their text: some need more packages, many compile."""
     if collection_path.suffix != ".py":
         return None
     if config.option.markexpr in MARKS:
