@@ -62,11 +62,11 @@ from proximity.scene.queries.results import SegmentHits as SegmentHits
 from proximity.scene.scene import Scene as Scene
 from proximity.scene.sign import SignMethod as SignMethod
 from proximity.scene.solid import Solid as Solid
-from proximity.scene.thickness import Thickness as Thickness
-from proximity.scene.thin_walls import ThinWalls as ThinWalls
 from proximity.scene.trimesh_scene import from_mesh as from_mesh
 from proximity.scene.trimesh_scene import from_trimesh as from_trimesh
 from proximity.scene.trimesh_scene import to_trimesh as to_trimesh
+from proximity.scene.walls.thickness import Thickness as Thickness
+from proximity.scene.walls.thin_walls import ThinWalls as ThinWalls
 from proximity.service.hosting import RunningService as RunningService
 from proximity.service.hosting import serve as serve
 from proximity.service.hosting import start_service as start_service

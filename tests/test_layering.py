@@ -69,9 +69,7 @@ motion_clearance · scene_parts
 pairs
 deformation · saved
 part
-thin_walls
-facing_faces
-thickness
+walls
 solid
 penetration · queries · solid_arrays
 motion · sign

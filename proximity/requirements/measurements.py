@@ -15,7 +15,7 @@ from proximity.scene.motion import Motion
 from proximity.scene.motion_clearance import TOLERANCE
 from proximity.scene.pairs import SHARING, Clearance, deepest_of
 from proximity.scene.scene import Scene
-from proximity.scene.thin_walls import WALL_ANGLE
+from proximity.scene.walls.thin_walls import WALL_ANGLE
 
 STEPS = (1.05, 1.5, 2.0, 4.0, 8.0, 16.0)
 """Displacements in deviations, at which parts are compared to bound a gap along an axis."""

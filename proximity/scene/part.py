@@ -16,7 +16,7 @@ from proximity.scene.queries.html_table import html_table
 from proximity.scene.solid import Solid
 
 if TYPE_CHECKING:
-    from proximity.scene.thin_walls import ThinWalls
+    from proximity.scene.walls.thin_walls import ThinWalls
 
 PART_COLUMNS = ("name", "faces", "sign by", "watertight", "position, m", "hidden", "stiffness, N/m")
 NO_REPAIRS = Repairs(0, 0, 0.0, 0, 0, 0, False)
@@ -101,9 +101,9 @@ class Part:
         is narrower than a millionth of the part's size. A wall thinner than the limit by less than a
         ten-millionth of the size, and a hundredth of the limit, keeps it, since files have single precision.
         Cost: 1 to 5 s for 50 thousand faces on one core, more for many needles.
-        Source: the bound is the least value of linear functions on polygons, see `scene.facing_faces`.
+        Source: the bound is the least value of linear functions on polygons, see `scene.walls.facing_faces`.
         """
-        from proximity.scene.thin_walls import find_thin_walls  # not needed by queries
+        from proximity.scene.walls.thin_walls import find_thin_walls  # not needed by queries
 
         return find_thin_walls(self, below, resolution, wall_angle, workers)
 

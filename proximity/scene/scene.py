@@ -28,7 +28,7 @@ from proximity.scene.queries.html_table import html_table
 from proximity.scene.queries.queries import Ignored
 from proximity.scene.scene_parts import ClosedParts, SceneParts, checked_parts, with_arrays
 from proximity.scene.solid import Solid
-from proximity.scene.thickness import ThicknessQueries
+from proximity.scene.walls.thickness import ThicknessQueries
 from proximity.system.locks import fork_safe_lock
 
 

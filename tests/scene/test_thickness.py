@@ -9,7 +9,7 @@ from thick_parts import prism, surface_points, tube
 import oracle
 import proximity
 from proximity import ArgumentError, NotWatertightError, Part, Pose, Scene, SceneError, Solid
-from proximity.scene import thickness
+from proximity.scene.walls import thickness
 
 EXACT = 1e-12
 TOLERANCE = thickness.TOLERANCE

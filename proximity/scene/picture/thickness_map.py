@@ -19,11 +19,11 @@ from proximity.scene.picture.scene_view import (
     rendered,
     rotation_towards,
 )
-from proximity.scene.thin_walls import SINGLE_ROUNDING
+from proximity.scene.walls.thin_walls import SINGLE_ROUNDING
 
 if TYPE_CHECKING:
     from proximity.scene.scene import Scene
-    from proximity.scene.thin_walls import ThinWalls
+    from proximity.scene.walls.thin_walls import ThinWalls
 
 SIZE = (700, 560)
 """Pixels of each of the two views."""

@@ -13,10 +13,10 @@ import numpy as np
 
 from proximity.checks import not_negative, positive
 from proximity.errors import ArgumentError
-from proximity.scene.facing_faces import Facing, least_facing
 from proximity.scene.queries.html_table import html_table
 from proximity.scene.solid import Solid
-from proximity.scene.thickness import (
+from proximity.scene.walls.facing_faces import Facing, least_facing
+from proximity.scene.walls.thickness import (
     DISTANCE_ROUNDING,
     ends_of_rays,
     face_normals,

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.kernels.entries import morton_order
-from proximity.scene.thickness import DISTANCE_ROUNDING, face_normals
+from proximity.scene.walls.thickness import DISTANCE_ROUNDING, face_normals
 
 BLOCK = 2048
 """Number of faces whose pairs are searched together."""
