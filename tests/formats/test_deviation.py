@@ -9,8 +9,8 @@ import step_text
 from mesh_reading import read as read_file
 
 import proximity
-from proximity.formats import step
-from proximity.formats.step import cad_faces, conversion, deviation, surface_distance
+from proximity.formats.contents import RawFile, RawMesh
+from proximity.formats.step import cad_faces, chords, conversion, deviation, step, surface_distance
 from proximity.formats.step.cad_faces import Shape, Spline
 from proximity.formats.step.entities import parsed
 from proximity.formats.step.step_records import StepText
@@ -293,11 +293,58 @@ def test_second_read_has_the_same_bounds_without_the_surfaces(tmp_path, monkeypa
 
 
 def test_splines_without_scipy_have_no_bound(monkeypatch):
-    monkeypatch.delattr(step, "spline_distance", raising=False)
+    monkeypatch.delattr("proximity.formats.step.spline_distance", raising=False)
     monkeypatch.setitem(sys.modules, "proximity.formats.step.spline_distance", None)
     face = cad_faces.CadFace("#1", Shape("spline", "B_SPLINE_SURFACE", spline=bump()), {}, True)
 
-    assert deviation._spline_depth(face, np.zeros((1, 3, 3))) == np.inf
+    bound, reason = deviation._spline_depth(face, np.zeros((1, 3, 3)))
+
+    assert bound == np.inf
+    assert reason.startswith("free-form faces need SciPy: ")
+
+
+def test_edges_that_need_scipy_have_no_bound_without_it(monkeypatch):
+    monkeypatch.delattr("proximity.formats.step.spline_distance", raising=False)
+    monkeypatch.setitem(sys.modules, "proximity.formats.step.spline_distance", None)
+    curve = Shape("spline", "B_SPLINE_CURVE", spline=bump())
+
+    assert np.isinf(chords.chord_bounds([curve], np.zeros(1, int), np.zeros((1, 2, 3)), 1.0)).all()
+
+
+def raw_file(*deviations):
+    """Return meshes of one face with these deviations, m."""
+    faces = np.array([[0, 1, 2]])
+    return RawFile("STEP", [
+        RawMesh(f"p{row}", np.eye(3), faces, np.zeros(1, np.int32), deviations=np.array([value]))
+        for row, value in enumerate(deviations)
+    ])  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("finer", "kept", "words"),
+    [
+        ([1e-6, 1e-6, 1e-6], [4e-6, 1e-6, np.inf], "finer ones are used, which deviate by up to 0.004 mm"),
+        ([1e-6, 3e-5, 1e-6], [4e-6, 2e-5, np.inf], "and finer ones do not improve it"),
+        ([1e-6, np.inf, 1e-6], [4e-6, 2e-5, np.inf], "and finer ones do not improve it"),
+    ],
+)
+def test_only_parts_that_deviate_too_much_get_finer_triangles(finer, kept, words):
+    tolerances = []
+
+    def mesh(tolerance):
+        tolerances.append(tolerance)
+        return raw_file(*finer), tolerance
+
+    raw = raw_file(4e-6, 2e-5, np.inf)
+    (note,) = step._mesh_finer(raw, 1e-5, mesh, lambda meshes: None)
+
+    assert [one.deviations[0] for one in raw.meshes] == kept
+    assert note.startswith("p1: triangles within 0.01 mm deviate by up to 0.02 mm") and words in note
+    assert tolerances == pytest.approx([4e-6])
+
+
+def test_parts_within_the_tolerance_are_meshed_once():
+    assert step._mesh_finer(raw_file(4e-6, 1e-5), 1e-5, None, None) == []
 
 
 # --- scenes ---

@@ -94,8 +94,8 @@ def test_cache_is_left_alone_where_the_caller_says_so(tmp_path, folder, started)
 def test_damaged_entry_is_made_again(tmp_path, folder, started):
     path = write(tmp_path, "part.step", BALL)
     first = formats.read_geometries(path)
-    (entry,) = folder.iterdir()
-    entry.write_bytes(entry.read_bytes()[:1000])
+    for entry in folder.iterdir():
+        entry.write_bytes(entry.read_bytes()[:50])
     same(first, formats.read_geometries(path))
     same(first, formats.read_geometries(path))
     assert len(started) == 2

@@ -118,8 +118,10 @@ def chord_bounds(shapes: list[Shape], curves: np.ndarray, chords: np.ndarray, fi
             bounds[rows] = np.where(residual <= fit, residual + sagitta, np.inf)
     splines = np.flatnonzero(kinds == "spline")
     if len(splines):
-        from proximity.formats.step import spline_distance  # needs SciPy
-
+        try:
+            from proximity.formats.step import spline_distance
+        except ImportError:  # without SciPy there is no bound
+            return bounds
         for curve in np.unique(curves[splines]):
             rows = splines[curves[splines] == curve]
             spline = shapes[curve].spline

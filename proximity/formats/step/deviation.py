@@ -14,6 +14,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from proximity.formats.step import chords, surface_distance
 from proximity.formats.step.cad_faces import CadFace, read_bodies
 from proximity.formats.step.step_records import StepText
 from proximity.formats.text_rows import listed
+from proximity.system.extras import installation
 from proximity.system.file_cache import FileCache
 
 _UNREADABLE = (MeshFormatError, TypeError, ValueError, LookupError, ArithmeticError)
@@ -31,7 +33,7 @@ _SINGLE = float(np.finfo(np.float32).eps)
 _FIT = 64 * _SINGLE
 """Maximum distance of the corners of a triangle from its CAD face as a share of the size of the part, if that
 is more."""
-_VERSION = b"2"
+_VERSION = 1
 """Number of the method in the keys of the cache."""
 _KINDS = ("plane", "cone", "sphere", "torus")
 
@@ -43,7 +45,8 @@ def cached_deviations(
     if cache is None:
         return add_deviations(text, meshes, fit)
     shared = list({id(mesh.source_faces): mesh for mesh in meshes}.values())
-    digest = hashlib.blake2b(b"%s %r" % (_VERSION, fit) + text.text.encode())
+    settings = f"{_VERSION} {fit} {find_spec('scipy') is not None} "
+    digest = hashlib.blake2b(settings.encode() + text.text.encode())
     for mesh in shared:
         for array in (mesh.vertices, mesh.faces, mesh.source_faces):
             digest.update(np.ascontiguousarray(array).tobytes())
@@ -150,6 +153,8 @@ def _bounds(mesh: RawMesh, faces: list[CadFace], corners: np.ndarray, fit: float
         if curve < 0 or not sagitta < np.inf:
             laterals[number] = np.inf
             continue
+        if np.isinf(depths[number]):
+            continue
         ends = found.ends[by_curve[starts[curve] : starts[curve + 1]]]
         surface, shape = faces[number].surface, curves.shapes[curve]
         lateral = chords.lateral_bound(surface, shape, sagitta, depths[number], ends)
@@ -181,19 +186,21 @@ def _depths(
         if face.surface.kind == "other":
             depths[row], reasons[row] = np.inf, "surfaces of this type are not bounded"
         elif face.surface.kind == "spline":
-            depths[row] = _spline_depth(face, corners[numbers == row])
-            if np.isinf(depths[row]):
-                reasons[row] = "it has kinks, or needs SciPy, which proximity[service] installs"
+            depths[row], reason = _spline_depth(face, corners[numbers == row])
+            if reason:
+                reasons[row] = reason
     return depths, reasons
 
 
-def _spline_depth(face: CadFace, triangles: np.ndarray) -> float:
+def _spline_depth(face: CadFace, triangles: np.ndarray) -> tuple[float, str]:
+    """Return a bound for a spline, and the reason if it is infinite."""
     try:
         from proximity.formats.step import spline_distance
     except ImportError:
-        return np.inf
+        return np.inf, f"free-form faces need SciPy: {installation('service')}"
     assert face.surface.spline is not None, "a surface of the kind spline has one"
-    return spline_distance.surface_bound(spline_distance.shape_of(face.surface.spline), triangles)
+    bound = spline_distance.surface_bound(spline_distance.shape_of(face.surface.spline), triangles)
+    return bound, "" if bound < np.inf else "it has kinks, or too many pieces"
 
 
 def _largest(groups: np.ndarray, curves: np.ndarray, sagittas: np.ndarray) -> list[tuple[int, int, float]]:

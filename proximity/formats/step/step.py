@@ -54,27 +54,26 @@ def read_step(
     units = _units(text)
     body_count = product_structure.count_bodies(text)
     metres = max((metres_per_unit(unit) for unit in units if unit in UNITS), default=_ASSUMED_METRES)
-    raw, reached = conversion.mesh_within_limits(text, source.path, tolerance, metres, is_cached=is_cached)
-    notes += _notes_on_faces(text, raw)
-    if len(raw.meshes) < body_count:
-        raise MeshFormatError(
-            f"its assemblies hold {body_count} parts, but OpenCASCADE could read {len(raw.meshes)} only"
-        )
     cache = conversion.CACHE if is_cached else None
-    unbounded = cached_deviations(text, raw.meshes, tolerance, cache)
-    if reached == tolerance:
-        notes.append(
-            f"curved faces are approximated within {tolerance * 1e3:g} mm by flat triangles: distances "
-            "are exact to the triangles"
-        )
-        with conversion.converter():
+    with conversion.converter():
+
+        def mesh(tolerance: float) -> tuple[RawFile, float]:
+            return conversion.mesh_within_limits(text, source.path, tolerance, metres, is_cached=is_cached)
+
+        raw, reached = mesh(tolerance)
+        notes += _notes_on_faces(text, raw)
+        if len(raw.meshes) < body_count:
+            raise MeshFormatError(
+                f"its assemblies hold {body_count} parts, but OpenCASCADE could read {len(raw.meshes)} only"
+            )
+        unbounded = cached_deviations(text, raw.meshes, tolerance, cache)
+        if reached == tolerance:
+            notes.append(
+                f"curved faces are approximated within {tolerance * 1e3:g} mm by flat triangles: distances "
+                "are exact to the triangles"
+            )
             notes += _mesh_finer(
-                raw,
-                tolerance,
-                lambda finer: conversion.mesh_within_limits(
-                    text, source.path, finer, metres, is_cached=is_cached
-                )[0],
-                lambda meshes: cached_deviations(text, meshes, tolerance, cache),
+                raw, tolerance, mesh, lambda meshes: cached_deviations(text, meshes, tolerance, cache)
             )
     if unbounded and conversion.FREE_FORM.search(text.blank):
         notes.append(
@@ -92,7 +91,7 @@ def read_step(
 def _mesh_finer(
     raw: RawFile,
     tolerance: float,
-    mesh: Callable[[float], RawFile],
+    mesh: Callable[[float], tuple[RawFile, float]],
     add_deviations: Callable[[list[RawMesh]], object],
 ) -> list[str]:
     """Replace meshes that deviate by more than the tolerance, m, by finer ones. Return notes.
@@ -108,14 +107,15 @@ def _mesh_finer(
     for _ in range(_MAX_ATTEMPTS):
         finer *= _MARGIN * max(tolerance / worst, _LEAST_SHARE)
         try:
-            again = mesh(finer)
+            again, _ = mesh(finer)
         except MeshFormatError:  # it takes too many triangles
             break
         if len(again.meshes) != len(raw.meshes):
             break
         add_deviations(again.meshes)
         for old, new in zip(raw.meshes, again.meshes, strict=True):
-            if _deviation(old) > tolerance and _deviation(new) < _GAIN * _deviation(old):
+            is_bounded = new.deviations is not None and bool(np.isfinite(new.deviations).all())
+            if _deviation(old) > tolerance and is_bounded and _deviation(new) < _GAIN * _deviation(old):
                 old.vertices, old.faces, old.source_faces = new.vertices, new.faces, new.source_faces
                 old.deviations = new.deviations
         last, worst = worst, max(map(_deviation, raw.meshes))
