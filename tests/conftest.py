@@ -73,6 +73,7 @@ LONG_TESTS = {
 }  # fmt: skip
 """Files of a few tests that take minutes: they run first, so that all workers finish together."""
 LATER_MARKS = ("browser", "processes", "slow")
+MARKS = ("internals", *LATER_MARKS)
 EVENTS_OF_PROCESSES = {"os.fork", "os.forkpty", "os.posix_spawn", "socket.bind", "subprocess.Popen"}
 _guarded: list[str] = []
 """The running test of the first tier."""
@@ -83,6 +84,12 @@ def is_in_first_tier(path: Path) -> bool:
     folder, *below = path.relative_to(TESTS).parts
     is_listed = folder in FIRST_TIER if below else True
     return is_listed and path.name not in LATER_TESTS | MORE_TESTS_OF_PROCESSES
+
+
+def has_later_mark(path: Path) -> bool:
+    """Test whether the text of a file has a mark of `LATER_MARKS`."""
+    text = path.read_text(encoding="utf-8")
+    return any(f"mark.{mark}" in text for mark in LATER_MARKS)
 
 
 def is_marked_later(item: pytest.Item) -> bool:
@@ -109,10 +116,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Ignore files of later tests, whose imports may be missing."""
-    if config.option.everything or collection_path.suffix != ".py":
+    """Ignore files without a wanted test, by their text: some need more packages, many compile."""
+    if collection_path.suffix != ".py":
         return None
-    return None if is_in_first_tier(collection_path) else True
+    if config.option.markexpr in MARKS:
+        return None if config.option.markexpr in collection_path.read_text(encoding="utf-8") else True
+    if config.option.rest and is_in_first_tier(collection_path):
+        return None if has_later_mark(collection_path) else True
+    return None if config.option.everything or is_in_first_tier(collection_path) else True
 
 
 def _refuse_processes(event: str, arguments: tuple[Any, ...]) -> None:

@@ -34,7 +34,7 @@ def main() -> None:
         "--every-set", action="store_true", default=every_set_is_wanted(), help="all instructions"
     )
     parser.add_argument("--state", action="store_true", help="print the state of the builds only")
-    parser.add_argument("--anew", action="store_true", help="ignore the code kept by earlier builds")
+    parser.add_argument("--anew", action="store_true", help="make the code of kernels again")
     parser.add_argument(
         "--isolated", action="store_true", help="install what compiling takes into a temporary folder first"
     )

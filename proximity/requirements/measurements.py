@@ -69,10 +69,12 @@ class Kind(NamedTuple):
 def deviation_of(scene: Scene, name: str, approximation: float) -> float:
     """Return the largest distance, m, of a part's triangles from its CAD surfaces, and the other way round.
 
-    It is 0 for a part from a file of triangles. *approximation*: that of the file, m.
+    It is 0 for a part from a file of triangles, and inf if it is not known. *approximation*: that of the
+    file, m, for scenes that were compiled before parts had deviations.
     """
-    if not approximation:
-        return 0.0
+    part = scene.part(name)
+    if len(part.deviation_by_face) or not approximation:
+        return part.deviation
     return max(approximation, SINGLE * float(np.abs(scene.part(name).solid.bounds).max()))
 
 
@@ -97,6 +99,8 @@ def verify_subject(subject: Subject) -> VerifiedPair:
 def _remedy(subject: Subject, found: Measured) -> tuple[str, float | None]:
     """Return the reason of an undecided verdict, and the step tolerance that may decide it."""
     limits, noun = subject.requirement.limits, KINDS[subject.requirement.kind].noun
+    if subject.deviation == inf:
+        return "the deviation of the triangles from the CAD surfaces is not known: see proximity check", None
     lower, upper = found.triangles
     verdict = limits.judge(lower, upper, subject.rounding)
     if verdict is Verdict.UNDECIDED:
@@ -155,7 +159,8 @@ def _gap_over_motion(subject: Subject, motion: Motion) -> Measured:
     """Measure the smallest gap over a motion; search again near the limit until it is decided."""
     first, others, limits = subject.first, [subject.second], subject.requirement.limits
     lower, upper, nearest = 0.0, inf, None
-    for below in (None, limits.least + subject.deviation, max(limits.least - subject.deviation, 0.0)):
+    deviation = subject.deviation if subject.deviation < inf else 0.0
+    for below in (None, limits.least + deviation, max(limits.least - deviation, 0.0)):
         tolerance = TOLERANCE if below is None else 0.0
         found = subject.scene.clearance_along(first, motion, others=others, tolerance=tolerance, below=below)
         lower = max(lower, found.lower)
@@ -181,6 +186,8 @@ def _gap_along_axis(subject: Subject, along: np.ndarray) -> Measured:
     triangles = found.lower, found.distance
     if not subject.deviation:
         return Measured(triangles, *triangles, ends)
+    if subject.deviation == inf:
+        return Measured(triangles, -inf, inf, ends)
     pose = scene.part(first).pose
     try:
         lower = _free_along_axis(subject, along, pair.lower, found.lower)

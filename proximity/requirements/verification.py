@@ -26,10 +26,7 @@ from proximity.system.regular_file import open_regular
 
 Pair = tuple[str, str]
 SCENE_FILE, BLOCK_BYTES = ".toml", 1 << 20
-DEVIATION_NOTE = (
-    "bounds of parts from STEP files include the tolerance of their conversion, as the deviation of the "
-    "triangles of each part"
-)
+DEVIATION_NOTE = "bounds include the deviation of the triangles of STEP files from the CAD surfaces"
 
 
 class _Models(NamedTuple):

@@ -19,6 +19,16 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+@pytest.fixture
+def kernel_build(monkeypatch):
+    """The package of the build, with its modules."""
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    import kernel_build
+    from kernel_build import kept_code, objects, targets  # noqa: F401 — members of the package
+
+    return kernel_build
+
+
 def build(*options: str) -> str:
     """Run the tool; return its output."""
     done = subprocess.run(
@@ -31,6 +41,7 @@ def build(*options: str) -> str:
 @pytest.mark.slow
 @pytest.mark.skipif(not native.IS_AHEAD, reason="there is nothing to compare with")
 def test_building_again_gives_the_same_bytes(tmp_path):
+    """Code of all kernels is new, and linked again; objects of equal code are kept: see the next test."""
     native_folder = ROOT / "proximity" / "native"
     installed = next(native_folder.glob("_kernels*"))
     has_every_set = "yes" in build("--state", "--every-set").split("is_current=")[1]
@@ -43,6 +54,21 @@ def test_building_again_gives_the_same_bytes(tmp_path):
     assert b"site-packages" not in installed.read_bytes()  # nor does it contain the path of the build
 
 
+@pytest.mark.slow
+def test_objects_of_the_same_code_are_the_same(kernel_build):
+    """The shorter module for each set of this system, in another process than that of the earlier build."""
+    kept, target = kernel_build.kept_code, kernel_build.targets.host_target()
+    paths = sorted(kept.FOLDER.glob("*.z"), key=lambda path: path.stat().st_size)
+    if not paths:
+        pytest.skip("no build has kept its code")
+    _, code = kept.read(tuple(map(int, paths[0].stem.split("-")[1:])))
+    objects = {each: kept.read_object(code, target, each) for each in target.sets}
+    if not any(objects.values()):
+        pytest.skip("no build has kept its objects")
+    for each in filter(objects.get, target.sets):
+        assert kernel_build.objects.emit_object(code, target, each) == objects[each], each.name
+
+
 def test_what_there_is_is_told_without_building():
     state = dict(line.split("=", 1) for line in build("--state").splitlines())
 
@@ -50,11 +76,7 @@ def test_what_there_is_is_told_without_building():
     assert Path(state["files"].split(os.pathsep)[0]).parent == ROOT / "proximity" / "native"
 
 
-def test_code_that_asks_for_what_is_not_there_is_refused(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "tools"))
-    from kernel_build.objects import emit_object
-    from kernel_build.targets import TARGETS
-
+def test_code_that_asks_for_what_is_not_there_is_refused(kernel_build):
     code = """
     declare void @numba_do_raise(i8*)
     define void @bad(i8* %x) {
@@ -62,6 +84,6 @@ def test_code_that_asks_for_what_is_not_there_is_refused(monkeypatch):
         ret void
     }
     """
-    target = TARGETS["linux-x86_64"]
+    target = kernel_build.targets.TARGETS["linux-x86_64"]
     with pytest.raises(SystemExit, match="kernels need numba_do_raise, which the engine does not have"):
-        emit_object(code, target, target.sets[0])
+        kernel_build.objects.emit_object(code, target, target.sets[0])

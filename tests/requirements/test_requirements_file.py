@@ -14,7 +14,7 @@ HINGE = "motion = {{ hinge = {{ point = [0, 0, 0], axis = {}, end = {} }} }}\n"
 MISTAKES = [  # text of an entry, line in it, words of the message
     ("gap = { least = 1 }", 1, "require[0].between is missing"),
     (BOTH, 1, "has no limits, expected gap or clash or thickness"),
-    (BOTH + 'part = "base"\nthickness = { least = 1 }', 3, "between cannot be used together with thickness, expected part"),
+    (BOTH + 'part = "base"\nthickness = { least = 1 }', 3, "between cannot be used together with thickness"),
     ("thickness = { least = 1 }", 1, "require[0].part is missing"),
     (BOTH + "gap = 3", 4, "require[0].gap is 3, expected a table"),
     (BOTH + "gap = {}", 4, "require[0].gap has no limit, expected least or greatest"),

@@ -5,7 +5,7 @@ import importlib.util
 import os
 import sys
 import tempfile
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import NamedTuple
 
@@ -46,8 +46,7 @@ def build(targets: list[Target], folder: Path, *, every_set: bool) -> list[Path]
     sets = {target.name: target.sets if every_set else usable_sets(target)[-1:] for target in targets}
     process_count = min(len(GROUPS), os.cpu_count() or 1)
     groups = [tuple(range(first, len(GROUPS), process_count)) for first in range(process_count)]
-    with ProcessPoolExecutor(process_count) as pool:
-        compiled = list(pool.map(_compile_groups, groups, [targets] * process_count, [sets] * process_count))
+    compiled = _compile_groups(groups, targets, sets)
     digest = sources_digest()
     made = []
     for target in targets:
@@ -93,19 +92,40 @@ class CompiledGroup(NamedTuple):
 
 
 def _compile_groups(
-    groups: tuple[int, ...], targets: list[Target], sets: dict[str, tuple[Instructions, ...]]
-) -> tuple[list[str], dict[tuple[str, str], bytes]]:
-    """Return entry points in groups, as for `entry_table`, and their object file for each target and set."""
-    entries, code = kept_code.read(groups) or _code_of_groups(groups)
-    return entries, {
-        (target.name, instructions.name): emit_object(code, target, instructions)
-        for target in targets
-        for instructions in sets[target.name]
-    }
+    groups: list[tuple[int, ...]], targets: list[Target], sets: dict[str, tuple[Instructions, ...]]
+) -> list[tuple[list[str], dict[tuple[str, str], bytes]]]:
+    """Return the entry points of groups, as for `entry_table`, and the objects by target and set.
+
+    One process per group of groups; each object is another task, as modules differ in size.
+    """
+    with ProcessPoolExecutor(len(groups)) as pool:
+        codes = [pool.submit(_code_of_groups, each) for each in groups]
+        objects: dict[Future[tuple[list[str], str]], dict[tuple[str, str], Future[bytes]]] = {}
+        for made in as_completed(codes):
+            objects[made] = {
+                (target.name, instructions.name): pool.submit(_object, made.result()[1], target, instructions)
+                for target in targets
+                for instructions in sets[target.name]
+            }
+        return [
+            (made.result()[0], {key: content.result() for key, content in objects[made].items()})
+            for made in codes
+        ]
+
+
+def _object(code: str, target: Target, instructions: Instructions) -> bytes:
+    """Return the object file of code, kept or new."""
+    content = kept_code.read_object(code, target, instructions)
+    if content is None:
+        content = emit_object(code, target, instructions)
+        kept_code.write_object(code, target, instructions, content)
+    return content
 
 
 def _code_of_groups(groups: tuple[int, ...]) -> tuple[list[str], str]:
-    """Return entry points in groups, and their LLVM code, which is kept."""
+    """Return entry points in groups, and their LLVM code: kept, or new, which is kept."""
+    if kept := kept_code.read(groups):
+        return kept
     gc.set_threshold(*RARELY)
     front_end.disable_code_generation()
     for source in sorted(PACKAGE.rglob("*.py")):

@@ -33,9 +33,9 @@ def verify(
     """Verify the requirements of FILE: least and greatest gaps, also along an axis or over a motion; clashes.
 
     A requirement holds, is violated, or cannot be decided. The verdict follows from bounds of the measured
-    length, which include the tolerance of the conversion of a STEP file. If a requirement cannot be
-    decided, a sentence gives the step tolerance that may decide it. Each row shows the pair of parts that
-    decides; --csv and --json have all pairs, with both ends.
+    length, which include the deviation of triangles from the CAD surfaces of a STEP file. If a requirement
+    cannot be decided, a sentence gives the step tolerance that may decide it. Each row shows the pair of
+    parts that decides; --csv and --json have all pairs, with both ends.
 
     The exit code is 0 if all requirements hold, 1 if one is violated, and 3 if none is violated but one
     cannot be decided. With --receipt it is also 1 if a file, a setting, a verdict or a bound differs.
