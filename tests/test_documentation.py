@@ -75,7 +75,14 @@ def test_options_in_commands_are_those_of_the_program(code, printed):
                 command, at = command.commands[words[at]], at + 1
             known = {name for each in command.params for name in (*each.opts, *each.secondary_opts)}
             known |= {"--help", "-h", "--install-completion"}
-            used = {word.partition("=")[0] for word in words[at:] if re.match(r"--?[a-z]", word)}
+            taking_value = {
+                name for each in command.params if not getattr(each, "is_flag", True) for name in each.opts
+            }
+            used = {
+                word.partition("=")[0]
+                for before, word in pairwise(words[at - 1 :])
+                if re.match(r"--?[a-z]", word) and before not in taking_value
+            }
             assert used <= known, f"{line}: {sorted(used - known)}"
 
 
