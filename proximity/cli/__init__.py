@@ -24,7 +24,7 @@ HELP = (
 )
 PANELS = {
     "ask": {
-        "query": ("parts.query", "distances from points, rays or segments to the parts"),
+        "query": ("parts.query", "distances of points and rays; a scan compared with a part"),
         "check": ("parts.check", "the contents of a file, part by part, and its defects"),
         "clearance": ("parts.clearance", "gaps and clashes of parts, at a pose or over a motion"),
         "verify": ("parts.verify", "requirements in a file, such as gaps; with receipts"),

@@ -8,7 +8,7 @@ interval with the smallest bound is halved until the bounds meet the tolerance.
 from collections.abc import Iterable
 from heapq import heapify, heappop, heappush
 from math import inf
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,10 +17,11 @@ from proximity.errors import SceneError
 from proximity.kernels.entries import move_parts
 from proximity.pose import Pose
 from proximity.scene.model.assembly import EXACT_ENOUGH, Model, finished
-from proximity.scene.motion import Motion, Span, unit_vector
 from proximity.scene.pairs import SHARING, Clearance, PairQueries, Relation, connect, nearest_pairs
-from proximity.scene.penetration import measure_exit
 from proximity.scene.solid import Solid
+
+if TYPE_CHECKING:
+    from proximity.scene.motion import Motion, Span
 
 SAMPLES = 48
 """Number of intervals at the beginning, in all spans together. Each span has at least two."""
@@ -86,7 +87,9 @@ class _Interval(NamedTuple):
 class MotionSearch:
     """Search for the smallest distance of one part along a motion. The scene itself does not change."""
 
-    def __init__(self, model: Model, solids: list[Solid], row: int, others: set[int], motion: Motion) -> None:
+    def __init__(
+        self, model: Model, solids: list[Solid], row: int, others: set[int], motion: "Motion"
+    ) -> None:
         self._row = row
         self._frames, self._parts = model.frames.copy(), model.parts.copy()
         self._parts["is_hidden"][:-1] = 1
@@ -164,7 +167,7 @@ class MotionSearch:
             self._interval(number, middle, end, distance, at_end),
         )
 
-    def _distance(self, span: Span, position: float) -> float:
+    def _distance(self, span: "Span", position: float) -> float:
         """Return the distance at a position, and store it with its clearance if it is the smallest so far."""
         self._count += 1
         matrix = span.pose_at(position).matrix[None]
@@ -214,7 +217,7 @@ class MotionQueries(PairQueries):
     def clearance_along(
         self,
         part: str | int,
-        motion: Motion,
+        motion: "Motion",
         *,
         others: Iterable[str | int] | None = None,
         tolerance: float = TOLERANCE,
@@ -298,6 +301,10 @@ class MotionQueries(PairQueries):
         model, solids, (row, other) = self._state_with_rows(first, second)
         if row == other:
             raise SceneError(f"the gap of {first!r} to itself was requested, expected two parts")
+        # Not needed by other queries.
+        from proximity.scene.motion import Motion, unit_vector
+        from proximity.scene.penetration import measure_exit
+
         along = unit_vector("direction", direction)
         names = model.names[row], model.names[other]
         if connect(model, solids, row, other).relation in SHARING:
