@@ -101,7 +101,7 @@ def _values_of_pair(pair: VerifiedPair) -> Values:
     return {
         "verdict": str(pair.verdict),
         "bounds": [_finite(pair.lower), _finite(pair.upper)],
-        "deviation": pair.deviation,
+        "deviation": _finite(pair.deviation),
         "from": [_finite(each) for each in pair.point_on_first.tolist()],
         "to": [_finite(each) for each in pair.point_on_second.tolist()],
         "position": pair.position,

@@ -15,6 +15,7 @@ import proximity
 from proximity import LoadReport, Pose, Scene, Solid, Verdict, verify
 from proximity.requirements import measurements
 from proximity.requirements.measurements import Kind, Measured
+from proximity.requirements.receipts import check_receipt, write_receipt
 from proximity.requirements.records import Limits
 
 MM = 1e-3
@@ -293,6 +294,8 @@ def test_unknown_deviation_decides_nothing(folder):
     ):
         found = only(folder, BOTH + text)
         assert found.verdict is UNDECIDED and "not known" in found.pairs[0].reason
+    write_receipt(folder / "receipt.json", verify(folder / "fit.toml"))
+    assert check_receipt(folder / "receipt.json").differences == ()
 
 
 @pytest.mark.processes

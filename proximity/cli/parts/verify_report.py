@@ -161,7 +161,7 @@ def print_text(found: Verification) -> None:
     from rich.text import Text
 
     console, pairs = results_console(), _deciding(found)
-    columns = _columns(pairs, found.units, ("seconds", "reason"))
+    columns = _columns(pairs, found.units, ("seconds", "reason", "from", "to"))
     styles = ["" if pair.verdict is Verdict.HOLDS else STYLES[pair.verdict] for _, pair in pairs]
     print_fitting(console, columns, DISPENSABLE, "a wider one, a pipe or --json", styles=styles)
     for requirement, pair in pairs:
