@@ -13,7 +13,7 @@ from proximity.pose import Pose
 from proximity.requirements.records import Requirement, Verdict, VerifiedPair
 from proximity.scene.motion import Motion
 from proximity.scene.motion_clearance import TOLERANCE
-from proximity.scene.pairs import SHARING, Clearance, deepest_of
+from proximity.scene.pairs import SHARING, Clearance, deepest_of, widened_bounds
 from proximity.scene.scene import Scene
 from proximity.scene.walls.thin_walls import WALL_ANGLE
 
@@ -151,8 +151,7 @@ def _with_deviation(
 ) -> Measured:
     """Return the bounds of a distance of triangles, and of CAD surfaces that deviate from them."""
     ends = pair.point_on_first, pair.point_on_second
-    widened = max(lower - subject.deviation, 0.0), upper + subject.deviation
-    return Measured((lower, upper), *widened, ends, position)
+    return Measured((lower, upper), *widened_bounds(lower, upper, subject.deviation), ends, position)
 
 
 def _gap_over_motion(subject: Subject, motion: Motion) -> Measured:
@@ -265,16 +264,16 @@ def _depth(subject: Subject) -> Measured:
         found = deepest_of(scene, first, second, tolerance)
         if limits.judge(found.lower, found.upper, subject.rounding) is not Verdict.UNDECIDED:
             break
-    widened = max(found.lower - deviation, 0.0), found.upper + deviation
-    return Measured((found.lower, found.upper), *widened, (found.point, found.point))
+    bounds = found.lower, found.upper
+    return Measured(bounds, *widened_bounds(*bounds, deviation), (found.point, found.point))
 
 
 def _thickness(subject: Subject) -> Measured:
     """Measure the least wall thickness of a part."""
     found = subject.scene.part(subject.first).thin_places(below=subject.requirement.limits.least)
-    margin = WALL_SHARE * subject.deviation
-    widened = max(found.lower - margin, 0.0), found.upper + margin
-    return Measured((found.lower, found.upper), *widened, (found.point, found.opposite))
+    bounds = found.lower, found.upper
+    widened = widened_bounds(*bounds, WALL_SHARE * subject.deviation)
+    return Measured(bounds, *widened, (found.point, found.opposite))
 
 
 KINDS = {

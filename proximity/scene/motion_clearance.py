@@ -264,12 +264,12 @@ class MotionQueries(PairQueries):
         tolerance = not_negative("tolerance", tolerance, "shares")
         limit = None if below is None else not_negative("below", below, "metres")
         names = [] if others is None else list(others)
-        model, solids, (row, *rows) = self._state_with_rows(part, *names)
+        model, parts, (row, *rows) = self._state_with_rows(part, *names)
         visible = np.flatnonzero(model.parts["is_hidden"][:-1] == 0).tolist()
         measured = {each for each in (visible if others is None else rows) if each != row} & set(visible)
         if not measured:
             raise SceneError(f"there is no other visible part to measure {part!r} to")
-        return MotionSearch(model, solids, row, measured, motion).search(tolerance, limit)
+        return MotionSearch(model, parts.solids, row, measured, motion).search(tolerance, limit)
 
     def gap(self, first: str | int, second: str | int, direction: Any) -> Gap:
         """Return how far a part can move along a direction before it touches another.
@@ -298,7 +298,7 @@ class MotionQueries(PairQueries):
         Degenerate: parts that touch have the gap 0, also if the motion separates them.
         Cost: that of 50 calls of `clearance`, and more if the first part passes others closely.
         """
-        model, solids, (row, other) = self._state_with_rows(first, second)
+        model, parts, (row, other) = self._state_with_rows(first, second)
         if row == other:
             raise SceneError(f"the gap of {first!r} to itself was requested, expected two parts")
         # Not needed by other queries.
@@ -306,7 +306,7 @@ class MotionQueries(PairQueries):
         from proximity.scene.penetration import measure_exit
 
         along = unit_vector("direction", direction)
-        names = model.names[row], model.names[other]
+        names, solids = (model.names[row], model.names[other]), parts.solids
         if connect(model, solids, row, other).relation in SHARING:
             faces = solids[row].surface_faces, solids[other].surface_faces
             out = measure_exit(model, (row, other), faces, -along, OUT_TOLERANCE)

@@ -78,12 +78,12 @@ class PairQueries:
     _parts: Any
     snapshot: Any
 
-    def _state_with_rows(self, *names: str | int) -> tuple[Model, list[Solid], list[int]]:
-        """Return a model, the solids of its parts, and the rows of the named parts."""
+    def _state_with_rows(self, *names: str | int) -> tuple[Model, Any, list[int]]:
+        """Return a model, the `SceneParts` that it is of, and the rows of the named parts."""
         while True:
             parts, model = self._parts, self.snapshot()
             if parts is self._parts:
-                return model, parts.solids, [parts.find(name) for name in names]
+                return model, parts, [parts.find(name) for name in names]
 
     def clearance(
         self,
@@ -136,13 +136,14 @@ class PairQueries:
         steps = 0 if budget is None else whole("budget", budget)
         if surface not in SURFACES:
             raise ArgumentError(f"surface is {shown(surface)}, expected one of {', '.join(SURFACES)}")
-        model, solids, (row, other) = self._state_with_rows(first, second)
+        model, parts, (row, other) = self._state_with_rows(first, second)
         if row == other:
             raise SceneError(f"{first!r} is asked how far it is from itself, expected two parts")
-        found = connect(model, solids, row, other, tolerance, steps)
+        found = connect(model, parts.solids, row, other, tolerance, steps)
         if surface == "triangles":
             return found
-        return widened(found, self._parts[row].deviation + self._parts[other].deviation)
+        # Read after the search: a part that was deformed in the meantime has an unknown deviation.
+        return widened(found, parts[row].deviation + parts[other].deviation)
 
     def penetration(
         self, first: str | int, second: str | int, *, direction: Any = None, tolerance: float = 0.01
@@ -189,10 +190,10 @@ class PairQueries:
         """
         tolerance = max(not_negative("tolerance", tolerance, "shares"), MIN_TOLERANCE)
         along = np.zeros(3) if direction is None else _direction(direction)
-        model, solids, (row, other) = self._state_with_rows(first, second)
+        model, parts, (row, other) = self._state_with_rows(first, second)
         if row == other:
             raise SceneError(f"{first!r} is asked how deep it is in itself, expected two parts")
-        faces = solids[row].surface_faces, solids[other].surface_faces
+        faces = parts.solids[row].surface_faces, parts.solids[other].surface_faces
         from proximity.scene import penetration  # not needed by other queries
 
         found = penetration.measure_exit(model, (row, other), faces, along, tolerance)
@@ -238,12 +239,18 @@ class PairQueries:
         return nearest_pairs(model, limit, rows[0] if rows else -1, count)
 
 
-def widened(found: Clearance, deviation: float) -> Clearance:
-    """Return a clearance with the bounds of the distance between CAD surfaces.
+def widened_bounds(lower: float, upper: float, deviation: float) -> tuple[float, float]:
+    """Return the bounds of a length between CAD surfaces from those of one between triangles, m.
 
-    *deviation*: sum of the deviations of both parts, m.
+    *deviation*: sum of the deviations at both ends, m.
     """
-    return found._replace(lower=max(found.lower - deviation, 0.0), distance=found.distance + deviation)
+    return max(lower - deviation, 0.0), upper + deviation
+
+
+def widened(found: Clearance, deviation: float) -> Clearance:
+    """Return a clearance with the bounds of the distance between CAD surfaces, as `widened_bounds`."""
+    lower, distance = widened_bounds(found.lower, found.distance, deviation)
+    return found._replace(lower=lower, distance=distance)
 
 
 def connect(

@@ -189,8 +189,13 @@ def with_deviations(part: Part, deviations: np.ndarray | None) -> Part:
     if part.repairs.weld_distance:
         deviations = deviations + part.repairs.weld_distance
         deviations.flags.writeable = False
-    deviation = float(deviations[np.unique(part.source_faces)].max(initial=0.0))
+    deviation = largest_deviation(deviations, part.source_faces)
     return replace(part, deviation=deviation, deviation_by_face=deviations)
+
+
+def largest_deviation(by_face: np.ndarray, source_faces: np.ndarray) -> float:
+    """Return the largest deviation of the CAD faces of a part, m; 0 for a file of triangles."""
+    return float(by_face[np.unique(source_faces)].max(initial=0.0)) if len(by_face) else 0.0
 
 
 def deformed(part: Part, solid: Solid) -> Part:

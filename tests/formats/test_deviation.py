@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from proximity.formats.step.cad_faces import Shape, Spline
 from proximity.formats.step.entities import parsed
 from proximity.formats.step.step_records import StepText
 from proximity.formats.step.surface_distance import Surfaces
+from proximity.scene import pairs
 
 SHARES = np.array([(i, j, 12 - i - j) for i in range(13) for j in range(13 - i)]) / 12
 """Barycentric coordinates of points in a triangle."""
@@ -356,8 +358,6 @@ def balls(tmp_path_factory):
     path = tmp_path_factory.mktemp("balls") / "ball.step"
     path.write_text(step_text.ball_step(10.0))
     part = proximity.load(path).parts[0]
-    from dataclasses import replace
-
     return proximity.Scene([part, replace(part, name="other", pose=proximity.Pose(None, [0.025, 0.0, 0.0]))])
 
 
@@ -373,6 +373,23 @@ def test_bounds_of_cad_surfaces_contain_the_distance_of_the_balls(balls):
     assert found.relation == triangles.relation
     with pytest.raises(proximity.ArgumentError, match="surface is 'step', expected one of triangles, cad"):
         balls.clearance("ball", "other", surface="step")
+
+
+def test_deviations_are_those_of_the_parts_that_were_measured(balls, monkeypatch):
+    """Another part is removed during the search: rows of the scene are then those of other parts."""
+    first = balls.parts[0]
+    scene = proximity.Scene([replace(first, name="removed", deviation=0.0), *balls.parts])
+    connect = pairs.connect
+
+    def interrupted(*arguments):
+        found = connect(*arguments)
+        scene.remove("removed")
+        return found
+
+    monkeypatch.setattr(pairs, "connect", interrupted)
+    found = scene.clearance("ball", "other", surface="cad")
+
+    assert found.distance - found.lower == pytest.approx(4 * first.deviation)
 
 
 def test_compiled_scene_keeps_the_deviation(balls, tmp_path):

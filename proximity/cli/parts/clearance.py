@@ -230,12 +230,11 @@ def _values(pair: "MeasuredPair", deviation: float, metres: float, *, is_cad: bo
     import numpy as np
 
     from proximity.cli.output import in_units
+    from proximity.scene.pairs import widened_bounds
 
     found, is_known = pair.clearance, deviation < math.inf
-    bounds = {
-        "lower": in_unit(max(found.lower - deviation, 0.0), metres),
-        "upper": in_unit(found.distance + deviation, metres) if is_known else None,
-    }
+    lower, upper = widened_bounds(found.lower, found.distance, deviation)
+    bounds = {"lower": in_unit(lower, metres), "upper": in_unit(upper, metres) if is_known else None}
     ends = found.point_on_first[None], found.point_on_second[None]
     return {
         "first": found.first,

@@ -18,6 +18,7 @@ from proximity.mesh.triangle_mesh import TriangleMesh
 from proximity.pose import Pose
 from proximity.scene.model.assembly import Model, finished
 from proximity.scene.model.scene_state import write_motion, write_surface
+from proximity.scene.part import largest_deviation
 from proximity.scene.saved.archive import read_archive, write_archive
 from proximity.scene.saved.description import (
     deviations_of,
@@ -175,7 +176,7 @@ def _scene(metadata: dict[str, Any], arrays: dict[str, np.ndarray]) -> CompiledS
             "solid": solids[number],
             "pose": Pose.known(pose[:9].reshape(3, 3), pose[9:]),
             "source_faces": of_source,
-            "deviation": float(by_face[np.unique(of_source)].max()) if len(by_face) else 0.0,
+            "deviation": largest_deviation(by_face, of_source),
             "deviation_by_face": by_face,
             **{field: values[field][row] for field in _FIELDS},
         }
