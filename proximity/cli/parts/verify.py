@@ -30,7 +30,7 @@ def verify(
         bool, flag("--no-cache", "Convert a STEP file again, without the triangles of earlier commands.")
     ] = False,
 ) -> None:
-    """Verify the requirements of FILE: least and greatest gaps, also along an axis or over a motion; clashes.
+    """Verify the requirements of FILE: gaps, also along an axis or over a motion; clashes; thin walls.
 
     A requirement holds, is violated, or cannot be decided. The verdict follows from bounds of the measured
     length, which include the deviation of triangles from the CAD surfaces of a STEP file. If a requirement

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.kernels.entries import morton_order
-from proximity.scene.walls.thickness import DISTANCE_ROUNDING, face_normals
+from proximity.scene.walls.thickness import DISTANCE_ROUNDING, face_areas, face_normals
 
 BLOCK = 2048
 """Number of faces whose pairs are searched together."""
@@ -68,8 +68,7 @@ class _FaceSearch:
             # Frames of the faces: two directions within the face, and inward.
             self._frames = np.stack([right, np.cross(self._normals, right), -self._normals], axis=1)
             longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-            area = 0.5 * np.linalg.norm(np.cross(edge, corners[:, 2] - corners[:, 0]), axis=1)
-            self._tilt = 8.0 * EPSILON * longest**2 / area  # rounding error of a normal
+            self._tilt = 8.0 * EPSILON * longest**2 / face_areas(corners)  # rounding error of a normal
         self._longest = longest
         has_area = np.isfinite(self._normals[:, 0]) & (self._tilt < 1e-3)
         order = morton_order(np.ascontiguousarray(corners.mean(axis=1)))

@@ -131,8 +131,8 @@ class ThicknessQueries:
             normal=pose.direction(found.normal),
             **{name: pose.point(getattr(found, name)) for name in ("point", "opposite", "center")},
         )
-        answers = (each.reshape((*shape, *each.shape[1:])) for each in moved)
-        for each in (fields := list(answers)):
+        fields = [each.reshape((*shape, *each.shape[1:])) for each in moved]
+        for each in fields:
             each.flags.writeable = False
         return Thickness(*(each if each.ndim else each[()] for each in fields))
 
@@ -148,9 +148,18 @@ def largest_coordinate(solid: Solid) -> float:
     return float(np.abs(np.stack(solid.bounds)).max())
 
 
+def _crossed(corners: np.ndarray) -> np.ndarray:
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def face_areas(corners: np.ndarray) -> np.ndarray:
+    """Return the areas of triangles, (N, 3, 3)."""
+    return np.asarray(0.5 * np.linalg.norm(_crossed(corners), axis=1))
+
+
 def face_normals(corners: np.ndarray) -> np.ndarray:
     """Return the unit normals of triangles, (N, 3, 3); nan without an area."""
-    crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    crossed = _crossed(corners)
     with np.errstate(invalid="ignore", divide="ignore"):
         normals: np.ndarray = crossed / np.linalg.norm(crossed, axis=1, keepdims=True)
     return normals

@@ -19,6 +19,7 @@ from proximity.scene.walls.facing_faces import Facing, least_facing
 from proximity.scene.walls.thickness import (
     DISTANCE_ROUNDING,
     ends_of_rays,
+    face_areas,
     face_normals,
     largest_coordinate,
     require_inside,
@@ -111,7 +112,7 @@ def find_thin_walls(part: Any, below: Any, resolution: Any, wall_angle: Any, wor
     listed = np.flatnonzero(is_below & (found.thickness < inf))
     shown = _apart(found, listed, max(APART * size, 2.0 * step), 10.0 * rounding)
     is_thin = None if lower < limit - slack and upper >= limit - slack else upper < limit - slack
-    pose, sample_area = part.pose, _areas(samples)
+    pose, sample_area = part.pose, face_areas(samples)
     share = float(sample_area[is_below[: len(samples)]].sum() / sample_area.sum())
     return ThinWalls(
         part.name, lower, upper, pose.point(found.point[best]), pose.point(found.opposite[best]),
@@ -119,11 +120,6 @@ def find_thin_walls(part: Any, below: Any, resolution: Any, wall_angle: Any, wor
         pose.point(found.point[shown]), pose.point(found.opposite[shown]), found.face_id[shown], step,
         pose.point(samples), walls.thickness,
     )  # fmt: skip
-
-
-def _areas(corners: np.ndarray) -> np.ndarray:
-    crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return np.asarray(0.5 * np.linalg.norm(crossed, axis=1))
 
 
 def _samples(corners: np.ndarray, resolution: Any) -> tuple[np.ndarray, np.ndarray, float]:
@@ -136,7 +132,7 @@ def _samples(corners: np.ndarray, resolution: Any) -> tuple[np.ndarray, np.ndarr
                 f"resolution is {step:g} m: more than {MAX_SAMPLES} samples, expected a larger length"
             )
         return *cut, step
-    step = float((_areas(corners).sum() / SAMPLES) ** 0.5)
+    step = float((face_areas(corners).sum() / SAMPLES) ** 0.5)
     while (cut := _cut(corners, step, max(DEFAULT_SAMPLES, 2 * len(corners)))) is None:
         step *= 1.5
     return *cut, step
@@ -147,7 +143,7 @@ def _cut(corners: np.ndarray, longest: float, most: int) -> tuple[np.ndarray, np
 
     Return the triangles and the rows of those that they are part of, or None for more than *most*.
     """
-    if _areas(corners).sum() > LARGEST_SAMPLE * longest**2 * most:
+    if face_areas(corners).sum() > LARGEST_SAMPLE * longest**2 * most:
         return None
     ready, face_ids = [], []
     faces, count = np.arange(len(corners), dtype=np.int32), 0
