@@ -11,14 +11,15 @@ import pytest
 import shapes
 from hypothesis import given
 from hypothesis import strategies as st
-from models import model_of
+from models import arrays_of, model_of
 from part_arrays import part_arrays
 
 from proximity.kernels import answers
 from proximity.kernels.geometry.frames import direction_to_local, to_local
-from proximity.kernels.layout import NO_FACE, NO_PART, NODE_STRIDE
+from proximity.kernels.layout import NO_FACE, NO_PART, NODE_STRIDE, ModelArrays
 from proximity.kernels.ray import ray_lanes, walk
 from proximity.kernels.scene.queries import ray_queries
+from proximity.native import packed
 from proximity.native.simd import bits, lane, splat32
 from proximity.pose import Pose
 
@@ -79,6 +80,35 @@ def test_no_ray_of_a_lattice_slips_between_faces_of_a_lattice():
     ways = ways[np.any(ways != 0.0, axis=1)]
     hits = Hits(model, np.zeros(3), ways)
     np.testing.assert_allclose(hits.distance, np.linalg.norm(ways, axis=1), rtol=1e-15)
+
+
+def test_eight_rows_in_another_order_are_not_taken_for_consecutive_ones():
+    model, origins = model_of(SPHERE), 3.0 * directions_of(8, 4)
+    shuffled = np.array([0, 3, 1, 5, 2, 6, 4, 7])
+    given, shuffled = (Hits(model, origins, -origins, order=order) for order in (ALL_ROWS, shuffled))
+    assert np.array_equal(given.reals, shuffled.reals)
+    assert np.array_equal(given.choices, shuffled.choices)
+
+
+@pytest.mark.parametrize("count", [2, 15, 16, 17, 64, 400])
+@pytest.mark.parametrize("mesh", [shapes.tetrahedron(), FINE_BOX, SPHERE], ids=["one block", "ties", "ball"])
+def test_rays_that_are_walked_in_turns_hit_the_same(mesh, count):
+    """The model is made to look larger than the caches; some rays miss, stop short, or are invalid."""
+    model = model_of(mesh)
+    padding = np.zeros(ray_queries.IN_TURNS_FROM // 8)
+    larger = packed(ModelArrays(np.concatenate([model.reals, padding]), *arrays_of(model)[1:]))
+    origins, directions = (
+        3.0 * directions_of(count, 1),
+        -directions_of(count, 1) + directions_of(count, 2) / 4,
+    )
+    directions[::7], directions[5::13], origins[3::11] = [0.0, 0.0, 1.0], 0.0, np.nan
+    origins[::14], origins[7::14] = [0.25, 0.5, -9.0], [0.5, 0.5, -9.0]
+    for limit in (np.inf, 2.0):
+        tables = [np.full((count, answers.RAY_ANSWER_WIDTH), 7.0) for _ in range(2)]
+        for asked, table in zip((model.packed, larger), tables, strict=True):
+            ray_queries.cast_batch(asked, origins, directions, ALL_ROWS, np.array([limit]), table)
+        assert tables[0].tobytes() == tables[1].tobytes()
+        assert count < 15 or limit < np.inf or np.isfinite(tables[0][:, 0]).any()
 
 
 @pytest.mark.internals
