@@ -16,6 +16,7 @@ from proximity.kernels.layout import (
     CELLS_PER_WORD,
     NO_GRID,
 )
+from proximity.kernels.mesh.positions import fetch_corners
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
@@ -137,6 +138,7 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
     v = np.empty((3, 3))
     normal = np.empty(3)
     for face in range(len(faces)):
+        fetch_corners(corners, faces, face)
         for corner in range(3):
             for axis in range(3):
                 v[corner, axis] = (corners[faces[face, corner], axis] - lower[axis]) * rate
@@ -205,6 +207,7 @@ def uncertain_points(corners, faces, lower, rate, nx, ny, nz, grid):
     v = np.empty((3, 3))
     normal, point = np.empty(3), np.empty(3)
     for face in range(len(faces)):
+        fetch_corners(corners, faces, face)
         for corner in range(3):
             for axis in range(3):
                 v[corner, axis] = (corners[faces[face, corner], axis] - lower[axis]) * rate
