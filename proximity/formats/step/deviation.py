@@ -33,7 +33,7 @@ _SINGLE = float(np.finfo(np.float32).eps)
 _FIT = 64 * _SINGLE
 """Maximum distance of the corners of a triangle from its CAD face as a share of the size of the part, if that
 is more."""
-_VERSION = 1
+_VERSION = 2
 """Number of the method in the keys of the cache."""
 _KINDS = ("plane", "cone", "sphere", "torus")
 
@@ -200,7 +200,7 @@ def _spline_depth(face: CadFace, triangles: np.ndarray) -> tuple[float, str]:
         return np.inf, f"free-form faces need SciPy: {installation('service')}"
     assert face.surface.spline is not None, "a surface of the kind spline has one"
     bound = spline_distance.surface_bound(spline_distance.shape_of(face.surface.spline), triangles)
-    return bound, "" if bound < np.inf else "it has kinks, or too many pieces"
+    return bound, "" if bound < np.inf else "it has gaps, or too many pieces"
 
 
 def _largest(groups: np.ndarray, curves: np.ndarray, sagittas: np.ndarray) -> list[tuple[int, int, float]]:
