@@ -16,7 +16,7 @@ from proximity.formats.step.entities import parsed
 from proximity.formats.step.shapes import Shape, Spline, extruded, revolved
 from proximity.formats.step.step_records import StepText
 from proximity.formats.step.surface_distance import Surfaces
-from proximity.scene import pairs
+from proximity.scene import clashes, pairs
 
 SHARES = np.array([(i, j, 12 - i - j) for i in range(13) for j in range(13 - i)]) / 12
 """Barycentric coordinates of points in a triangle."""
@@ -504,6 +504,39 @@ def test_bounds_of_cad_surfaces_contain_the_distance_of_the_balls(balls):
         balls.clearance("ball", "other", surface="step")
 
 
+def test_bounds_of_points_contain_the_distance_to_the_balls(balls):
+    random = np.random.default_rng(9)
+    points = random.uniform(-0.015, 0.04, (4000, 3))
+    near = random.normal(size=(4000, 3))
+    points[2000:] = (
+        near[2000:]
+        / np.linalg.norm(near[2000:], axis=1, keepdims=True)
+        * (0.01 + random.uniform(-1e-5, 1e-5, (2000, 1)))
+    )
+    middles = np.array([[0.0, 0, 0], [0.025, 0, 0]])
+    true = (np.linalg.norm(points[:, None] - middles, axis=2) - 0.01).min(axis=1)
+
+    lower, upper = balls.signed_distance_bounds(points)
+
+    assert (lower <= true + 1e-15).all() and (true <= upper + 1e-15).all()
+    assert (upper - lower).max() == pytest.approx(2 * balls.part("ball").deviation)
+    assert ((lower < 0.0) & (upper > 0.0)).any()
+    assert np.isnan(balls.signed_distance_bounds([np.nan, 0, 0])).all()
+
+
+def test_lower_bound_has_the_largest_deviation_of_parts_that_are_measured(balls):
+    first, second = (
+        replace(part, deviation=value) for part, value in zip(balls.parts, (1e-3, np.inf), strict=True)
+    )
+    scene = proximity.Scene([first, second])
+    point = [-0.02, 0.0, 0.0]
+    distance = scene.signed_distance(point)
+
+    assert scene.signed_distance_bounds(point) == (-np.inf, distance + 1e-3)
+    assert scene.signed_distance_bounds(point, ignore="other") == (distance - 1e-3, distance + 1e-3)
+    assert scene.signed_distance_bounds([0.05, 0.0, 0.0])[1] == np.inf
+
+
 def test_deviations_are_those_of_the_parts_that_were_measured(balls, monkeypatch):
     """Another part is removed during the search: rows of the scene are then those of other parts."""
     first = balls.parts[0]
@@ -519,6 +552,38 @@ def test_deviations_are_those_of_the_parts_that_were_measured(balls, monkeypatch
     found = scene.clearance("ball", "other", surface="cad")
 
     assert found.distance - found.lower == pytest.approx(4 * first.deviation)
+
+
+def test_depth_of_cad_surfaces_is_within_the_deviations(balls):
+    deviation = balls.part("other").deviation
+    scene = proximity.Scene(list(balls.parts))
+    for apart, true in ((0.019, 0.001), (0.02, 0.0), (0.02 + 0.5 * deviation, 0.0)):
+        scene.move("other", proximity.Pose(None, [apart, 0.0, 0.0]))
+        triangles = scene.penetration("ball", "other")
+        found = scene.penetration("ball", "other", surface="cad")
+
+        assert found.deepest_lower <= true <= found.deepest
+        assert found.deepest - triangles.deepest <= 2 * deviation + 1e-15
+        assert (found.deepest_lower > 0.0) == (true > 0.0)
+        assert found[2:4] == triangles[2:4]
+    scene.move("other", proximity.Pose(None, [0.03, 0.0, 0.0]))
+    assert scene.penetration("ball", "other", surface="cad").deepest == 0.0
+    with pytest.raises(proximity.ArgumentError, match="surface is 'step'"):
+        scene.penetration("ball", "other", surface="step")
+
+
+def test_facets_that_interfere_by_less_than_the_deviations_may_fit(balls):
+    deviation = balls.part("other").deviation
+    scene = proximity.Scene(list(balls.parts))
+    scene.move("other", proximity.Pose(None, [0.02 - 1.5 * deviation, 0.0, 0.0]))
+    pair = scene.clearance("ball", "other")
+    assert pair.relation == "crossing"
+
+    (triangles,), (cad,) = (
+        clashes.measure_pairs(scene, [pair], clashes.CONTACT, is_cad=is_cad) for is_cad in (False, True)
+    )
+
+    assert (triangles.is_clash, cad.is_clash, cad.is_fit) == (True, False, True)
 
 
 def test_compiled_scene_keeps_the_deviation(balls, tmp_path):

@@ -77,6 +77,8 @@ FIELDS = {
     "end": Field(axes="xyz", is_length=True),
     "signed_distance": Field("distance_{unit}", "signed distance", is_length=True),
     "distance": Field("distance_{unit}", "distance", is_length=True),
+    "lower": Field("lower_{unit}", "CAD surface, from", is_length=True),
+    "upper": Field("upper_{unit}", "CAD surface, to", is_length=True),
     "side": _text("side"),
     "crossing": _text("crossing", "the ray"),
     "is_signed": Field(),
@@ -105,6 +107,7 @@ FACES = ("part", "part_name", "face", "face_id")
 CLOSEST = ("signed_distance", "is_signed", "point", "gradient", *FACES, "feature", "barycentric")
 ANSWERED = {  # by kind of query, after the query points; named as in the library's results
     "closest": CLOSEST,
+    "cad": ("signed_distance", "lower", "upper", *CLOSEST[1:]),
     "nearest": ("point_number", "rank", *CLOSEST),
     "ray": ("distance", "point", "normal", *FACES, "barycentric"),
     "crossings": ("ray", "distance", "crossing", "point", "normal", *FACES, "barycentric"),
@@ -129,6 +132,7 @@ class Question:
         is_all: bool = False,
         min_distance: float = 0.0,
         nearest: int | None = None,
+        is_cad: bool = False,
     ) -> None:
         self.scene, self.units, self._metres, self._workers = scene, units, metres, workers
         ray_mode, point_mode = "crossings" if is_all else "ray", "nearest" if nearest else "closest"
@@ -137,12 +141,13 @@ class Question:
         self._direction, self._min_distance = direction, min_distance * metres
         self._lower, self._upper = in_units(np.array(scene.bounds), metres)
         self._size = float((self._upper - self._lower).max())
+        self._fields = ANSWERED["cad" if is_cad else self.mode]
         self._asked, self._far_count, self._farthest = 0, 0, 0.0
         self.decimals = max(1, min(7, round(math.log10(metres / SMALLEST_M))))
         whole = len(f"{max(*np.abs(self._lower), *np.abs(self._upper)):.0f}")  # digits before the point
         self.digits = max(DIGITS, min(whole + 4, MAX_DIGITS))
         self.width = max(NUMBER_WIDTH, min(whole, MAX_DIGITS) + 5)  # of a column of coordinates
-        self._own = {each.name_in_csv for each in columns_of({key: [] for key in ANSWERED[self.mode]}, units)}
+        self._own = {each.name_in_csv for each in columns_of({key: [] for key in self._fields}, units)}
 
     def answers(self, chunks: Iterable[Points]) -> Iterator[Answers]:
         """Yield the answers chunk by chunk; at least one chunk, which may be empty."""
@@ -201,9 +206,13 @@ class Question:
                 {"start": rows[0::2], "end": rows[1::2]},
                 (hits.point_on_segment, hits.point_on_solid),
             )
+        if "lower" in self._fields:
+            bounds = self.scene.signed_distance_bounds(points, workers=self._workers)
         found = texts | {name: values.tolist() for name, values in given.items()}
-        for name in ANSWERED[self.mode]:
-            if FIELDS[name].is_length:
+        for name in self._fields:
+            if name in ("lower", "upper"):
+                found[name] = in_units(bounds[name == "upper"], self._metres).tolist()
+            elif FIELDS[name].is_length:
                 between = ends if name.endswith("distance") else ()
                 found[name] = in_units(getattr(hits, name), self._metres, *between).tolist()
             elif name == "crossing":

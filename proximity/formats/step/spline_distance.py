@@ -253,14 +253,14 @@ class SplineShape:
                 one, other = np.where(to_high, high, values), np.where(to_low, low, values)
                 is_one = (np.ptp(one, axis=1) <= np.ptp(other, axis=1))[:, None]
                 parameters[..., axis] = np.where(is_wide[:, None], np.where(is_one, one, other), values)
-        for other, end in self._poles():
-            axis = 1 - other
-            span = self.upper[other] - self.lower[other]
-            is_pole = np.abs(parameters[..., other] - end) <= 1e-6 * span
+        for pole, end in self._poles():
+            around = 1 - pole
+            span = self.upper[pole] - self.lower[pole]
+            is_pole = np.abs(parameters[..., pole] - end) <= 1e-6 * span
             count = (~is_pole).sum(axis=1)
-            total = np.where(is_pole, 0.0, parameters[..., axis]).sum(axis=1)
-            middle = np.divide(total, count, out=np.full(len(total), self.lower[axis]), where=count > 0)
-            parameters[..., axis] = np.where(is_pole, middle[:, None], parameters[..., axis])
+            total = np.where(is_pole, 0.0, parameters[..., around]).sum(axis=1)
+            middle = np.divide(total, count, out=np.full(len(total), self.lower[around]), where=count > 0)
+            parameters[..., around] = np.where(is_pole, middle[:, None], parameters[..., around])
         return parameters
 
 
