@@ -129,7 +129,8 @@ def test_bounds_of_triangles_contain_dense_samples(kind, size, second, lower, up
         np.full(count, second),
     )
 
-    bounds = surface_distance.upper_bounds(kind, surfaces, triangles, np.arange(count))
+    distances = surface_distance.signed_distances(kind, surfaces, triangles)
+    bounds = surface_distance.upper_bounds(kind, surfaces, triangles, np.arange(count), distances)
     found = np.abs(surface_distance.signed_distances(kind, surfaces, points_in(triangles))).max(axis=1)
 
     assert (bounds >= found - 1e-14).all()
@@ -143,7 +144,9 @@ def test_cone_that_is_pierced_by_its_axis_is_bounded_by_its_radius():
     triangle = np.array([[[2.0, 0, 0], [-1, np.sqrt(3), 0], [-1, -np.sqrt(3), 0]]])
     surfaces = Surfaces(np.zeros((1, 3)), np.array([[0.0, 0, 1]]), np.array([2.0]), np.zeros(1))
 
-    assert surface_distance.upper_bounds("cone", surfaces, triangle, np.zeros(1, int)) == pytest.approx(2.0)
+    bounds = surface_distance.upper_bounds("cone", surfaces, triangle, np.zeros(1, int), np.zeros((1, 3)))
+
+    assert bounds == pytest.approx(2.0)
 
 
 # --- splines ---

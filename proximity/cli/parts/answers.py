@@ -105,6 +105,7 @@ TEXT_WIDTHS = {
 FACES = ("part", "part_name", "face", "face_id")
 """``face`` is the row in the faces of the file, ``face_id`` that in the mesh of the part."""
 CLOSEST = ("signed_distance", "is_signed", "point", "gradient", *FACES, "feature", "barycentric")
+HIT_FIELDS = [name for name in CLOSEST if name not in ("part_name", "face")]
 ANSWERED = {  # by kind of query, after the query points; named as in the library's results
     "closest": CLOSEST,
     "cad": ("signed_distance", "lower", "upper", *CLOSEST[1:]),
@@ -177,7 +178,7 @@ class Question:
         with np.errstate(over="ignore"):  # beyond float64 the point is not finite
             points = rows * self._metres
         if self.mode == "closest":
-            hits: Any = self.scene.closest(points, workers=self._workers)
+            hits: Any = self._closest(points)
             given, ends = {"query": rows}, (points, hits.point)
         elif self.mode == "nearest":
             numbers, ranks, hits = self._nearest_parts(points)
@@ -206,13 +207,9 @@ class Question:
                 {"start": rows[0::2], "end": rows[1::2]},
                 (hits.point_on_segment, hits.point_on_solid),
             )
-        if "lower" in self._fields:
-            bounds = self.scene.signed_distance_bounds(points, workers=self._workers)
         found = texts | {name: values.tolist() for name, values in given.items()}
         for name in self._fields:
-            if name in ("lower", "upper"):
-                found[name] = in_units(bounds[name == "upper"], self._metres).tolist()
-            elif FIELDS[name].is_length:
+            if FIELDS[name].is_length:
                 between = ends if name.endswith("distance") else ()
                 found[name] = in_units(getattr(hits, name), self._metres, *between).tolist()
             elif name == "crossing":
@@ -226,6 +223,14 @@ class Question:
                 found[name] = [None if face is None else Feature(each).name.lower() for each, face in words]
         return found
 
+    def _closest(self, points: np.ndarray) -> Any:
+        """Return the answers for points, with bounds of the distance to CAD surfaces if they are reported."""
+        hits = self.scene.closest(points, workers=self._workers)
+        if "lower" not in self._fields:
+            return hits
+        lower, upper = self.scene.signed_distance_bounds(points, workers=self._workers)
+        return SimpleNamespace(lower=lower, upper=upper, **{name: getattr(hits, name) for name in HIT_FIELDS})
+
     def _nearest_parts(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
         """Return the row of the point and the rank of each answer, and the answers.
 
@@ -233,8 +238,7 @@ class Question:
         """
         found = self.scene.closest_parts(points, most=self._nearest, workers=self._workers)
         is_kept = (found.part != NO_PART) | (np.arange(self._nearest) == 0)
-        names = [name for name in CLOSEST if name not in ("part_name", "face")]
-        hits = SimpleNamespace(**{name: getattr(found, name)[is_kept] for name in names})
+        hits = SimpleNamespace(**{name: getattr(found, name)[is_kept] for name in HIT_FIELDS})
         numbers, ranks = np.nonzero(is_kept)
         return numbers, ranks, hits
 

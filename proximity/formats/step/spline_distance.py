@@ -78,7 +78,8 @@ class SplineShape:
         weights = values[:, 3:]
         points = values[:, :3] / weights
         along_u = _combined(self._slopes[0].control, rows, lower_u, v)
-        along_v = _combined(self._slopes[1].control, rows, u, lower_v)
+        is_curve = self.net.degrees[1] == 0
+        along_v = np.zeros_like(along_u) if is_curve else _combined(self._slopes[1].control, rows, u, lower_v)
         pairs = [(each[:, :3] - each[:, 3:] * points) / weights for each in (along_u, along_v)]
         return points, np.stack(pairs, axis=1)
 
@@ -284,6 +285,8 @@ def _basis(knots: np.ndarray, degree: int, values: np.ndarray) -> tuple[np.ndarr
 def _combined(control: np.ndarray, firsts: Rows, along_u: np.ndarray, along_v: np.ndarray) -> np.ndarray:
     """Return the sums of control points, (m, n, 4), weighted by basis functions, as (N, 4)."""
     rows = firsts[0][:, None] + np.arange(along_u.shape[1])
+    if control.shape[1] == 1:  # a curve
+        return np.einsum("ni,nic->nc", along_u, control[rows, 0])
     columns = firsts[1][:, None] + np.arange(along_v.shape[1])
     own = control[rows[:, :, None], columns[:, None, :]]
     return np.einsum("ni,nic->nc", along_u, np.einsum("nj,nijc->nic", along_v, own))
