@@ -129,7 +129,9 @@ class SplineShape:
             new = np.linalg.norm(new_found - points, axis=1)
             is_better = new < distances
             best[rows[is_better]] = tried[is_better]
-            is_open = (distances - new > 1e-3 * distances + self._small) | (~is_better & (factor[:, 0] > 0.1))
+            least = 1e-3 * distances + self._small
+            moves = np.linalg.norm(np.einsum("nic,ni->nc", slopes, step), axis=1)
+            is_open = (distances - new > least) | (~is_better & (factor[:, 0] > 0.1) & (moves > least))
             found[is_better], slopes[is_better] = new_found[is_better], new_slopes[is_better]
             factor = np.where(is_better[:, None], 1.0, 0.25 * factor)
             distances = np.minimum(new, distances)
