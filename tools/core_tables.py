@@ -116,6 +116,7 @@ _NUMBERS = {
     "PART_HORIZON": part_tracker.HORIZON,
     "MAX_RECORDS": tracked_tick.MAX_RECORDS,
     "FRONTIER_ENTRIES": tracked_records.FRONTIER_ENTRIES,
+    "SIDE": tracked_records.SIDE,
     "LINEAR_GIVEN": tracked_group.LINEAR_GIVEN,
     "ANGULAR_GIVEN": tracked_group.ANGULAR_GIVEN,
     "DEEPEST_BUDGET": penetration.DEEPEST_BUDGET,

@@ -14,6 +14,7 @@ from proximity.errors import ArgumentError, SceneError
 from proximity.kernels import contact_record
 from proximity.kernels.layout import NO_PART
 from proximity.kernels.tracking import tracked_group, tracked_motion, tracked_records, tracked_tick
+from proximity.kernels.traverse.dual_first import SIDE
 from proximity.pose import Pose
 from proximity.scene.model.assembly import Model
 from proximity.scene.part import checked_velocity
@@ -126,7 +127,8 @@ class PartTracker:
         self.connections = np.zeros(count, CONNECTION)
         self._relate_group()
         entries = tracked_records.FRONTIER_ENTRIES
-        self._frontiers = np.empty(entries), np.empty((entries, 3), np.int32)
+        sides = np.empty(SIDE * entries)
+        self._frontiers = np.empty(entries), np.empty((entries, 3), np.int32), sides
         self._last_model: Callable[[], Model | None] = lambda: None
         self.reset()
 

@@ -148,6 +148,23 @@ def test_a_part_that_goes_into_a_hollow_one_is_outside_and_in_its_wall_inside():
         assert bool(record["flags"] & ConnectionFlag.CROSSING) == (x == 0.103)
 
 
+@pytest.mark.parametrize(
+    ("other", "is_moved"),
+    [(shapes.box((-0.2, 0.025, -0.2), (0.2, 0.03, 0.2)), False), (shapes.sphere(0.02, 4), True)],
+)
+def test_motion_across_the_connection_or_of_both_parts_opens_little_again(other, is_moved):
+    scene = Scene([Solid(*shapes.sphere(0.02, 4), name="held"), Solid(*other, name="other")])
+    tracker, work = PartTracker(scene, "held"), []
+    for tick in range(40):
+        along = [2e-4 * (tick - 20), 0.0, 1e-4 * tick]
+        scene.move("held", Pose(shapes.rotation(1), along))
+        if is_moved:
+            scene.move("other", Pose(None, np.add(along, [0.0, 0.042, 0.0])))
+        work.append(tracker.tick(None, START + tick * MS, START + tick * MS)[0]["work"])
+    assert tracker.connections[0]["distance"] == scene.clearance("held", "other").distance
+    assert max(work[1:]) <= 8  # several times as many if each displacement lowers all bounds
+
+
 def test_a_group_moves_together_and_is_not_compared_with_itself():
     scene = some_parts()
     scene.add(Solid(*shapes.cube(0.01, (0.0, 0.0, 0.0)), name="tip"))

@@ -75,7 +75,7 @@ int proximity_create_part_tracker(proximity_scene *scene, const int32_t *parts, 
                         : proximity_refuse(error, PROXIMITY_BAD_ARGUMENT, "%s",
                                            unfit != NULL ? unfit : "there is no place for the tracker");
     }
-    size_t reals = 38 * group + FRONTIER_ENTRIES + 3 * FRONTIER_ENTRIES / 2;
+    size_t of_frontiers = (1 + SIDE) * FRONTIER_ENTRIES + 3 * FRONTIER_ENTRIES / 2, reals = 38 * group + of_frontiers;
     proximity_part_tracker *tracker = calloc(1, sizeof *tracker + connections * sizeof(Connection) +
                                                     2 * group * sizeof(int64_t) + reals * sizeof(double) +
                                                     group * sizeof(int32_t));
@@ -94,8 +94,8 @@ int proximity_create_part_tracker(proximity_scene *scene, const int32_t *parts, 
     tracker->connections = (Connection *)(tracker + 1);
     tracker->identities = (int64_t *)(tracker->connections + connections);
     tracker->own = tracker->identities + group;
-    double *limits = (double *)(tracker->own + group);
-    tracker->matrices = limits + FRONTIER_ENTRIES + 3 * FRONTIER_ENTRIES / 2;
+    double *limits = (double *)(tracker->own + group), *sides = limits + FRONTIER_ENTRIES;
+    tracker->matrices = limits + of_frontiers;
     tracker->offsets = tracker->matrices + 16 * group;
     tracker->velocities = tracker->offsets + 16 * group;
     tracker->turnings = tracker->velocities + 3 * group;
@@ -108,7 +108,8 @@ int proximity_create_part_tracker(proximity_scene *scene, const int32_t *parts, 
     set_array(tracker->held, HELD_SETTINGS, &tracker->settings, 1, 0, 0);
     set_array(tracker->held, HELD_RECORDS, tracker->connections, tracker->records, 0, 0);
     set_array(tracker->held, HELD_LIMITS, limits, FRONTIER_ENTRIES, 0, 0);
-    set_array(tracker->held, HELD_ENTRIES, limits + FRONTIER_ENTRIES, FRONTIER_ENTRIES, 3, 0);
+    set_array(tracker->held, HELD_SIDES, sides, SIDE * FRONTIER_ENTRIES, 0, 0);
+    set_array(tracker->held, HELD_ENTRIES, sides + SIDE * FRONTIER_ENTRIES, FRONTIER_ENTRIES, 3, 0);
     set_array(tracker->held, HELD_OWN, tracker->own, n, 0, 0);
     set_array(tracker->motion, GROUP_SETTINGS, &tracker->settings, 1, 0, 0);
     set_array(tracker->motion, GROUP_OFFSETS, tracker->offsets, n, 4, 4);

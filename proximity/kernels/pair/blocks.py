@@ -90,13 +90,20 @@ def _block_normal(words, at):
 
 
 @inlined
-def _gap_to_either_side(axis, one, other, margin):
-    """Return the separation of two sets of eight triangles along an axis of any length; 0 if they overlap."""
-    _, begin, end = _ends_along(axis, one)
-    _, other_begin, other_end = _ends_along(axis, other)
-    length = sqrt(dot(*axis, *axis))
+def _gap_to_either_side(normal, one, other, margin, axis):
+    """Return the separation of two sets of eight triangles along a normal of any length; 0 if they overlap.
+
+    Also sets the direction of a separation, in the last three numbers of *axis*.
+    """
+    _, begin, end = _ends_along(normal, one)
+    _, other_begin, other_end = _ends_along(normal, other)
+    length = sqrt(dot(*normal, *normal))
     gap = max(other_begin - end, begin - other_end) - 2.0 * margin * length
-    return gap / length if gap > 0.0 else 0.0
+    if not gap > 0.0:
+        return 0.0
+    scale = SHRINK / length if other_begin > end else -SHRINK / length
+    axis[3], axis[4], axis[5] = normal[0] * scale, normal[1] * scale, normal[2] * scale
+    return gap / length
 
 
 @inlined
@@ -112,7 +119,8 @@ def _gap_between_middles(triangle, others, slack):
 def _block_gap(model, boxes, first, second, frame_map, margin, reach, axis):
     """Return a lower bound of the distance of two blocks, from successive tests until it exceeds *reach*.
 
-    *boxes*: offset in words of the oriented boxes of blocks.
+    *boxes*: offset in words of the oriented boxes of blocks. The last three numbers of *axis* receive the
+    direction of a separation that exceeds *reach*.
     """
     reals, words, _, _ = model
     turn, offset = frame_map
@@ -123,9 +131,10 @@ def _block_gap(model, boxes, first, second, frame_map, margin, reach, axis):
     _, begin, _ = _ends_along(axis, others)
     gap = (begin - end - 2.0 * margin) * SHRINK
     if gap > reach:
+        axis[3], axis[4], axis[5] = axis[0] * SHRINK, axis[1] * SHRINK, axis[2] * SHRINK
         return gap
     normal = _block_normal(words, boxes + ORIENTED_STRIDE * first)
-    gap = max(gap, _gap_to_either_side(normal, triangles, others, margin) * SHRINK)
+    gap = _gap_to_either_side(normal, triangles, others, margin, axis) * SHRINK
     if gap > reach:
         return gap
     x, y, z = _block_normal(words, boxes + ORIENTED_STRIDE * second)
@@ -134,7 +143,7 @@ def _block_gap(model, boxes, first, second, frame_map, margin, reach, axis):
         turn[3] * x + turn[4] * y + turn[5] * z,
         turn[6] * x + turn[7] * y + turn[8] * z,
     )
-    return max(gap, _gap_to_either_side(normal, triangles, others, margin) * SHRINK)
+    return _gap_to_either_side(normal, triangles, others, margin, axis) * SHRINK
 
 
 @inlined
@@ -154,7 +163,8 @@ def nearer_in_blocks(model, pair, first, second, frame_map, slack, best, axis, s
     """Update the best squared distance, its slots and its axis with triangles of two blocks; return it.
 
     Also returns a lower bound of their squared distance. *pair*: rows of both parts. A best of
-    `meeting_reach` squared is final: only triangles where the parts share volume are still searched.
+    `meeting_reach` squared is final: only triangles where the parts share volume are still searched. *axis*:
+    (6,), of the best connection, and one along which the bound separates all triangles, or 0.
     """
     reals, (turn, offset) = model.reals, frame_map
     base, nearer = BLOCK_STRIDE * first, MAP_ROUNDING * slack
@@ -162,6 +172,7 @@ def nearer_in_blocks(model, pair, first, second, frame_map, slack, best, axis, s
     gap = _block_gap(model, boxes, first, second, frame_map, nearer, sqrt(best), axis)
     if gap > 0.0 and gap * gap > best:
         return best, gap * gap
+    axis[3] = axis[4] = axis[5] = 0.0
     a, b, c = corners_of_block(reals, BLOCK_STRIDE * second)
     others = mapped(turn, offset, *a), mapped(turn, offset, *b), mapped(turn, offset, *c)
     is_used, far = a[0] == a[0], splat(np.inf)

@@ -127,12 +127,21 @@ def mapped_boxes(boxes, turn, offset):
 
 
 @inlined
-def gaps_sq(one, other, slack):
-    """Return squared distances between boxes, reduced by *slack* along each axis."""
+def signed_gaps(one, other, slack):
+    """Return how far boxes lie above others along each axis, and below, reduced by *slack*."""
+    (ax, ay, az), (bx, by, bz) = one
+    (cx, cy, cz), (dx, dy, dz) = other
+    above = cx - bx - slack, cy - by - slack, cz - bz - slack
+    return above, (ax - dx - slack, ay - dy - slack, az - dz - slack)
+
+
+@inlined
+def gaps_sq(above, below):
+    """Return squared distances between boxes, from `signed_gaps`."""
     zero = splat(0.0)
-    gx = maximum(maximum(other[0][0] - one[1][0], one[0][0] - other[1][0]) - slack, zero)
-    gy = maximum(maximum(other[0][1] - one[1][1], one[0][1] - other[1][1]) - slack, zero)
-    gz = maximum(maximum(other[0][2] - one[1][2], one[0][2] - other[1][2]) - slack, zero)
+    gx = maximum(maximum(above[0], below[0]), zero)
+    gy = maximum(maximum(above[1], below[1]), zero)
+    gz = maximum(maximum(above[2], below[2]), zero)
     return fma(gx, gx, fma(gy, gy, gz * gz)) * splat(SHRINK)
 
 
@@ -231,9 +240,9 @@ def _upper_of_box(words, position, x, y, z):
 
 
 @inlined
-def farther(bounds, gaps, slack):
+def farther(bounds, gaps):
     """Return the maximum of squared distances and those of separations along an axis."""
-    gap = maximum(gaps - slack, splat(0.0))
+    gap = maximum(gaps, splat(0.0))
     return maximum(bounds, gap * gap * splat(SHRINK))
 
 

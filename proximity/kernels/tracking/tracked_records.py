@@ -4,10 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from proximity.kernels.traverse.dual_first import SIDE as SIDE  # numbers of `sides` per entry
 from proximity.native import bundle, record
 
 FRONTIER_ENTRIES = 32_768
-"""Total of all frontiers: 655 KB at 20 bytes each."""
+"""Total of all frontiers: 2.5 MB at 76 bytes each; unused pages occupy no memory."""
 MIN_FRONTIERS, MAX_FRONTIERS = 4, 32
 """Limits of the number of frontiers, otherwise one per pair of parts."""
 CROSSING_PARTS = 4096
@@ -27,7 +28,8 @@ HELD_PAIR = record(
     normal="(3,)f8",  # direction in which the tracked part separates, as found last; or 0
     frontier="i8",  # of `HeldArrays`, or -1
     frontier_count="i8",  # its entries; 0: not usable
-    frontier_moved="f8",  # m of displacement since it was last used
+    frontier_turn="(9,)f8",  # map from the other part's local frame when it was last used
+    frontier_offset="(3,)f8",
     is_resolved="i8",  # 1 if this tick has searched the pair
     is_timed="i8",  # `TIMED` if this tick has found the free time, `MAY_OPEN` if it must find it
     is_opening="i8",  # 1 if the parts touch and separate, unless one is inside the other
@@ -99,6 +101,7 @@ class HeldArrays(NamedTuple):
     moved: np.ndarray  # (P,) float64: displacement of each part since
     limits: np.ndarray  # (FRONTIER_ENTRIES,) float64: see `dual_first`
     entries: np.ndarray  # (FRONTIER_ENTRIES, 3) int32
+    sides: np.ndarray  # (SIDE * FRONTIER_ENTRIES,) float64
     own: np.ndarray  # (group,) int64: rows of the tracked parts
     faces: np.ndarray  # see `containment.Surfaces`
     ranges: np.ndarray
@@ -113,6 +116,7 @@ bundle(
     moved="float64[:]",
     limits="float64[:]",
     entries="int32[:, 3]",
+    sides="float64[:]",
     own="int64[:]",
     faces="int32[:]",
     ranges="int64[:, 2]",

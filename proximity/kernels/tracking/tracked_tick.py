@@ -101,7 +101,7 @@ def adopt_rows(model, held):
 @inlined
 def _clear(pair):
     """Forget what was known of a pair."""
-    pair.speed = pair.free_time = pair.depth = pair.frontier_moved = 0.0
+    pair.speed = pair.free_time = pair.depth = 0.0
     pair.normal[0] = pair.normal[1] = pair.normal[2] = 0.0
     pair.frontier_count = pair.is_resolved = pair.is_timed = pair.is_opening = pair.is_crossing = 0
     pair.is_touching = pair.is_inside = pair.is_undecided = 0
@@ -142,7 +142,6 @@ def _lower_bounds(model, held):
         pair.lower -= moved
         pair.upper += moved
         pair.is_crossing = pair.is_touching = 0
-        pair.frontier_moved += moved
         gap = _gap_between_boxes(frames[pair.own], frames[pair.other])
         if gap > pair.lower:
             pair.lower = gap
@@ -222,7 +221,7 @@ def _resolve(model, held, rows, uppers):
 def _look_into(model, held, number, reach):
     """Find the distance of a pair, from its last connection and its frontier, if it is below *reach*, m."""
     pair, option, slots = held.pairs[number], held.settings[0], stack_i64(2)
-    turn, offset = stack_f64(9), stack_f64(3)
+    turn, offset, turned, shifted = stack_f64(9), stack_f64(3), stack_f64(9), stack_f64(3)
     scale = model.frames[pair.own].scale
     frames_between(model.frames, pair.own, pair.other, turn, offset)
     slots[0], slots[1] = pair.slots[0], pair.slots[1]
@@ -230,11 +229,15 @@ def _look_into(model, held, number, reach):
     limit, tolerance = reach * reach * scale * scale * 1.0000001, SEARCH_TOLERANCE * option.tolerance
     budget = 0 if option.budget == 0 else max(option.budget - option.work, 1)
     frontier = _frontier_of(held, number)
+    for k in range(9):
+        turned[k], pair.frontier_turn[k] = turn[k] - pair.frontier_turn[k], turn[k]
+    for k in range(3):
+        shifted[k], pair.frontier_offset[k] = offset[k] - pair.frontier_offset[k], offset[k]
     best, lower_sq, steps, count = nearest_from_frontier(
         model, pair.own, pair.other, (turn, offset), frontier, pair.frontier_count,
-        pair.frontier_moved * scale, limit, tolerance, budget, slots,
+        (turned, shifted), limit, tolerance, budget, slots,
     )  # fmt: skip
-    pair.frontier_count, pair.frontier_moved = max(count, 0), 0.0
+    pair.frontier_count = max(count, 0)
     option.work += steps
     if count == OVERFLOW:
         slots[0], slots[1] = pair.slots[0], pair.slots[1]
@@ -265,7 +268,8 @@ def _frontier_of(held, number):
                 held.pairs[row].frontier, held.pairs[row].frontier_count = -1, 0
         pair.frontier, pair.frontier_count = option.next_frontier, 0
         option.next_frontier = (option.next_frontier + 1) % option.frontier_count
-    return Frontier(held.limits, held.entries, pair.frontier * option.frontier_length, option.frontier_length)
+    length = option.frontier_length
+    return Frontier(held.limits, held.entries, held.sides, pair.frontier * length, length)
 
 
 @kernel

@@ -7,12 +7,17 @@ distances. Boxes and nodes are given by their positions in ``words``.
 A walk that drops entries opens the last one and appends its children, the nearest at the end. A walk that
 keeps them goes through the list in sweeps and leaves the entries that are too far in it, as the start of the
 next walk. With a budget a sweep opens only the nearest entries, so that the lowest limit rises quickly.
+
+A kept entry has a *side*: an axis along which its boxes are separated by the limit, or 0, and a ball around
+the box of the second tree. Motion across the axis then does not lower the limit.
 """
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
+from proximity.kernels.geometry.frames import ROUNDED_UP
 from proximity.kernels.layout import LANES, NODE_STRIDE
 from proximity.kernels.nodes import child_at, lower_at, upper_at, used_lanes
 from proximity.kernels.stack_arrays import stack_f64
@@ -28,6 +33,8 @@ NEARLY = 1.0 - 2.0**-40
 """Share of the reach at which a kept entry is far enough; covers the rounding of a square root."""
 PAIR_SWEEP_SHARE = 0.25
 """Share of the interval from the lowest limit to the reach that a sweep covers, with a budget."""
+SIDE = 7
+"""Numbers of a side: axis; middle and radius of the ball, in the second frame."""
 OVERFLOW = -1
 """Count returned by a walk that has exceeded the frontier's capacity."""
 
@@ -37,6 +44,7 @@ class Frontier(NamedTuple):
 
     limits: np.ndarray  # float64
     entries: np.ndarray  # (…, 3) int32: positions in words of both trees, and bits
+    sides: np.ndarray  # (SIDE * …,) float64, by number; empty if entries are not kept
     begin: int
     capacity: int
 
@@ -48,6 +56,41 @@ def append_entry(frontier, count, one, other, marks, limit):
     frontier.limits[at] = limit
     frontier.entries[at, 0], frontier.entries[at, 1], frontier.entries[at, 2] = one, other, marks
     return count + 1
+
+
+@inlined
+def _side_at(words, position, axis):
+    """Return the side of a box along an axis."""
+    return np.float64(upper_at(words, position, axis)) - np.float64(lower_at(words, position, axis))
+
+
+@inlined
+def set_axis(frontier, at, axis):
+    """Set the axis of an entry, which is at *at* in the arrays."""
+    stride = len(frontier.sides) // SIDE
+    for k in range(3):
+        frontier.sides[k * stride + at] = axis[k]
+
+
+@inlined
+def set_side(frontier, at, x, y, z, radius):
+    """Set the ball of an entry, without an axis."""
+    sides, stride = frontier.sides, len(frontier.sides) // SIDE
+    set_axis(frontier, at, (0.0, 0.0, 0.0))
+    sides[3 * stride + at], sides[4 * stride + at], sides[5 * stride + at] = x, y, z
+    sides[6 * stride + at] = radius
+
+
+@inlined
+def _set_side_of_box(frontier, at, words, other):
+    """Set the ball of an entry to that around the box *other*."""
+    hx, hy, hz = (
+        0.5 * _side_at(words, other, 0),
+        0.5 * _side_at(words, other, 1),
+        0.5 * _side_at(words, other, 2),
+    )
+    x, y, z = lower_at(words, other, 0) + hx, lower_at(words, other, 1) + hy, lower_at(words, other, 2) + hz
+    set_side(frontier, at, x, y, z, sqrt(hx * hx + hy * hy + hz * hz) * ROUNDED_UP)
 
 
 @inlined
@@ -90,11 +133,7 @@ def lower_limits(frontier, count, by):
 @inlined
 def _size_at(words, position):
     """Return the longest side of a box."""
-    return max(
-        upper_at(words, position, 0) - lower_at(words, position, 0),
-        upper_at(words, position, 1) - lower_at(words, position, 1),
-        upper_at(words, position, 2) - lower_at(words, position, 2),
-    )
+    return max(_side_at(words, position, 0), _side_at(words, position, 1), _side_at(words, position, 2))
 
 
 @inlined
@@ -109,22 +148,26 @@ def _node_of_boxes(words, one, other, ratio):
     return (node, other, marks | OPENED_FIRST) if is_first else (one, node, marks)
 
 
-def dual_first(open_children, look_into, reach_of, is_kept):
+def dual_first(open_children, look_into, reach_of, axis_of):
     """Return a walk over a frontier of *count* entries; it returns the best, the new count, and the steps.
 
-    - ``open_children(model, query, one, other, is_first)``: limits of the eight pairs of children and box;
-    - ``look_into(model, query, one, other, best)``: *best* updated with two blocks, and their limit;
-    - ``reach_of(query, best)``: the limit up to which entries are opened.
+    - ``open_children(model, query, one, other, is_first)``: limits of the eight pairs of children and box,
+      and their gaps for ``axis_of``;
+    - ``look_into(model, query, one, other, best)``: *best* updated with two blocks, their limit and axis;
+    - ``reach_of(query, best)``: the limit up to which entries are opened;
+    - ``axis_of(gaps, lane_limits, lanes, reach)``: of those children, the limit and its axis; without it,
+      entries are dropped.
 
     *best*: only smaller distances are searched, and the walk ends when it is 0 or less. *ratio*: the second
     tree's unit of length in that of the first. *budget*: maximum steps (opened entries), or 0 for no limit.
     """
+    is_kept = axis_of is not None
 
     @inlined
     def walk(model, query, ratio, frontier, count, best, budget):
         limits, entries, begin = frontier.limits, frontier.entries, frontier.begin
         words, lane_limits, reach = model.words, stack_f64(LANES), reach_of(query, best)
-        steps, number, sweep = 0, count, 0.0
+        steps, number, sweep, stride = 0, count, 0.0, len(frontier.sides) // SIDE
         while best > 0.0 and (budget == 0 or steps < budget):
             if is_kept:
                 while number < count and not limits[begin + number] < min(sweep, reach * NEARLY):
@@ -147,36 +190,42 @@ def dual_first(open_children, look_into, reach_of, is_kept):
             if marks == BOXES:
                 one, other, marks = _node_of_boxes(words, one, other, ratio)
             if marks == BLOCKS:
-                best, limit = look_into(model, query, ~child_at(words, one), ~child_at(words, other), best)
+                blocks = ~child_at(words, one), ~child_at(words, other)
+                best, limit, axis = look_into(model, query, *blocks, best)
                 reach = reach_of(query, best)
                 limits[at] = max(limits[at], limit)
+                if is_kept and limits[at] == limit:
+                    set_axis(frontier, at, axis)
                 number += 1
                 count = count if is_kept else count - 1
                 continue
             if count + 3 * LANES > frontier.capacity:
                 return best, OVERFLOW, steps
             is_first = marks & OPENED_FIRST != 0
-            bounds = open_children(model, query, one, other, is_first)
+            bounds, gaps = open_children(model, query, one, other, is_first)
             store(lane_limits, 0, bounds)
             near = bits(bounds < splat(reach)) & marks & CHILDREN
-            left, lowest = marks & CHILDREN & ~near, np.inf
+            left = marks & CHILDREN & ~near
             if not is_kept:
                 end = append_children(frontier, count - 1, one, other, is_first, near, lane_limits)
                 nearest_to_end(frontier, count - 1, count - 1, end)
                 count = end
                 continue
+            end = count
             count = append_children(frontier, count, one, other, is_first, near, lane_limits)
+            for new in range(begin + end, begin + count):
+                _set_side_of_box(frontier, new, words, np.int64(entries[new, 1]))
             if not left:  # replaced by the last entry
                 count -= 1
                 limits[at] = limits[begin + count]
                 for k in range(3):
                     entries[at, k] = entries[begin + count, k]
+                for k in range(SIDE):
+                    frontier.sides[k * stride + at] = frontier.sides[k * stride + begin + count]
                 continue
             entries[at, 0], entries[at, 1], entries[at, 2] = one, other, left | (marks & OPENED_FIRST)
-            while left:
-                lowest = min(lowest, lane_limits[trailing_zeros(left)])
-                left &= left - 1
-            limits[at] = lowest
+            limits[at], axis = axis_of(gaps, lane_limits, left, reach)
+            set_axis(frontier, at, axis)
             number += 1
         return best, count, steps
 
