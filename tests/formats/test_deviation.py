@@ -477,6 +477,14 @@ def test_only_parts_that_deviate_too_much_get_finer_triangles(finer, kept, words
     assert tolerances == pytest.approx([4e-6])
 
 
+def test_a_file_that_would_take_too_many_triangles_is_meshed_once(monkeypatch):
+    monkeypatch.setattr(step, "_MOST_TRIANGLES", 7)
+
+    (note,) = step._mesh_finer(raw_file(4e-6, 2e-5, np.inf), 1e-5, None, None)
+
+    assert note.endswith("by up to 0.02 mm from the CAD surfaces, and finer ones would be more than 7")
+
+
 def test_parts_within_the_tolerance_are_meshed_once():
     assert step._mesh_finer(raw_file(4e-6, 1e-5), 1e-5, None, None) == []
 
