@@ -294,8 +294,8 @@ def _move_limits(frontier, count, motion, rounding):
         x, y, z = load(sides, at), load(sides, stride + at), load(sides, 2 * stride + at)
         middle = load(sides, 3 * stride + at), load(sides, 4 * stride + at), load(sides, 5 * stride + at)
         mx, my, mz = mapped(*motion, *middle)
-        any_way = square_root(dot(mx, my, mz, mx, my, mz)) * splat(ROUNDED_UP)
-        fall = select(dot(x, y, z, x, y, z) > splat(0.0), -dot(x, y, z, mx, my, mz), any_way)
+        displacement = square_root(dot(mx, my, mz, mx, my, mz)) * splat(ROUNDED_UP)
+        fall = select(dot(x, y, z, x, y, z) > splat(0.0), -dot(x, y, z, mx, my, mz), displacement)
         fall = fma(turning, load(sides, 6 * stride + at), fall + splat(rounding))
         store(frontier.limits, at, load(frontier.limits, at) - fall)
 
