@@ -1,6 +1,6 @@
 """Distances of pairs of parts against other libraries: ``python bench/pairs.py [PAIR ...]``.
 
-Rivals are those of Coal, python-fcl and MeshLib that are installed (extra ``bench``). Each pair moves along a
+Rivals are those of Coal, python-fcl and MeshLib that are installed (group ``bench``). Each pair moves along a
 path; at every pose all answers are compared before any time counts. Thread CPU time from Python, on one core,
 µs, median and 99th percentile. MeshLib computes in float32.
 

@@ -14,7 +14,7 @@ THREADS = threads.limit_to_one_thread() if __name__ == "__main__" else threads.U
 
 from benchmarks.queries import cases, sections
 from benchmarks.queries.results import OURS, Row, judge
-from benchmarks.rivals import registry
+from benchmarks.rivals import registry, tinybvh
 from benchmarks.support.machine import describe_machine
 from benchmarks.support.output import open_console, print_machine, print_verdicts, refuse_unknown, write_json
 
@@ -70,6 +70,9 @@ def _parse(arguments):
     parser.add_argument("--quick", action="store_true", help=quick)
     parser.add_argument("--without-us", action="store_true", help="the rivals among themselves")
     parser.add_argument("--rivals", nargs="+", metavar="NAME", help="only those whose names start so")
+    parser.add_argument(
+        "--tinybvh", type=Path, metavar="FOLDER", help="with TinyBVH, whose header is in FOLDER"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all results to FILE")
     options = parser.parse_args(arguments)
     refuse_unknown(parser, "case", options.cases, CASE_NAMES)
@@ -83,6 +86,9 @@ def _parse(arguments):
 def _chosen(options):
     """Return the kinds of contenders that take part."""
     kinds = registry.RIVALS if options.without_us else registry.CONTENDERS
+    if options.tinybvh:
+        tinybvh.TinyBvh.folder = options.tinybvh.resolve()
+        kinds = (*kinds, tinybvh.TinyBvh, tinybvh.TinyBvhSingle)
     wanted = (OURS, *options.rivals) if options.rivals else ("",)
     return tuple(kind for kind in kinds if kind.name.startswith(wanted))
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy.testing  # noqa: F401  NumPy 1.26 starts a process when it is imported
 import pytest
 from hypothesis import HealthCheck, settings
 from project import SHARED_DATA, TESTS
@@ -59,14 +60,14 @@ FIRST_TIER = {
     "formats", "kernels", "mesh", "message", "native", "properties", "recording", "requirements", "scene",
     "system", "tracker",
 }  # fmt: skip
-"""Folders of the first tier: tests start no process, open no port and need only the extra ``test``."""
+"""Folders of the first tier: tests start no process, open no port and need only the group ``test``."""
 LATER_TESTS = {
     "test_clients.py", "test_clients_service.py", "test_documentation.py", "test_hostile_text.py",
     "test_kernel_build.py", "test_kernels_uncompiled.py", "test_message_blank.py", "test_message_header.py",
     "test_modes.py", "test_picture.py", "test_refusals.py", "test_release.py", "test_step.py",
     "test_step_cache.py", "test_step_with_occ.py", "test_deviation.py",
 }  # fmt: skip
-"""Files in these folders that start processes, take minutes, or need the extra ``test-all``."""
+"""Files in these folders that start processes, take minutes, or need the group ``test-all``."""
 LONG_TESTS = {
     "test_decaff_calibration_tasks.py", "test_documentation.py", "test_kernel_build.py",
     "test_measurements.py", "test_modes.py", "test_study.py",

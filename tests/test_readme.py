@@ -59,7 +59,7 @@ def test_two_commands_set_everything_up():
 
     assert setup.splitlines() == [
         'python -m pip install -e ".[service]" && proximity demo',
-        'python -m pip install -e ".[test]" && python -m pytest',
+        "python -m pip install -U pip && python -m pip install -e . --group test && python -m pytest",
     ]
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 from proximity.errors import MeshError
@@ -56,9 +57,11 @@ def contact_limit(scene: Scene) -> float:
     return (scene.report and scene.report.approximation) or CONTACT
 
 
-def _measure(scene: Scene, pair: Clearance, contact: float) -> MeasuredPair:
+def _measure(scene: Scene, pair: Clearance, contact: float, *, is_cad: bool) -> MeasuredPair:
     """Measure the penetration of two parts. They count as touching up to a depth of *contact*, m."""
     touching = Relation.TOUCHING
+    deviation = sum(scene.part(name).deviation for name in pair[:2]) if is_cad else 0.0
+    contact += deviation if deviation < inf else 0.0
     if pair.relation not in SHARING:
         return MeasuredPair(pair, touching if pair.distance <= contact else pair.relation)
     upper, lower, point, _ = deepest_of(scene, pair.first, pair.second, TOLERANCE)
@@ -79,9 +82,13 @@ def _volume(scene: Scene, pair: Clearance) -> float | None:
     return 0.0 if common is None else common.volume
 
 
-def measure_pairs(scene: Scene, pairs: Iterable[Clearance], contact: float) -> list[MeasuredPair]:
+def measure_pairs(
+    scene: Scene, pairs: Iterable[Clearance], contact: float, *, is_cad: bool = False
+) -> list[MeasuredPair]:
     """Measure pairs of parts and sort them by `MeasuredPair.rank`.
 
-    *contact*: depth, m, up to which parts count as touching.
+    *contact*: depth, m, up to which parts count as touching. *is_cad*: plus the deviations of both, up to
+    which their CAD surfaces may fit.
     """
-    return sorted((_measure(scene, pair, contact) for pair in pairs), key=lambda pair: pair.rank)
+    found = (_measure(scene, pair, contact, is_cad=is_cad) for pair in pairs)
+    return sorted(found, key=lambda pair: pair.rank)

@@ -39,7 +39,7 @@ class Relation(StrEnum):
 SHARING = (Relation.CROSSING, Relation.FIRST_INSIDE, Relation.SECOND_INSIDE)
 """Relations of parts with common volume; open parts may cross without."""
 SURFACES = ("triangles", "cad")
-"""Surfaces that a clearance may be between."""
+"""Surfaces that a clearance or a penetration may be between."""
 MIN_TOLERANCE = 1e-9
 """Relative to a depth: the search does not bring its bounds closer than this."""
 _RELATIONS = tuple(Relation)
@@ -134,8 +134,7 @@ class PairQueries:
         """
         tolerance = not_negative("tolerance", tolerance, "shares")
         steps = 0 if budget is None else whole("budget", budget)
-        if surface not in SURFACES:
-            raise ArgumentError(f"surface is {shown(surface)}, expected one of {', '.join(SURFACES)}")
+        _check_surface(surface)
         model, parts, (row, other) = self._state_with_rows(first, second)
         if row == other:
             raise SceneError(f"{first!r} is asked how far it is from itself, expected two parts")
@@ -146,7 +145,13 @@ class PairQueries:
         return widened(found, parts[row].deviation + parts[other].deviation)
 
     def penetration(
-        self, first: str | int, second: str | int, *, direction: Any = None, tolerance: float = 0.01
+        self,
+        first: str | int,
+        second: str | int,
+        *,
+        direction: Any = None,
+        tolerance: float = 0.01,
+        surface: str = "triangles",
     ) -> "Penetration":
         """Return the penetration of two parts: the way out, and the deepest point.
 
@@ -165,6 +170,11 @@ class PairQueries:
             Relative difference allowed between the bounds of each depth. They differ by more after 48 probes
             of the way out, as the part may be free briefly before. The deepest point is found to 1e-7 of the
             smaller part's size at best, and in at most two million steps.
+        surface : {"triangles", "cad"}
+            Surfaces between which the deepest point is. With "cad", ``deepest_lower`` and ``deepest`` are
+            bounds for the CAD surfaces of STEP files: the deviations of both parts are subtracted and added
+            (`Part.deviation`). A lower bound of 0 means that the parts may fit. The way out, and the point,
+            are those of the triangles.
 
         Returns
         -------
@@ -178,7 +188,8 @@ class PairQueries:
         SceneError
             If a part does not exist, or both are the same.
         ArgumentError
-            If the direction is not three finite numbers, or zero, or the tolerance is out of range.
+            If the direction is not three finite numbers, or zero, the tolerance is out of range, or the
+            surface is not one of the two.
 
         Notes
         -----
@@ -189,6 +200,7 @@ class PairQueries:
         Source: directional penetration depth, Dobkin, Hershberger, Kirkpatrick, Suri 1993.
         """
         tolerance = max(not_negative("tolerance", tolerance, "shares"), MIN_TOLERANCE)
+        _check_surface(surface)
         along = np.zeros(3) if direction is None else _direction(direction)
         model, parts, (row, other) = self._state_with_rows(first, second)
         if row == other:
@@ -200,6 +212,11 @@ class PairQueries:
         deepest = penetration.DeepestPoint(0.0, 0.0, np.full(3, np.nan), 0)
         if found["depth"] > 0.0:
             deepest = penetration.find_deepest(model, row, other, tolerance)
+        if surface == "cad":
+            gap = connect(model, parts.solids, row, other).lower if found["depth"] == 0.0 else 0.0
+            deviation = parts[row].deviation + parts[other].deviation
+            lower, upper = widened_bounds(deepest.lower, deepest.upper, deviation)
+            deepest = deepest._replace(lower=lower, upper=max(upper - gap, 0.0))
         out = float(found["depth"]), float(found["lower"]), found["direction"].copy()
         return penetration.Penetration(model.names[row], model.names[other], *out, *deepest[:3])
 
@@ -283,6 +300,11 @@ def deepest_of(queries: PairQueries, first: str, second: str, tolerance: float) 
     from proximity.scene.penetration import find_deepest
 
     return find_deepest(model, row, other, tolerance)
+
+
+def _check_surface(surface: Any) -> None:
+    if surface not in SURFACES:
+        raise ArgumentError(f"surface is {shown(surface)}, expected one of {', '.join(SURFACES)}")
 
 
 def _direction(direction: Any) -> np.ndarray:

@@ -1,7 +1,8 @@
-"""``proximity query --nearest``, on an assembly of four parts."""
+"""``proximity query --nearest`` and ``--cad``, on an assembly of four parts."""
 
 import csv
 import io
+import json
 
 import pytest
 from project import MESHES
@@ -39,3 +40,17 @@ def test_points_in_several_chunks_keep_their_numbers_and_columns(run, monkeypatc
     assert [row["rank"] for row in rows] == list("1212121212")
     assert [row["given_rank"] for row in rows] == list("0011223344")
     assert [float(row["x_mm"]) for row in rows] == pytest.approx([0, 0, 1, 1, 2, 2, 3, 3, 4, 4])
+
+
+def test_bounds_of_cad_surfaces_contain_the_distance(run):
+    pytest.importorskip("cascadio")
+    step = str(MESHES / "assembly.step")
+    answer = json.loads(run(step, 10, 10, 30, "--cad", "--json").out)["answers"][0]
+    names = list(answer)
+
+    assert answer["lower"] < answer["signed_distance"] < answer["upper"]
+    assert answer["upper"] - answer["lower"] < 0.1
+    assert names[names.index("signed_distance") :][1:3] == ["lower", "upper"]
+    assert "CAD surface, from" in run(step, 10, 10, 30, "--cad").out
+    assert run(ASSEMBLY, 1, 2, 3, "--cad", "--nearest", 2).code == 2
+    assert run(ASSEMBLY, 1, 2, 3, "--cad", "--within", 2).code == 2

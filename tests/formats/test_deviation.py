@@ -12,11 +12,11 @@ from mesh_reading import read as read_file
 import proximity
 from proximity.formats.contents import RawFile, RawMesh
 from proximity.formats.step import cad_faces, chords, conversion, deviation, step, surface_distance
-from proximity.formats.step.cad_faces import Shape, Spline
 from proximity.formats.step.entities import parsed
+from proximity.formats.step.shapes import Shape, Spline, extruded, revolved
 from proximity.formats.step.step_records import StepText
 from proximity.formats.step.surface_distance import Surfaces
-from proximity.scene import pairs
+from proximity.scene import clashes, pairs
 
 SHARES = np.array([(i, j, 12 - i - j) for i in range(13) for j in range(13 - i)]) / 12
 """Barycentric coordinates of points in a triangle."""
@@ -129,7 +129,8 @@ def test_bounds_of_triangles_contain_dense_samples(kind, size, second, lower, up
         np.full(count, second),
     )
 
-    bounds = surface_distance.upper_bounds(kind, surfaces, triangles, np.arange(count))
+    distances = surface_distance.signed_distances(kind, surfaces, triangles)
+    bounds = surface_distance.upper_bounds(kind, surfaces, triangles, np.arange(count), distances)
     found = np.abs(surface_distance.signed_distances(kind, surfaces, points_in(triangles))).max(axis=1)
 
     assert (bounds >= found - 1e-14).all()
@@ -143,7 +144,9 @@ def test_cone_that_is_pierced_by_its_axis_is_bounded_by_its_radius():
     triangle = np.array([[[2.0, 0, 0], [-1, np.sqrt(3), 0], [-1, -np.sqrt(3), 0]]])
     surfaces = Surfaces(np.zeros((1, 3)), np.array([[0.0, 0, 1]]), np.array([2.0]), np.zeros(1))
 
-    assert surface_distance.upper_bounds("cone", surfaces, triangle, np.zeros(1, int)) == pytest.approx(2.0)
+    bounds = surface_distance.upper_bounds("cone", surfaces, triangle, np.zeros(1, int), np.zeros((1, 3)))
+
+    assert bounds == pytest.approx(2.0)
 
 
 # --- splines ---
@@ -203,13 +206,128 @@ def test_bound_of_spline_is_near_the_largest_distance(is_rational, count):
     assert true * 0.99 <= bound <= 1.3 * true + 1e-5
 
 
-def test_spline_with_a_kink_is_not_bounded():
+def largest_distance(shape, triangles, count=500):
+    """Return bounds of the largest distance of points of triangles from a surface, by dense points of it."""
+    axes = [np.linspace(low, high, count) for low, high in zip(shape.lower, shape.upper, strict=True)]
+    dense = shape.points(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2))
+    net = dense.reshape(count, count, 3)
+    steps = [np.linalg.norm(np.diff(net, axis=axis), axis=2).max() for axis in (0, 1)]
+    points = shape.flattened(points_in(triangles)).reshape(-1, 3)
+    found = spatial.cKDTree(dense).query(points)[0].max()
+    return np.sqrt(max(found**2 - np.hypot(*steps) ** 2, 0.0)), found
+
+
+def grid_of_triangles(function, us, vs):
+    """Return the triangles between the points of a surface at a grid of parameters."""
+    points = np.array([[function(u, v) for v in vs] for u in us])
+    a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
+    return np.concatenate([np.stack(t, axis=2).reshape(-1, 3, 3) for t in ((a, b, c), (a, c, d))])
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.03])
+def test_spline_with_a_kink_is_bounded_piece_by_piece(offset):
+    """Triangles end at the kink in the middle, or cross it."""
     from proximity.formats.step.spline_distance import SplineShape, surface_bound
 
-    knots = np.array([0, 0, 0.5, 1, 1.0])
-    control = np.concatenate([np.random.default_rng(0).uniform(size=(3, 3, 3)), np.ones((3, 3, 1))], axis=2)
+    knots = np.array([0, 0, 0, 0.5, 0.5, 1, 1, 1]), np.array([0, 0, 1, 1.0])
+    profile = np.array([[0, 0], [0.2, 0.3], [0.5, 0.4], [0.7, 0.1], [1.0, 0.1]])
+    net = np.array([[[x, y, z, 1.0] for y in (0.0, 1.0)] for x, z in profile])
+    shape = SplineShape(Spline((2, 1), knots, net))
+    axis = np.linspace(0.0, 1.0, 13)
+    axis[1:-1] += offset
+    triangles = grid_of_triangles(lambda u, v: shape.points(np.array([[u, v]]))[0], axis, (0.0, 1.0))
+
+    bound, (lower, upper) = surface_bound(shape, triangles), largest_distance(shape, triangles)
+
+    assert lower <= bound <= (1.3 if offset == 0.0 else 1.6) * upper
+    assert (bound < 0.003) == (offset == 0.0)
+
+
+def test_spline_with_a_gap_is_not_bounded():
+    from proximity.formats.step.spline_distance import SplineShape, surface_bound
+
+    knots = np.array([0, 0, 0.5, 0.5, 1, 1.0])
+    control = np.concatenate([np.random.default_rng(0).uniform(size=(4, 4, 3)), np.ones((4, 4, 1))], axis=2)
 
     assert surface_bound(SplineShape(Spline((1, 1), (knots, knots), control)), np.zeros((1, 3, 3))) == np.inf
+
+
+# --- swept surfaces ---
+
+AXIS = np.array([0.0, 0.0, 1.0])
+BENT = Spline(
+    (2, 0),
+    (np.array([0, 0, 0, 1, 1, 1.0]), np.array([0.0, 1.0])),
+    np.array([[[0.02, 0, 0, 1.0]], [[0.035, 0, 0.02, 1.0]], [[0.015, 0, 0.03, 1.0]]]),
+)
+
+
+@pytest.mark.parametrize(
+    ("profile", "kind", "size", "second"),
+    [
+        (Shape("line", "LINE", np.array([0, -3.0, 5]), np.array([0, 0.6, 0.8])), "cone", 3.0, -0.75),
+        (Shape("line", "LINE", np.array([2.0, 0, 5]), AXIS), "cone", 2.0, 0.0),
+        (Shape("line", "LINE", np.array([2.0, 0, 5]), np.array([0, 1.0, 0])), "plane", 0.0, 0.0),
+        (Shape("line", "LINE", np.array([2.0, 0, 5]), np.array([0, 0.6, 0.8])), None, 0.0, 0.0),
+        (Shape("circle", "CIRCLE", np.array([0, 0, 5.0]), np.eye(3)[1], size=2.0), "sphere", 2.0, 0.0),
+        (Shape("circle", "CIRCLE", np.array([4.0, 0, 5]), np.eye(3)[1], size=2.0), "torus", 4.0, 2.0),
+        (Shape("circle", "CIRCLE", np.array([1.0, 0, 5]), np.eye(3)[1], size=2.0), "spline", 0.0, 0.0),
+        (Shape("other", "X"), None, 0.0, 0.0),
+    ],
+)
+def test_lines_and_circles_turn_to_surfaces_of_elementary_form(profile, kind, size, second):
+    found = revolved(profile, np.zeros(3), AXIS, "SURFACE_OF_REVOLUTION")
+
+    assert (found and found.kind) == kind
+    if found is not None:
+        assert (found.size, found.second) == pytest.approx((size, second))
+
+
+def test_lines_and_circles_are_extruded_to_planes_and_cylinders():
+    circle = Shape("circle", "CIRCLE", np.ones(3), AXIS, size=2.0)
+
+    assert extruded(circle, -AXIS, "X").kind == "cone"
+    assert extruded(Shape("line", "LINE", axis=np.eye(3)[0]), AXIS, "X").axis @ np.eye(3)[0] == 0.0
+    assert extruded(Shape("line", "LINE", axis=AXIS), AXIS, "X") is None
+
+
+@pytest.mark.parametrize(
+    "profile",
+    [
+        Shape("spline", "B_SPLINE_CURVE", spline=BENT),
+        Shape("ellipse", "ELLIPSE", np.array([0.05, 0, 0]), -np.eye(3)[1], size=0.02, second=0.01),
+    ],
+)
+@pytest.mark.parametrize("is_turned", [True, False])
+def test_bounds_of_swept_curves_are_near_the_largest_distance(profile, is_turned):
+    from proximity.formats.step.spline_distance import shape_of, surface_bound
+
+    direction = np.array([0.48, 0.6, 0.64])
+    surface = revolved(profile, np.zeros(3), AXIS, "X") if is_turned else extruded(profile, direction, "X")
+    curve = shape_of(profile.spline or extruded(profile, np.eye(3)[1], "X").spline)
+
+    def point(u, v):
+        radius, _, height = curve.points(np.array([[u, 0.0]]))[0]
+        if is_turned:
+            return np.array([radius * np.cos(v), radius * np.sin(v), height])
+        return np.array([radius, 0.0, height]) + 0.02 * v * direction
+
+    us = np.linspace(curve.lower[0], curve.upper[0], 13)
+    triangles = grid_of_triangles(point, us, np.linspace(0.0, 3.5, 9))
+    shape = shape_of(surface.spline)
+    bound, (lower, upper) = surface_bound(shape, triangles), largest_distance(shape, triangles, 400)
+
+    assert lower <= bound <= 1.2 * upper
+
+
+def test_corners_next_to_the_seam_of_a_closed_surface_are_on_it():
+    from proximity.formats.step.spline_distance import shape_of
+
+    shape = shape_of(revolved(Shape("spline", "X", spline=BENT), np.zeros(3), AXIS, "X").spline)
+    angles = np.array([-0.03, -1e-3, 0.0, 1e-3, 0.03])
+    points = np.stack([0.02 * np.cos(angles), 0.02 * np.sin(angles), np.zeros(5)], axis=1)
+
+    assert shape.distances(points[:, None], shape.nearest_parameters(points)[:, None]).max() < 1e-12
 
 
 # --- files ---
@@ -232,6 +350,20 @@ def test_box_deviates_by_the_rounding_of_positions(tmp_path, unit, metres):
 
     assert len(part.deviations) == 6
     assert part.deviations.max() <= 1e-6 * metres
+
+
+def test_turned_curve_is_bounded(tmp_path):
+    profile = [(10.0, 0.0), (16.0, 8.0), (5.0, 16.0), (9.0, 24.0)]
+    part = read(tmp_path, step_text.vase_step(profile), step_tolerance=1e-4)
+    t = np.linspace(0.0, 1.0, 20_001)[:, None]
+    weights = np.concatenate([(1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t * t * (1 - t), t**3], axis=1)
+    curve = 1e-3 * weights @ np.array(profile)
+    points = points_in(part.vertices[part.faces[part.source_faces == 2]]).reshape(-1, 3)
+    flat = np.stack([np.hypot(points[:, 0], points[:, 1]), points[:, 2]], axis=1)
+    true = spatial.cKDTree(curve).query(flat)[0].max()
+
+    assert len(part.deviations) == 3
+    assert 0.98 * true <= part.deviations[2] <= 1.6 * true + 1e-7
 
 
 def test_scale_multiplies_the_deviation(tmp_path):
@@ -345,6 +477,14 @@ def test_only_parts_that_deviate_too_much_get_finer_triangles(finer, kept, words
     assert tolerances == pytest.approx([4e-6])
 
 
+def test_a_file_that_would_take_too_many_triangles_is_meshed_once(monkeypatch):
+    monkeypatch.setattr(step, "_MOST_TRIANGLES", 7)
+
+    (note,) = step._mesh_finer(raw_file(4e-6, 2e-5, np.inf), 1e-5, None, None)
+
+    assert note.endswith("by up to 0.02 mm from the CAD surfaces, and finer ones would be more than 7")
+
+
 def test_parts_within_the_tolerance_are_meshed_once():
     assert step._mesh_finer(raw_file(4e-6, 1e-5), 1e-5, None, None) == []
 
@@ -375,6 +515,39 @@ def test_bounds_of_cad_surfaces_contain_the_distance_of_the_balls(balls):
         balls.clearance("ball", "other", surface="step")
 
 
+def test_bounds_of_points_contain_the_distance_to_the_balls(balls):
+    random = np.random.default_rng(9)
+    points = random.uniform(-0.015, 0.04, (4000, 3))
+    near = random.normal(size=(4000, 3))
+    points[2000:] = (
+        near[2000:]
+        / np.linalg.norm(near[2000:], axis=1, keepdims=True)
+        * (0.01 + random.uniform(-1e-5, 1e-5, (2000, 1)))
+    )
+    middles = np.array([[0.0, 0, 0], [0.025, 0, 0]])
+    true = (np.linalg.norm(points[:, None] - middles, axis=2) - 0.01).min(axis=1)
+
+    lower, upper = balls.signed_distance_bounds(points)
+
+    assert (lower <= true + 1e-15).all() and (true <= upper + 1e-15).all()
+    assert (upper - lower).max() == pytest.approx(2 * balls.part("ball").deviation)
+    assert ((lower < 0.0) & (upper > 0.0)).any()
+    assert np.isnan(balls.signed_distance_bounds([np.nan, 0, 0])).all()
+
+
+def test_lower_bound_has_the_largest_deviation_of_parts_that_are_measured(balls):
+    first, second = (
+        replace(part, deviation=value) for part, value in zip(balls.parts, (1e-3, np.inf), strict=True)
+    )
+    scene = proximity.Scene([first, second])
+    point = [-0.02, 0.0, 0.0]
+    distance = scene.signed_distance(point)
+
+    assert scene.signed_distance_bounds(point) == (-np.inf, distance + 1e-3)
+    assert scene.signed_distance_bounds(point, ignore="other") == (distance - 1e-3, distance + 1e-3)
+    assert scene.signed_distance_bounds([0.05, 0.0, 0.0])[1] == np.inf
+
+
 def test_deviations_are_those_of_the_parts_that_were_measured(balls, monkeypatch):
     """Another part is removed during the search: rows of the scene are then those of other parts."""
     first = balls.parts[0]
@@ -390,6 +563,38 @@ def test_deviations_are_those_of_the_parts_that_were_measured(balls, monkeypatch
     found = scene.clearance("ball", "other", surface="cad")
 
     assert found.distance - found.lower == pytest.approx(4 * first.deviation)
+
+
+def test_depth_of_cad_surfaces_is_within_the_deviations(balls):
+    deviation = balls.part("other").deviation
+    scene = proximity.Scene(list(balls.parts))
+    for apart, true in ((0.019, 0.001), (0.02, 0.0), (0.02 + 0.5 * deviation, 0.0)):
+        scene.move("other", proximity.Pose(None, [apart, 0.0, 0.0]))
+        triangles = scene.penetration("ball", "other")
+        found = scene.penetration("ball", "other", surface="cad")
+
+        assert found.deepest_lower <= true <= found.deepest
+        assert found.deepest - triangles.deepest <= 2 * deviation + 1e-15
+        assert (found.deepest_lower > 0.0) == (true > 0.0)
+        assert found[2:4] == triangles[2:4]
+    scene.move("other", proximity.Pose(None, [0.03, 0.0, 0.0]))
+    assert scene.penetration("ball", "other", surface="cad").deepest == 0.0
+    with pytest.raises(proximity.ArgumentError, match="surface is 'step'"):
+        scene.penetration("ball", "other", surface="step")
+
+
+def test_facets_that_interfere_by_less_than_the_deviations_may_fit(balls):
+    deviation = balls.part("other").deviation
+    scene = proximity.Scene(list(balls.parts))
+    scene.move("other", proximity.Pose(None, [0.02 - 1.5 * deviation, 0.0, 0.0]))
+    pair = scene.clearance("ball", "other")
+    assert pair.relation == "crossing"
+
+    (triangles,), (cad,) = (
+        clashes.measure_pairs(scene, [pair], clashes.CONTACT, is_cad=is_cad) for is_cad in (False, True)
+    )
+
+    assert (triangles.is_clash, cad.is_clash, cad.is_fit) == (True, False, True)
 
 
 def test_compiled_scene_keeps_the_deviation(balls, tmp_path):

@@ -134,3 +134,41 @@ def ball_step(radius: float, product: str = "ball") -> str:
     face = out.add(f"ADVANCED_FACE('',({bound}),{surface},.T.)")
     shell = out.add(f"CLOSED_SHELL('',({face}))")
     return _file(out, context, frame, shell, product)
+
+
+def vase_step(profile: list[tuple[float, float]]) -> str:
+    """Return a STEP file with a vase: a cubic Bézier curve turned about z, with flat ends.
+
+    *profile*: four control points, distance from the axis and height, mm.
+    """
+    out = _Lines()
+    context = _context(out, "mm")
+    frame = _frame(out, (0, 0, 0), (0, 0, 1), (1, 0, 0))
+    points = [_point(out, (radius, 0, height)) for radius, height in profile]
+    curve = out.add(
+        f"B_SPLINE_CURVE_WITH_KNOTS('',3,({','.join(points)}),.UNSPECIFIED.,.F.,.F.,(4,4),(0.,1.),.UNSPECIFIED.)"
+    )
+    ends = [out.add(f"VERTEX_POINT('',{points[row]})") for row in (0, 3)]
+    seam = out.add(f"EDGE_CURVE('',{ends[0]},{ends[1]},{curve},.T.)")
+    rings, faces = [], []
+    for end, (radius, height), axis in zip(ends, (profile[0], profile[3]), (-1, 1), strict=True):
+        middle = _frame(out, (0, 0, height), (0, 0, 1), (1, 0, 0))
+        circle = out.add(f"CIRCLE('',{middle},{float(radius)!r})")
+        rings.append(out.add(f"EDGE_CURVE('',{end},{end},{circle},.T.)"))
+        plane = out.add(f"PLANE('',{_frame(out, (0, 0, height), (0, 0, axis), (1, 0, 0))})")
+        faces.append(_face(out, [(rings[-1], axis > 0)], plane))
+    line = out.add(f"AXIS1_PLACEMENT('',{_point(out, (0, 0, 0))},{_direction(out, (0, 0, 1))})")
+    turned = out.add(f"SURFACE_OF_REVOLUTION('',{curve},{line})")
+    faces.append(_face(out, [(rings[0], True), (seam, True), (rings[1], False), (seam, False)], turned))
+    shell = out.add(f"CLOSED_SHELL('',({','.join(faces)}))")
+    return _file(out, context, frame, shell, "vase")
+
+
+def _face(out: _Lines, edges: list[tuple[str, bool]], surface: str) -> str:
+    """A face with one loop of edges, each with whether it is forward."""
+    oriented = [
+        out.add(f"ORIENTED_EDGE('',*,*,{edge},.{'T' if is_forward else 'F'}.)") for edge, is_forward in edges
+    ]
+    loop = out.add(f"EDGE_LOOP('',({','.join(oriented)}))")
+    bound = out.add(f"FACE_OUTER_BOUND('',{loop},.T.)")
+    return out.add(f"ADVANCED_FACE('',({bound}),{surface},.T.)")

@@ -13,9 +13,10 @@ from project import ROOT
 
 from proximity.system.extras import DISTRIBUTION, installation
 
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = SETTINGS["project"]
 SOURCES = sorted((ROOT / "proximity").rglob("*.py"))
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def test_distribution_is_that_of_the_project():
@@ -32,6 +33,7 @@ def test_what_is_to_be_installed_is_an_extra_of_this_project(path):
         assert name in (DISTRIBUTION, "."), name
         extras += extra.split(",")
     assert set(extras) <= set(PROJECT["optional-dependencies"])
+    assert set(re.findall(r"--group ([\w-]+)", text)) <= set(SETTINGS["dependency-groups"])
     assert not re.search(r"pip install proximity\b", text)
 
 

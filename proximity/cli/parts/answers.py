@@ -77,6 +77,8 @@ FIELDS = {
     "end": Field(axes="xyz", is_length=True),
     "signed_distance": Field("distance_{unit}", "signed distance", is_length=True),
     "distance": Field("distance_{unit}", "distance", is_length=True),
+    "lower": Field("lower_{unit}", "CAD surface, from", is_length=True),
+    "upper": Field("upper_{unit}", "CAD surface, to", is_length=True),
     "side": _text("side"),
     "crossing": _text("crossing", "the ray"),
     "is_signed": Field(),
@@ -103,8 +105,10 @@ TEXT_WIDTHS = {
 FACES = ("part", "part_name", "face", "face_id")
 """``face`` is the row in the faces of the file, ``face_id`` that in the mesh of the part."""
 CLOSEST = ("signed_distance", "is_signed", "point", "gradient", *FACES, "feature", "barycentric")
+HIT_FIELDS = [name for name in CLOSEST if name not in ("part_name", "face")]
 ANSWERED = {  # by kind of query, after the query points; named as in the library's results
     "closest": CLOSEST,
+    "cad": ("signed_distance", "lower", "upper", *CLOSEST[1:]),
     "nearest": ("point_number", "rank", *CLOSEST),
     "ray": ("distance", "point", "normal", *FACES, "barycentric"),
     "crossings": ("ray", "distance", "crossing", "point", "normal", *FACES, "barycentric"),
@@ -129,6 +133,7 @@ class Question:
         is_all: bool = False,
         min_distance: float = 0.0,
         nearest: int | None = None,
+        is_cad: bool = False,
     ) -> None:
         self.scene, self.units, self._metres, self._workers = scene, units, metres, workers
         ray_mode, point_mode = "crossings" if is_all else "ray", "nearest" if nearest else "closest"
@@ -137,12 +142,13 @@ class Question:
         self._direction, self._min_distance = direction, min_distance * metres
         self._lower, self._upper = in_units(np.array(scene.bounds), metres)
         self._size = float((self._upper - self._lower).max())
+        self._fields = ANSWERED["cad" if is_cad else self.mode]
         self._asked, self._far_count, self._farthest = 0, 0, 0.0
         self.decimals = max(1, min(7, round(math.log10(metres / SMALLEST_M))))
         whole = len(f"{max(*np.abs(self._lower), *np.abs(self._upper)):.0f}")  # digits before the point
         self.digits = max(DIGITS, min(whole + 4, MAX_DIGITS))
         self.width = max(NUMBER_WIDTH, min(whole, MAX_DIGITS) + 5)  # of a column of coordinates
-        self._own = {each.name_in_csv for each in columns_of({key: [] for key in ANSWERED[self.mode]}, units)}
+        self._own = {each.name_in_csv for each in columns_of({key: [] for key in self._fields}, units)}
 
     def answers(self, chunks: Iterable[Points]) -> Iterator[Answers]:
         """Yield the answers chunk by chunk; at least one chunk, which may be empty."""
@@ -172,7 +178,7 @@ class Question:
         with np.errstate(over="ignore"):  # beyond float64 the point is not finite
             points = rows * self._metres
         if self.mode == "closest":
-            hits: Any = self.scene.closest(points, workers=self._workers)
+            hits: Any = self._closest(points)
             given, ends = {"query": rows}, (points, hits.point)
         elif self.mode == "nearest":
             numbers, ranks, hits = self._nearest_parts(points)
@@ -202,7 +208,7 @@ class Question:
                 (hits.point_on_segment, hits.point_on_solid),
             )
         found = texts | {name: values.tolist() for name, values in given.items()}
-        for name in ANSWERED[self.mode]:
+        for name in self._fields:
             if FIELDS[name].is_length:
                 between = ends if name.endswith("distance") else ()
                 found[name] = in_units(getattr(hits, name), self._metres, *between).tolist()
@@ -217,6 +223,14 @@ class Question:
                 found[name] = [None if face is None else Feature(each).name.lower() for each, face in words]
         return found
 
+    def _closest(self, points: np.ndarray) -> Any:
+        """Return the answers for points, with bounds of the distance to CAD surfaces if they are reported."""
+        hits = self.scene.closest(points, workers=self._workers)
+        if "lower" not in self._fields:
+            return hits
+        lower, upper = self.scene.signed_distance_bounds(points, workers=self._workers)
+        return SimpleNamespace(lower=lower, upper=upper, **{name: getattr(hits, name) for name in HIT_FIELDS})
+
     def _nearest_parts(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
         """Return the row of the point and the rank of each answer, and the answers.
 
@@ -224,8 +238,7 @@ class Question:
         """
         found = self.scene.closest_parts(points, most=self._nearest, workers=self._workers)
         is_kept = (found.part != NO_PART) | (np.arange(self._nearest) == 0)
-        names = [name for name in CLOSEST if name not in ("part_name", "face")]
-        hits = SimpleNamespace(**{name: getattr(found, name)[is_kept] for name in names})
+        hits = SimpleNamespace(**{name: getattr(found, name)[is_kept] for name in HIT_FIELDS})
         numbers, ranks = np.nonzero(is_kept)
         return numbers, ranks, hits
 

@@ -101,7 +101,8 @@ def clearance(
 
     Distances are those of the triangles, which deviate from the curved surfaces of a STEP file. With --cad
     each pair has two bounds, between which the distance of the CAD surfaces is, and --below lists a pair
-    unless its lower bound keeps the distance.
+    unless its lower bound keeps the distance. A pair then clashes only if its deepest point exceeds the
+    deviations of both parts: the others may fit.
 
     With --hinge, --slide or --poses PART moves, and the answer is its smallest distance over the whole
     motion, also between the sampled poses: to all others, or to the second PART. With --below the exit code
@@ -110,6 +111,7 @@ def clearance(
 
     Examples:
       proximity clearance gearbox.step --clashes
+      proximity clearance gearbox.step --clashes --cad
       proximity clearance gearbox.step
       proximity clearance gearbox.step shaft
       proximity clearance gearbox.step lid 'screw*' --json
@@ -125,7 +127,6 @@ def clearance(
         (len(names) > 2, "PART", f"{len(names)} names are given, expected two at most"),
         (len(names) == 2 and list_all, "--all", "two parts are one pair"),
         (clashes and below is not None, "--below", "not allowed with --clashes"),
-        (clashes and cad, "--cad", "not allowed with --clashes"),
         (below is None and ignore_touching, "--ignore-touching", "requires --below"),
         (not is_gate and allow is not None, "--allow", "requires --clashes or --below"),
     )
@@ -147,6 +148,7 @@ def clearance(
         )
     from proximity.cli.parts import measured_pairs
     from proximity.formats import metres_per_unit
+    from proximity.scene.clashes import CONTACT as CONTACT_DEPTH
     from proximity.scene.clashes import contact_limit, measure_pairs
 
     metres, scene = metres_per_unit(reading.units), reading.load(*files)
@@ -166,23 +168,25 @@ def clearance(
         )  # fmt: skip
         return
     approximation = 0.0 if scene.report is None else scene.report.approximation
-    limit = contact_limit(scene) if contact is None else contact * metres
+    default = CONTACT_DEPTH if cad else contact_limit(scene)
+    limit = default if contact is None else contact * metres
     nearest = 0.0 if below is None else below * metres
     deviations = {part.name: part.deviation for part in scene.parts}
-    reach = nearest + (2.0 * max(deviations.values()) if cad else 0.0)
+    reach = nearest + (2.0 * max(deviations.values()) if cad and not clashes else 0.0)
     allowed = {} if allow is None else measured_pairs.read_allowed(allow, scene)
     groups, shown = [measured_pairs.matching(scene, name) for name in names], " + ".join(map(str, files))
     with progress.spinner(f"measuring {shown}"):
         found = measured_pairs.find_pairs(scene, groups, reach if is_gate else None, is_whole=list_all)
-        pairs = measure_pairs(scene, found, limit)
+        pairs = measure_pairs(scene, found, limit, is_cad=cad)
     pairs = measured_pairs.without_allowed(pairs, allowed, allow)
-    sentence = measured_pairs.verdict(pairs, limit, approximation, metres, reading.units)
+    sentence = measured_pairs.verdict(pairs, limit, approximation, metres, reading.units, is_cad=cad)
     deviation_of = partial(measured_pairs.deviation_of, deviations)
     if is_gate:
         pairs = [
             pair
             for pair in pairs
-            if pair.is_clash or pair.clearance.distance - (deviation_of(pair) if cad else 0.0) < nearest
+            if pair.is_clash
+            or (not clashes and pair.clearance.distance - (deviation_of(pair) if cad else 0.0) < nearest)
         ]
     if ignore_touching:
         pairs = [pair for pair in pairs if pair.relation != "touching"]

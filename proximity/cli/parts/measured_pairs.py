@@ -110,7 +110,13 @@ def _rounded(value: float) -> str:
 
 
 def verdict(
-    pairs: Sequence[MeasuredPair], contact: float, approximation: float, metres: float, units: str
+    pairs: Sequence[MeasuredPair],
+    contact: float,
+    approximation: float,
+    metres: float,
+    units: str,
+    *,
+    is_cad: bool = False,
 ) -> str:
     """Return a sentence about the pairs that clash and those that fit.
 
@@ -131,6 +137,8 @@ def verdict(
     if fits:
         within = "within the approximation of" if approximation == contact else "within"
         limit = f"{length(in_unit(contact, metres))} {units}"
+        if is_cad:
+            within, limit = "within", "the deviation of the triangles"
         said.append(f"{counted(fits, 'pair')} {'fits' if fits == 1 else 'fit'} {within} {limit}")
     sentence = "; ".join(said)
     return f"{sentence[0].upper()}{sentence[1:]}."

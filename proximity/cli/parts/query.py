@@ -62,6 +62,9 @@ def query(
     segment: Annotated[
         bool, flag("--segment", "Use the points in pairs: start and end of a segment.")
     ] = False,
+    cad: Annotated[
+        bool, flag("--cad", "Report bounds of the distance to the CAD surfaces of STEP files, too.")
+    ] = False,
     as_json: JSON = False,
     csv: Annotated[Path | None, option("FILE", "Write CSV to this file; - is standard output.")] = None,
     within: Annotated[
@@ -90,6 +93,9 @@ def query(
 
     With --nearest a point has a line for each of its K nearest parts, with the nearest point of that part.
     Parts that contain the point come first, the deepest of them at the beginning.
+
+    With --cad a point has two bounds, between which its signed distance to the CAD surfaces is: the triangles
+    of a STEP file deviate from them.
 
     With --all a ray has a line for each crossing: its distance, and whether the ray enters or leaves the
     part there. A ray that only touches an edge or a corner does not cross there.
@@ -126,6 +132,8 @@ def query(
         (workers == 0 or workers < -1, "--workers", f"{workers} threads: expected 1 or more, or -1"),
         (within is not None and (ray or segment), "--within", "is for points, not for rays or segments"),
         (nearest and (ray or segment), "--nearest", "is for points, not for rays or segments"),
+        (cad and (ray or segment or nearest), "--cad", "is for points, without --nearest"),
+        (cad and within is not None, "--cad and --within", "give one of them, not both"),
         (nearest and within is not None, "--nearest and --within", "give one of them, not both"),
         (cast_all and not ray, "--all", "is for --ray"),
         (min_distance is not None and not ray, "--min-distance", "is for --ray"),
@@ -158,6 +166,7 @@ def query(
             is_all=cast_all,
             min_distance=min_distance or 0.0,
             nearest=nearest,
+            is_cad=cad,
         )
     for note in notes_on_sizes(scene):
         report(f"note: {note}")

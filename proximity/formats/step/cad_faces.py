@@ -5,13 +5,14 @@ A surface or curve that is not read has the kind "other": its faces have no boun
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from proximity.errors import MeshFormatError
 from proximity.formats.step.entities import Arguments, Entities
+from proximity.formats.step.shapes import Shape, Spline, extruded, revolved
 from proximity.formats.step.step_records import StepText
 
 _BODIES = ("MANIFOLD_SOLID_BREP", "BREP_WITH_VOIDS", "SHELL_BASED_SURFACE_MODEL", "FACETED_BREP")
@@ -31,31 +32,6 @@ _PREFIXES = {
 _DEFAULT_METRES = 1e-3
 _DEPTH = 20
 """Maximum number of nested units, wrappers or shells."""
-
-
-@dataclass(slots=True, eq=False)
-class Spline:
-    """A B-spline surface, or a curve, which is a surface of degree 0 along its second parameter."""
-
-    degrees: tuple[int, int]
-    knots: tuple[np.ndarray, np.ndarray]
-    control: np.ndarray  # (m, n, 4), m, multiplied by the weights in the last column
-
-
-@dataclass(slots=True, eq=False)
-class Shape:
-    """A surface or a curve of elementary form, or a spline."""
-
-    kind: str  # plane, cone (or cylinder), sphere, torus, line, circle, ellipse, spline, other
-    record: str  # name in the file, for messages
-    origin: np.ndarray = field(default_factory=lambda: np.zeros(3))  # m
-    axis: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))  # unit; direction of a line
-    along: np.ndarray = field(
-        default_factory=lambda: np.array([1.0, 0.0, 0.0])
-    )  # unit, of the first semi-axis
-    size: float = 0.0  # m, radius; major radius; first semi-axis
-    second: float = 0.0  # tangent of a cone; minor radius or second semi-axis, m
-    spline: Spline | None = None
 
 
 @dataclass(slots=True, eq=False)
@@ -215,6 +191,15 @@ class _Reader:
 
     def _degenerate_toroidal_surface(self, arguments: Arguments) -> Shape | None:
         return self._toroidal_surface(arguments) if arguments[4] == ".T." else None  # .F. is the inner part
+
+    def _surface_of_linear_extrusion(self, arguments: Arguments) -> Shape | None:
+        vector = self.entities.arguments(arguments[2], "VECTOR")[1]
+        direction = _unit(self.entities.vector(vector))
+        return extruded(self._shape(arguments[1]), direction, "SURFACE_OF_LINEAR_EXTRUSION")
+
+    def _surface_of_revolution(self, arguments: Arguments) -> Shape | None:
+        origin, axis, _ = self._placement(arguments[2])
+        return revolved(self._shape(arguments[1]), origin, axis, "SURFACE_OF_REVOLUTION")
 
     def _line(self, arguments: Arguments) -> Shape:
         direction = self.entities.arguments(arguments[2], "VECTOR")[1]

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.formats.step.cad_faces import CadFace, Shape
+from proximity.formats.step.cad_faces import CadFace
+from proximity.formats.step.shapes import Shape
 
 Pair = tuple[np.ndarray, np.ndarray]
 """Distances of the ends of chords from curves, and bounds of the distance of the arcs between, m."""

@@ -15,6 +15,7 @@ import json
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib.util import find_spec
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,7 +34,7 @@ _SINGLE = float(np.finfo(np.float32).eps)
 _FIT = 64 * _SINGLE
 """Maximum distance of the corners of a triangle from its CAD face as a share of the size of the part, if that
 is more."""
-_VERSION = 1
+_VERSION = 2
 """Number of the method in the keys of the cache."""
 _KINDS = ("plane", "cone", "sphere", "torus")
 
@@ -105,25 +106,26 @@ def _deviations(mesh: RawMesh, representations: list[list[CadFace]], fit: float)
     fit = max(fit, _FIT * size)
     is_present = np.bincount(mesh.source_faces, minlength=count) > 0
     for faces in representations:
-        if len(faces) == count and is_present.all() and _fits(faces, mesh.source_faces, corners, fit):
-            bounds, reason = _bounds(mesh, faces, corners, fit)
+        if len(faces) != count or not is_present.all():
+            continue
+        groups = _by_kind(faces, mesh.source_faces, corners)
+        if all(np.abs(group.distances).max(initial=0.0) <= fit for group in groups):
+            bounds, reason = _bounds(mesh, faces, corners, groups, fit)
             return bounds + 16 * np.finfo(float).eps * size, reason
     return unknown, "no solid of the file has its faces"
 
 
-def _fits(faces: list[CadFace], numbers: np.ndarray, corners: np.ndarray, fit: float) -> bool:
-    """Return whether the corners of all triangles are on the surfaces of their faces."""
-    for kind, rows, surfaces in _by_kind(faces, numbers):
-        distances = surface_distance.signed_distances(kind, surfaces, corners[rows])
-        if np.abs(distances).max(initial=0.0) > fit:
-            return False
-    return True
+class _Group(NamedTuple):
+    """Triangles on one kind of surface."""
+
+    kind: str
+    rows: np.ndarray  # (N,) of the triangles
+    surfaces: surface_distance.Surfaces  # of each triangle
+    distances: np.ndarray  # (N, 3) m, signed, of the corners from the surfaces
 
 
-def _by_kind(
-    faces: list[CadFace], numbers: np.ndarray
-) -> list[tuple[str, np.ndarray, surface_distance.Surfaces]]:
-    """Return the triangles on each kind of surface, with the surface of each."""
+def _by_kind(faces: list[CadFace], numbers: np.ndarray, corners: np.ndarray) -> list[_Group]:
+    """Return the triangles on each kind of surface of elementary form."""
     kinds = np.array([face.surface.kind for face in faces])
     whole = surface_distance.Surfaces(
         *(
@@ -131,13 +133,21 @@ def _by_kind(
             for name in ("origin", "axis", "size", "second")
         )
     )
-    found = [(kind, np.flatnonzero(kinds[numbers] == kind)) for kind in _KINDS]
-    return [(kind, rows, whole.rows(numbers[rows])) for kind, rows in found if len(rows)]
+    groups = []
+    for kind in _KINDS:
+        rows = np.flatnonzero((kinds == kind)[numbers])
+        if len(rows):
+            surfaces = whole.rows(numbers[rows])
+            distances = surface_distance.signed_distances(kind, surfaces, corners[rows])
+            groups.append(_Group(kind, rows, surfaces, distances))
+    return groups
 
 
-def _bounds(mesh: RawMesh, faces: list[CadFace], corners: np.ndarray, fit: float) -> tuple[np.ndarray, str]:
+def _bounds(
+    mesh: RawMesh, faces: list[CadFace], corners: np.ndarray, groups: list[_Group], fit: float
+) -> tuple[np.ndarray, str]:
     numbers = mesh.source_faces
-    depths, reasons = _depths(faces, numbers, corners, fit)
+    depths, reasons = _depths(faces, numbers, corners, groups)
     curves = chords.Curves.of(faces)
     found = chords.find_chords(mesh.vertices, mesh.faces, numbers, curves)
     bounds = chords.chord_bounds(curves.shapes, found.curves, found.ends[found.rows], fit)
@@ -175,12 +185,12 @@ def _bounds(mesh: RawMesh, faces: list[CadFace], corners: np.ndarray, fit: float
 
 
 def _depths(
-    faces: list[CadFace], numbers: np.ndarray, corners: np.ndarray, fit: float
+    faces: list[CadFace], numbers: np.ndarray, corners: np.ndarray, groups: list[_Group]
 ) -> tuple[np.ndarray, dict[int, str]]:
     """Return a bound of the distance of each face's triangles from its surface, and reasons for infinity."""
     depths, reasons = np.zeros(len(faces)), {}
-    for kind, rows, surfaces in _by_kind(faces, numbers):
-        own = surface_distance.upper_bounds(kind, surfaces, corners[rows], numbers[rows])
+    for kind, rows, surfaces, distances in groups:
+        own = surface_distance.upper_bounds(kind, surfaces, corners[rows], numbers[rows], distances)
         np.maximum.at(depths, numbers[rows], own)
     for row, face in enumerate(faces):
         if face.surface.kind == "other":
@@ -200,7 +210,7 @@ def _spline_depth(face: CadFace, triangles: np.ndarray) -> tuple[float, str]:
         return np.inf, f"free-form faces need SciPy: {installation('service')}"
     assert face.surface.spline is not None, "a surface of the kind spline has one"
     bound = spline_distance.surface_bound(spline_distance.shape_of(face.surface.spline), triangles)
-    return bound, "" if bound < np.inf else "it has kinks, or too many pieces"
+    return bound, "" if bound < np.inf else "it has gaps, or too many pieces"
 
 
 def _largest(groups: np.ndarray, curves: np.ndarray, sagittas: np.ndarray) -> list[tuple[int, int, float]]:

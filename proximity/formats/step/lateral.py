@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.formats.step.cad_faces import Shape
+from proximity.formats.step.shapes import Shape
 
 _PIECES = 8
 """Number of pieces of a chord."""
@@ -100,11 +100,14 @@ def _spline_normals(surface: Shape, feet: _Points) -> _Normals:
     from proximity.formats.step.spline_distance import shape_of
 
     assert surface.spline is not None, "a shape of the kind spline has one"
-    shape, points = shape_of(surface.spline), feet.positions
+    shape = shape_of(surface.spline)
+    points = shape.flattened(feet.positions)
     parameters = shape.joined(shape.nearest_parameters(points.reshape(-1, 3)).reshape(*points.shape[:2], 2))
     found, slopes = shape.points_and_slopes(parameters.reshape(-1, 2))
     residuals = np.linalg.norm(found.reshape(points.shape) - points, axis=2).max(axis=1)
     slopes = slopes.reshape(*points.shape[:2], 2, 3)
+    if shape.direction is not None:
+        slopes[:, :, 1] = shape.direction
     normals = np.cross(slopes[:, :, 0], slopes[:, :, 1])
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), np.finfo(float).tiny)
     lower, upper = parameters.min(axis=1), parameters.max(axis=1)
@@ -117,6 +120,6 @@ def _spline_normals(surface: Shape, feet: _Points) -> _Normals:
         cosines = np.abs((slopes[:, :, 0] * slopes[:, :, 1]).sum(axis=2) / lengths.prod(axis=2)).max(axis=1)
         apart = 1.0 - cosines - (turns / least).sum(axis=1)
         bend = uu / least[:, 0] ** 2 + 2.0 * uv / (least[:, 0] * least[:, 1]) + vv / least[:, 1] ** 2
-        is_regular = (least > 0.0).all(axis=1) & (apart > 0.0)
+        is_regular = (least > 0.0).all(axis=1) & (apart > 0.0) & (shape.jumps(lower, upper)[0] == 0.0)
         curvature = np.where(is_regular, 2.0 * bend / apart, np.inf)
     return _Normals(normals, residuals, curvature)

@@ -2,21 +2,20 @@
 
 A triangle whose corners have parameters is compared with the surface at the interpolated parameters. The
 difference is at most that at the corners and (a du^2 + 2 b du dv + c dv^2) / 8, where a, b and c bound the
-second derivatives. They follow from the control points of the derivatives.
+second derivatives. They follow from the control points of the derivatives. A kink at k between parameters l
+and h, at which the first derivative jumps by j, adds at most j (h - k) (k - l) / (h - l).
 """
 
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from proximity.formats.step.cad_faces import Spline
+from proximity.formats.step.shapes import Spline
+from proximity.formats.step.spline_net import Net
 from proximity.formats.step.surface_distance import MAX_LEVEL, MAX_RATIO, MAX_TRIANGLES, middles_of, quartered
 
-MAX_SPANS = 20_000
-"""Maximum number of pieces of a surface."""
 _MAX_HALVINGS = 8
 """Maximum number of subdivisions of a chord."""
 _PIECES = 16
@@ -36,89 +35,15 @@ Bases = tuple[np.ndarray, np.ndarray]
 """Basis functions one degree lower, and of the degree of a spline."""
 
 
-@dataclass(slots=True, eq=False)
-class _Net:
-    """Control points of a spline or of one of its derivatives."""
-
-    degrees: tuple[int, int]
-    knots: tuple[np.ndarray, np.ndarray]
-    control: np.ndarray  # (m, n, 4)
-
-    def derived(self, axis: int) -> "_Net":
-        """Return the derivative along one parameter; that of a constant is zero."""
-        degree, knots = self.degrees[axis], self.knots[axis]
-        if degree == 0:
-            return _Net(self.degrees, self.knots, np.zeros_like(self.control))
-        spans = knots[degree + 1 : -1] - knots[1 : -degree - 1]
-        factors = np.divide(degree, spans, out=np.zeros_like(spans), where=spans > 0.0)
-        control = np.diff(self.control, axis=axis) * (
-            factors[:, None, None] if axis == 0 else factors[:, None]
-        )
-        pairs = list(self.degrees), list(self.knots)
-        pairs[0][axis], pairs[1][axis] = degree - 1, knots[1:-1]
-        return _Net((pairs[0][0], pairs[0][1]), (pairs[1][0], pairs[1][1]), control)
-
-    @property
-    def is_smooth(self) -> bool:
-        """Whether the first derivatives are continuous, and the number of pieces is within its limit."""
-        pieces = 1
-        for knots, degree in zip(self.knots, self.degrees, strict=True):
-            values, counts = np.unique(knots[degree + 1 : -degree - 1], return_counts=True)
-            if len(counts) and counts.max() >= max(degree, 1):
-                return False
-            pieces *= len(values) + 1
-        return pieces <= MAX_SPANS
-
-    def profile(self, axis: int) -> "_Net":
-        """Return the curve that a parameter moves, or the same net if it does more than move a curve."""
-        if not self._is_extruded(axis):
-            return self
-        degrees, knots = list(self.degrees), list(self.knots)
-        degrees[axis], knots[axis] = 0, knots[axis][1:-1]
-        control = self.control[:1] if axis == 0 else self.control[:, :1]
-        return _Net((degrees[0], degrees[1]), (knots[0], knots[1]), control)
-
-    def _is_extruded(self, axis: int) -> bool:
-        """Whether a parameter moves all points by the same vector: its second derivatives are zero."""
-        if self.degrees[axis] != 1 or self.control.shape[axis] != 2:
-            return False
-        first, second = np.moveaxis(self.control, axis, 0)
-        moves = second[:, :3] / second[:, 3:] - first[:, :3] / first[:, 3:]
-        error = 8 * np.finfo(float).eps * float(np.abs(moves).max())
-        is_same = np.abs(second[:, 3] - first[:, 3]).max() <= 4 * np.finfo(float).eps * first[:, 3].max()
-        return bool(is_same and np.ptp(moves, axis=0).max() <= error)
-
-    def split(self, count: int) -> "_Net":
-        """Insert knots until each parameter has at least *count* pieces."""
-        knots, control = list(self.knots), self.control
-        for axis, degree in enumerate(self.degrees):
-            if degree < 2:
-                continue  # its second derivatives are zero
-            breaks = np.unique(knots[axis][degree : len(knots[axis]) - degree])
-            parts = -(-count // (len(breaks) - 1))
-            inner = [np.linspace(a, b, parts + 1)[1:-1] for a, b in pairwise(breaks)]
-            control = np.moveaxis(control, axis, 0)
-            for value in np.concatenate(inner):
-                knots[axis], control = _with_knot(knots[axis], control, degree, value)
-            control = np.moveaxis(control, 0, axis)
-        return _Net(self.degrees, (knots[0], knots[1]), control)
-
-    def windows(self, spans: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Return the control points of each piece, (S, T, degree + 1, degree + 1, 4)."""
-        rows = [
-            np.searchsorted(knots, starts, side="right")[:, None] - 1 - np.arange(degree, -1, -1)
-            for degree, knots, starts in zip(self.degrees, self.knots, spans, strict=True)
-        ]
-        return self.control[rows[0][:, None, :, None], rows[1][None, :, None, :]]
-
-
 class SplineShape:
     """A surface or a curve with its derivatives."""
 
     def __init__(self, spline: Spline) -> None:
-        given = _Net(spline.degrees, spline.knots, spline.control)
-        self.is_smooth = given.is_smooth
+        given = Net(spline.degrees, spline.knots, spline.control)
+        self.is_bounded = given.is_bounded
+        self.direction = spline.direction
         self.net = given.split(_PIECES)
+        self._kinks = [given.kinks(axis) if self.is_bounded else [] for axis in (0, 1)]
         self._slopes = self.net.derived(0), self.net.derived(1)
         lows = [knots[degree] for degree, knots in zip(self.net.degrees, self.net.knots, strict=True)]
         highs = [knots[-degree - 1] for degree, knots in zip(self.net.degrees, self.net.knots, strict=True)]
@@ -127,6 +52,9 @@ class SplineShape:
             np.unique(knots[(knots >= low) & (knots <= high)])
             for knots, low, high in zip(self.net.knots, lows, highs, strict=True)
         ]
+        self._turns = np.array([
+            self.upper[axis] - self.lower[axis] if self._is_closed(axis) else 0.0 for axis in (0, 1)
+        ])  # fmt: skip
         self._small = _SMALL * float(np.abs(self.net.control[..., :3]).max())
         self._starts = inner[0][:-1], inner[1][:-1]
         self._breaks = inner
@@ -150,7 +78,8 @@ class SplineShape:
         weights = values[:, 3:]
         points = values[:, :3] / weights
         along_u = _combined(self._slopes[0].control, rows, lower_u, v)
-        along_v = _combined(self._slopes[1].control, rows, u, lower_v)
+        is_curve = self.net.degrees[1] == 0
+        along_v = np.zeros_like(along_u) if is_curve else _combined(self._slopes[1].control, rows, u, lower_v)
         pairs = [(each[:, :3] - each[:, 3:] * points) / weights for each in (along_u, along_v)]
         return points, np.stack(pairs, axis=1)
 
@@ -169,15 +98,21 @@ class SplineShape:
                 _between(breaks, 1 + _SAMPLES * max(degree, 1))
                 for breaks, degree in zip(self._breaks, self.net.degrees, strict=True)
             ]
+            for axis, end in self._poles():  # a search from a pole has no direction around it
+                rows = (0, 1) if end == self.lower[axis] else (-1, -2)
+                grids[axis][rows[0]] += 0.1 * (grids[axis][rows[1]] - end)
             grid = np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, 2)
             self._tree = cKDTree(self.points(grid)), grid
         tree, grid = self._tree
-        return self.refined(points, grid[tree.query(points)[1]])
+        return self.refined(points, grid[tree.query(points)[1]], self._turns)
 
-    def refined(self, points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    def refined(
+        self, points: np.ndarray, parameters: np.ndarray, turns: np.ndarray | float = 0.0
+    ) -> np.ndarray:
         """Improve parameters of points by Gauss-Newton steps, and return them.
 
-        A step that would increase the distance is shortened. A point is done when it improves little.
+        A step that would increase the distance is shortened. A point is done when it improves little. Steps
+        across an end continue at the other end if *turns* is the length of that parameter.
         """
         best, rows = parameters.copy(), np.arange(len(points))
         found, slopes = self.points_and_slopes(parameters)
@@ -187,12 +122,16 @@ class SplineShape:
             step = _solved(
                 np.einsum("nic,njc->nij", slopes, slopes), np.einsum("nic,nc->ni", slopes, points - found)
             )
-            tried = np.clip(best[rows] + factor * step, self.lower, self.upper)
+            tried = best[rows] + factor * step
+            tried += turns * ((tried < self.lower).astype(float) - (tried > self.upper))
+            tried = np.clip(tried, self.lower, self.upper)
             new_found, new_slopes = self.points_and_slopes(tried)
             new = np.linalg.norm(new_found - points, axis=1)
             is_better = new < distances
             best[rows[is_better]] = tried[is_better]
-            is_open = (distances - new > 1e-3 * distances + self._small) | (~is_better & (factor[:, 0] > 0.1))
+            least = 1e-3 * distances + self._small
+            moves = np.linalg.norm(np.einsum("nic,ni->nc", slopes, step), axis=1)
+            is_open = (distances - new > least) | (~is_better & (factor[:, 0] > 0.1) & (moves > least))
             found[is_better], slopes[is_better] = new_found[is_better], new_slopes[is_better]
             factor = np.where(is_better[:, None], 1.0, 0.25 * factor)
             distances = np.minimum(new, distances)
@@ -238,7 +177,45 @@ class SplineShape:
         lower, upper = parameters.min(axis=1), parameters.max(axis=1)
         along_u, mixed, along_v = self.second_bounds(lower, upper).T
         u, v = (upper - lower).T
-        return np.asarray((along_u * u * u + 2.0 * mixed * u * v + along_v * v * v) / 8.0)
+        smooth = (along_u * u * u + 2.0 * mixed * u * v + along_v * v * v) / 8.0
+        return np.asarray(smooth + self.jumps(lower, upper)[1])
+
+    def _is_closed(self, axis: int) -> bool:
+        """Return whether the surface has the same points at both ends of a parameter."""
+        control = np.moveaxis(self.net.control, axis, 0)
+        size = float(np.abs(control).max())
+        return len(control) > 1 and np.allclose(control[0], control[-1], rtol=0.0, atol=1e-9 * size)
+
+    def _poles(self) -> list[tuple[int, float]]:
+        """Return the parameters, and their ends, at which the surface is a point."""
+        points, found = self.net.control[..., :3] / self.net.control[..., 3:], []
+        small = 1e-9 * float(np.abs(points).max())
+        for axis in (0, 1):
+            rows = np.moveaxis(points, axis, 0)
+            for end, row in ((self.lower[axis], rows[0]), (self.upper[axis], rows[-1])):
+                if len(row) > 1 and np.ptp(row, axis=0).max() <= small:
+                    found.append((axis, float(end)))
+        return found
+
+    def jumps(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return bounds for boxes of parameters with kinks: of the jump of the first derivatives, and of the
+        distance from the linear interpolation that is due to it.
+        """
+        total, excess = np.zeros((2, len(lower)))
+        for axis, kinks in enumerate(self._kinks):
+            low, high = lower[:, axis], upper[:, axis]
+            for value, jump in kinks:
+                is_inside = (low < value) & (value < high)
+                width = np.where(is_inside, high - low, 1.0)
+                total += np.where(is_inside, jump, 0.0)
+                excess += np.where(is_inside, jump * (high - value) * (value - low) / width, 0.0)
+        return total, excess
+
+    def flattened(self, points: np.ndarray) -> np.ndarray:
+        """Return points, (..., 3), in the plane of the profile of an extrusion; the same for others."""
+        if self.direction is None:
+            return points
+        return np.asarray(points - (points @ self.direction)[..., None] * self.direction)
 
     def second_bounds(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Return bounds of the second derivatives on boxes of parameters, (N, 3): along u, mixed, along v."""
@@ -266,8 +243,7 @@ class SplineShape:
         for axis in (0, 1):
             low, high = self.lower[axis], self.upper[axis]
             values = parameters[..., axis]
-            control = np.moveaxis(self.net.control, axis, 0)
-            if np.allclose(control[0], control[-1], rtol=0.0, atol=1e-9 * float(np.abs(control).max())):
+            if self._turns[axis]:
                 middle = 0.5 * (low + high)
                 edge = 1e-6 * (high - low)
                 is_wide = np.ptp(values, axis=1) > middle - low
@@ -280,30 +256,15 @@ class SplineShape:
                 one, other = np.where(to_high, high, values), np.where(to_low, low, values)
                 is_one = (np.ptp(one, axis=1) <= np.ptp(other, axis=1))[:, None]
                 parameters[..., axis] = np.where(is_wide[:, None], np.where(is_one, one, other), values)
-        for axis in (0, 1):
-            points = np.moveaxis(self.net.control[..., :3] / self.net.control[..., 3:], 1 - axis, 0)
-            for end, row in ((self.lower[1 - axis], points[0]), (self.upper[1 - axis], points[-1])):
-                if np.ptp(row, axis=0).max() > 1e-9 * float(np.abs(points).max()):
-                    continue
-                span = self.upper[1 - axis] - self.lower[1 - axis]
-                is_pole = np.abs(parameters[..., 1 - axis] - end) <= 1e-6 * span
-                count = (~is_pole).sum(axis=1)
-                total = np.where(is_pole, 0.0, parameters[..., axis]).sum(axis=1)
-                middle = np.divide(total, count, out=np.full(len(total), self.lower[axis]), where=count > 0)
-                parameters[..., axis] = np.where(is_pole, middle[:, None], parameters[..., axis])
+        for pole, end in self._poles():
+            around = 1 - pole
+            span = self.upper[pole] - self.lower[pole]
+            is_pole = np.abs(parameters[..., pole] - end) <= 1e-6 * span
+            count = (~is_pole).sum(axis=1)
+            total = np.where(is_pole, 0.0, parameters[..., around]).sum(axis=1)
+            middle = np.divide(total, count, out=np.full(len(total), self.lower[around]), where=count > 0)
+            parameters[..., around] = np.where(is_pole, middle[:, None], parameters[..., around])
         return parameters
-
-
-def _with_knot(
-    knots: np.ndarray, control: np.ndarray, degree: int, value: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Insert a knot; the spline stays the same (Boehm 1980)."""
-    span = int(np.searchsorted(knots, value, side="right")) - 1
-    rows = np.arange(span - degree + 1, span + 1)
-    shares = ((value - knots[rows]) / (knots[rows + degree] - knots[rows]))[:, None, None]
-    mixed = shares * control[rows] + (1.0 - shares) * control[rows - 1]
-    parts = control[: span - degree + 1], mixed, control[span:]
-    return np.insert(knots, span + 1, value), np.concatenate(parts)
 
 
 def _basis(knots: np.ndarray, degree: int, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -326,6 +287,8 @@ def _basis(knots: np.ndarray, degree: int, values: np.ndarray) -> tuple[np.ndarr
 def _combined(control: np.ndarray, firsts: Rows, along_u: np.ndarray, along_v: np.ndarray) -> np.ndarray:
     """Return the sums of control points, (m, n, 4), weighted by basis functions, as (N, 4)."""
     rows = firsts[0][:, None] + np.arange(along_u.shape[1])
+    if control.shape[1] == 1:  # a curve
+        return np.einsum("ni,nic->nc", along_u, control[rows, 0])
     columns = firsts[1][:, None] + np.arange(along_v.shape[1])
     own = control[rows[:, :, None], columns[:, None, :]]
     return np.einsum("ni,nic->nc", along_u, np.einsum("nj,nijc->nic", along_v, own))
@@ -355,15 +318,18 @@ def shape_of(spline: Spline) -> SplineShape:
 
 def surface_bound(shape: SplineShape, triangles: np.ndarray) -> float:
     """Return an upper bound of the largest distance of triangles, (N, 3, 3) m, from a surface."""
-    if not shape.is_smooth:
+    if not shape.is_bounded:
         return np.inf
+    triangles = shape.flattened(triangles)
     corners, inverse = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     parameters = shape.nearest_parameters(corners)[inverse.reshape(-1)].reshape(-1, 3, 2)
     bound = found = 0.0
     for level in range(MAX_LEVEL + 1):
         parameters = shape.joined(parameters)
         distances = shape.distances(triangles, parameters)
-        upper = distances + shape.excess(parameters)
+        # No point of a triangle is farther from a corner; near a pole that is less.
+        around = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2).max(axis=1) / np.sqrt(3.0)
+        upper = distances + np.minimum(shape.excess(parameters), around)
         found = max(found, float(distances.max(initial=0.0)))
         is_last = level == MAX_LEVEL or 4 * len(triangles) > MAX_TRIANGLES
         is_done = (upper <= MAX_RATIO * found) | is_last
@@ -383,7 +349,7 @@ def chord_bounds(shape: SplineShape, chords: np.ndarray, fit: float) -> np.ndarr
     Chords with an end farther than *fit*, m, have an infinite bound.
     """
     bounds = np.full(len(chords), np.inf)
-    if not shape.is_smooth:
+    if not shape.is_bounded:
         return bounds
     parameters = shape.nearest_parameters(chords.reshape(-1, 3)).reshape(-1, 2, 2)
     is_near = shape.distances(chords, parameters) <= fit

@@ -39,6 +39,8 @@ _MARGIN, _LEAST_SHARE = 0.8, 1 / 4
 share of the last one."""
 _GAIN = 0.95
 """Minimum improvement for which finer triangles replace coarse ones."""
+_MOST_TRIANGLES = 250_000
+"""Estimated number of triangles from which a file is not converted again: that would take minutes."""
 _ASSUMED_METRES = 1e-3  # OpenCASCADE's unit of numbers without a unit
 
 
@@ -103,15 +105,20 @@ def _mesh_finer(
     if not coarse:
         return []
     first = worst = max(map(_deviation, coarse))
-    finer = tolerance
+    finer, count, is_too_much = tolerance, _triangle_count(raw), False
     for _ in range(_MAX_ATTEMPTS):
-        finer *= _MARGIN * max(tolerance / worst, _LEAST_SHARE)
+        step = _MARGIN * max(tolerance / worst, _LEAST_SHARE)
+        finer, count = finer * step, count / step
+        is_too_much = count > _MOST_TRIANGLES
+        if is_too_much:
+            break
         try:
             again, _ = mesh(finer)
         except MeshFormatError:  # it takes too many triangles
             break
         if len(again.meshes) != len(raw.meshes):
             break
+        count = _triangle_count(again)
         add_deviations(again.meshes)
         for old, new in zip(raw.meshes, again.meshes, strict=True):
             is_bounded = new.deviations is not None and bool(np.isfinite(new.deviations).all())
@@ -126,8 +133,13 @@ def _mesh_finer(
         f"{names}: triangles within {tolerance * 1e3:g} mm deviate by up to {first * 1e3:.3g} mm from the "
     )
     if worst == first:
-        return [exceeded + "CAD surfaces, and finer ones do not improve it"]
+        reason = f"would be more than {_MOST_TRIANGLES:,}" if is_too_much else "do not improve it"
+        return [f"{exceeded}CAD surfaces, and finer ones {reason}"]
     return [exceeded + f"CAD surfaces; finer ones are used, which deviate by up to {worst * 1e3:.3g} mm"]
+
+
+def _triangle_count(raw: RawFile) -> float:
+    return float(sum(len(one.faces) for one in raw.meshes))
 
 
 def _deviation(mesh: RawMesh) -> float:

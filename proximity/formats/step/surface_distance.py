@@ -49,14 +49,16 @@ def signed_distances(kind: str, surfaces: Surfaces, points: np.ndarray) -> np.nd
     return np.hypot(radius - size, height) - second
 
 
-def upper_bounds(kind: str, surfaces: Surfaces, triangles: np.ndarray, groups: np.ndarray) -> np.ndarray:
+def upper_bounds(
+    kind: str, surfaces: Surfaces, triangles: np.ndarray, groups: np.ndarray, distances: np.ndarray
+) -> np.ndarray:
     """Return upper bounds of the largest distance of any point of each triangle from its surface.
 
     *triangles*: (N, 3, 3) m. *groups*: (N,) int, number of the face that the triangle belongs to; only the
-    largest bound of each face is refined. Degenerate: a triangle that the axis of a cone passes through is as
-    deep as the radius there.
+    largest bound of each face is refined. *distances*: (N, 3) m, of `signed_distances` for the corners.
+    Degenerate: a triangle that the axis of a cone passes through is as deep as the radius there.
     """
-    at_corners = np.abs(signed_distances(kind, surfaces, triangles)).max(axis=1)
+    at_corners = np.abs(distances).max(axis=1)
     if kind == "plane":
         return at_corners
     if kind == "sphere":

@@ -15,8 +15,9 @@ from proximity.kernels.bodies.wedges import Wedges, pair_around_edge
 from proximity.kernels.mesh.components import component_labels, join, root_of, unlinked
 from proximity.kernels.mesh.edges import sorted_half_edges
 from proximity.kernels.mesh.faces import enclosed_volumes
-from proximity.kernels.mesh.positions import gathered, rows_where
+from proximity.kernels.mesh.positions import AHEAD, gathered, rows_where
 from proximity.native import allocating_kernel, kernel
+from proximity.native.simd import prefetch
 
 
 class Pieces(NamedTuple):
@@ -111,6 +112,8 @@ def connect_faces(corners, points, edges):
     for edge in range(len(forward_counts)):
         first, count = starts[edge], starts[edge + 1] - starts[edge]
         longest = max(longest, count)
+        if first + AHEAD < len(order):
+            prefetch(links, np.int64(order[first + AHEAD]) // 3)
         if count == 1:
             is_open[order[first] // 3, order[first] % 3] = True
         elif count == 2:

@@ -43,11 +43,12 @@ def _equals_earlier_face(corners, edges, kinds):
     """Return a mask of the faces with the same corners and winding as an earlier face, (F,) bool."""
     crowded_sides, is_twin = np.zeros(len(corners), np.uint8), np.zeros(len(corners), np.bool_)
     # Equal faces have equal half-edges: only faces at edges with several in one direction are candidates.
-    for edge in range(len(edges.forward_counts)):
-        first, end, forward = edges.starts[edge], edges.starts[edge + 1], edges.forward_counts[edge]
+    order, starts, forward_counts = edges
+    for edge in range(len(forward_counts)):
+        first, end, forward = starts[edge], starts[edge + 1], forward_counts[edge]
         if forward > 1 or end - first - forward > 1:
             for position in range(first, end):
-                crowded_sides[edges.order[position] // 3] += kinds[edges.order[position] // 3] == LEFT
+                crowded_sides[order[position] // 3] += kinds[order[position] // 3] == LEFT
     rows = rows_where(crowded_sides, 3)
     wound = np.empty((len(rows), 3))
     for row in range(len(rows)):

@@ -69,7 +69,7 @@ def split_faces(vertices, faces):
     uses, vertex_counts = _corner_uses(split, face_starts, len(positions))
     if body_count > 0:
         _count_lost_faces(stock, uses, repairs)
-    _count_repairs(stock, sources, face_starts, len(vertices), repairs)
+    _count_repairs(stock, sources, face_starts, len(vertices), vertex_counts, repairs)
     ends, end = np.empty((body_count, 2), np.int64), 0
     for body in range(body_count):
         end += vertex_counts[body]
@@ -100,8 +100,8 @@ def _bodies_of_faces(stock, vertices, edges, rows):
         pieces = connect_given(given, corners, stock.points, edges, vertices, stock.exponent)
     labels, is_turned, _, is_closed = pieces
     for row in range(len(rows)):
-        stock.is_turned[rows[row]] = is_turned[row]
         if is_turned[row]:
+            stock.is_turned[rows[row]] = True
             corners[row, 1], corners[row, 2] = corners[row, 2], corners[row, 1]
     volumes = enclosed_volumes(stock.points, corners, labels, len(is_closed))
     for piece in range(len(is_closed)):
@@ -164,7 +164,7 @@ def _corner_uses(corners, face_starts, corner_count):
 
     *corners*: the corners of the faces, body by body.
     """
-    starts, last_body = np.zeros(corner_count + 1, np.int64), np.full(corner_count, -1, np.int64)
+    starts, last_body = np.zeros(corner_count + 1, np.int64), np.full(corner_count, -1, np.int32)
     counts = np.zeros(len(face_starts) - 1, np.int64)
     for body in range(len(counts)):
         for face in range(face_starts[body], face_starts[body + 1]):
@@ -173,8 +173,8 @@ def _corner_uses(corners, face_starts, corner_count):
                 last_body[corners[face, k]] = body
     for corner in range(corner_count):
         starts[corner + 1] += starts[corner]
-    ends, bodies = starts.copy(), np.empty(starts[corner_count], np.int64)
-    for body in range(len(counts)):
+    ends, bodies = starts.copy(), np.zeros(starts[corner_count], np.int64)
+    for body in range(len(counts) if len(counts) > 1 else 0):
         for face in range(face_starts[body], face_starts[body + 1]):
             for k in range(3):
                 corner = corners[face, k]
@@ -194,20 +194,23 @@ def _number_by_body(corners, positions, uses, ends):
 
     *corners*: (K, 3), the faces body by body; they are renumbered in place.
     """
-    vertices, last_use = np.empty((len(uses.bodies), 3)), uses.starts.copy()
+    starts, bodies, numbers = uses
+    vertices, last_use = np.empty((len(bodies), 3)), starts.copy()
     for corner in range(len(positions)):
-        for use in range(uses.starts[corner], uses.starts[corner + 1]):
-            body = uses.bodies[use]
-            vertex = uses.numbers[use] + (ends[body - 1, 0] if body > 0 else 0)
+        for use in range(starts[corner], starts[corner + 1]):
+            body = bodies[use]
+            vertex = numbers[use] + (ends[body - 1, 0] if body > 0 else 0)
             for axis in range(3):
                 vertices[vertex, axis] = positions[corner, axis]
+    if len(ends) == 1 and len(bodies) == len(positions):  # their numbers are the same
+        return vertices
     for body in range(len(ends)):
         for face in range(ends[body - 1, 1] if body > 0 else 0, ends[body, 1]):
             for k in range(3):
                 corner = corners[face, k]
-                while uses.bodies[last_use[corner]] != body:
+                while bodies[last_use[corner]] != body:
                     last_use[corner] += 1
-                corners[face, k] = uses.numbers[last_use[corner]]
+                corners[face, k] = numbers[last_use[corner]]
     return vertices
 
 
@@ -237,24 +240,24 @@ def _count_lost_faces(stock, uses, repairs):
 
 
 @allocating_kernel
-def _count_repairs(stock, sources, face_starts, vertex_count, repairs):
-    """Count the other repairs of each body. *sources*: (K,), the rows of the faces, body by body."""
-    given_of = np.full(vertex_count, -1, np.int64)
-    merged_of, welded_of = np.full(len(stock.points), -1, np.int64), np.full(len(stock.points), -1, np.int64)
+def _count_repairs(stock, sources, face_starts, vertex_count, welded_counts, repairs):
+    """Count the other repairs. *sources*: (K,), rows of faces by body. *welded_counts*: (B,), of corners."""
+    all_given, all_merged, all_welded, _, is_turned, is_inside_out, points, exponent = stock
+    given_of, merged_of = np.full(vertex_count, -1, np.int32), np.full(len(points), -1, np.int32)
     for body in range(len(repairs)):
-        given_count, merged_count, welded_count, farthest = 0, 0, 0, 0.0
+        given_count, merged_count, farthest = 0, 0, 0.0
         for row in range(face_starts[body], face_starts[body + 1]):
             face = sources[row]
-            repairs[body, TURNED] += stock.is_turned[face]
-            if stock.is_inside_out[face]:
+            repairs[body, TURNED] += is_turned[face]
+            if is_inside_out[face]:
                 repairs[body, TURNED_INSIDE_OUT] = 1.0
             for k in range(3):
-                given, merged, welded = stock.given[face, k], stock.merged[face, k], stock.corners[face, k]
+                given, merged, welded = all_given[face, k], all_merged[face, k], all_welded[face, k]
                 given_count += given_of[given] != body
                 merged_count += merged_of[merged] != body
-                welded_count += welded_of[welded] != body
-                given_of[given] = merged_of[merged] = welded_of[welded] = body
+                given_of[given] = merged_of[merged] = body
                 if merged != welded:
-                    farthest = max(farthest, distance_between(stock.points, merged, welded))
-        repairs[body, MERGED], repairs[body, WELDED] = given_count - merged_count, merged_count - welded_count
-        repairs[body, WELD_DISTANCE] = ldexp(farthest, -stock.exponent)
+                    farthest = max(farthest, distance_between(points, merged, welded))
+        repairs[body, MERGED] = given_count - merged_count
+        repairs[body, WELDED] = merged_count - welded_counts[body]
+        repairs[body, WELD_DISTANCE] = ldexp(farthest, -exponent)

@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from proximity.kernels.mesh.components import component_labels, join, unlinked
+from proximity.kernels.mesh.positions import AHEAD
 from proximity.native import allocating_kernel, entry, inlined, kernel
+from proximity.native.simd import prefetch
 
 INSERTED = 16
 """Length of the longest run that is sorted by insertion."""
@@ -95,6 +97,8 @@ def _spread(corners, order, keys):
     for low in range(1, len(ends)):
         ends[low] += ends[low - 1]
     for face in range(len(corners)):
+        for k in range(3 if face + AHEAD < len(corners) else 0):
+            prefetch(ends, np.int64(min(corners[face + AHEAD, k], corners[face + AHEAD, (k + 1) % 3])))
         for k in range(3):
             one, other = corners[face, k], corners[face, (k + 1) % 3]
             position = ends[min(one, other)]
@@ -154,6 +158,10 @@ def face_topology(corners):
     counts[EDGES] = len(forward_counts)
     for edge in range(len(forward_counts)):
         first, count = starts[edge], starts[edge + 1] - starts[edge]
+        if first + AHEAD + 1 < len(order):
+            prefetch(corners, np.int64(order[first + AHEAD]))
+            prefetch(neighbors, np.int64(order[first + AHEAD]))
+            prefetch(neighbors, np.int64(order[first + AHEAD + 1]))
         alone = NO_NEIGHBOR
         if count == 1 or is_loop(corners, order[first]):
             counts[BOUNDARY] += 1

@@ -8,6 +8,7 @@ from math import atan2, sqrt
 import numpy as np
 
 from proximity.kernels.geometry.triangle import cross, dot
+from proximity.kernels.mesh.positions import fetch_corners
 from proximity.kernels.thresholds import VOLUME_ROUNDING
 from proximity.native import allocating_kernel, entry, inlined, kernel
 
@@ -52,6 +53,7 @@ def double_areas(corners, faces):
     """Return twice the area of each face, (F,)."""
     areas = np.empty(len(faces))
     for face in range(len(faces)):
+        fetch_corners(corners, faces, face)
         areas[face] = double_area(corners, faces, face)
     return areas
 
@@ -61,6 +63,7 @@ def thin_faces(corners, faces, height):
     """Return a mask of the faces that are at most *height* high over their longest side, (F,) bool."""
     are_thin = np.empty(len(faces), np.bool_)
     for face in range(len(faces)):
+        fetch_corners(corners, faces, face)
         longest_sq = 0.0
         for k in range(3):
             side_sq = corner_distance_sq(corners, faces[face, k], faces[face, (k + 1) % 3])
@@ -79,6 +82,7 @@ def signed_volume(vertices, faces):
     """
     low_x, low_y, low_z, high_x, high_y, high_z = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
     for face in range(len(faces)):
+        fetch_corners(vertices, faces, face)
         for k in range(3):
             x, y, z = _corner(vertices, faces, face, k)
             low_x, low_y, low_z = min(low_x, x), min(low_y, y), min(low_z, z)
@@ -89,6 +93,7 @@ def signed_volume(vertices, faces):
         return 0.0
     volume, lost, most = 0.0, 0.0, 0.0
     for face in range(len(faces)):
+        fetch_corners(vertices, faces, face)
         ax, ay, az = _corner(vertices, faces, face, 0)
         bx, by, bz = _corner(vertices, faces, face, 1)
         cx, cy, cz = _corner(vertices, faces, face, 2)
@@ -115,6 +120,7 @@ def shell_sizes(corners, faces, labels, count):
     """
     sizes, first = np.zeros((3, count)), np.full(count, -1)
     for face in range(len(faces)):
+        fetch_corners(corners, faces, face)
         shell = labels[face]
         if first[shell] < 0:
             first[shell] = faces[face, 0]
@@ -170,6 +176,8 @@ def add_corner_normals(corners, faces, normals):
     the side.
     """
     for face in range(len(faces)):
+        fetch_corners(corners, faces, face)
+        fetch_corners(normals, faces, face)
         for k in range(3):
             a, b, c = faces[face, k], faces[face, (k + 1) % 3], faces[face, (k + 2) % 3]
             ux, uy, uz = (

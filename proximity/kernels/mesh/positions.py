@@ -3,7 +3,10 @@
 import numpy as np
 
 from proximity.native import allocating_kernel, entry, inlined, kernel
+from proximity.native.simd import prefetch
 
+AHEAD = 12
+"""Faces or half-edges before its turn that a row is prefetched: a large mesh does not fit into the cache."""
 NO_ROW_YET = -1
 HASH_FACTOR = 0x2545F491
 """Factor for hashing. It is odd and without a pattern; below 2**30, its product with 32 bits fits int64."""
@@ -64,6 +67,15 @@ def first_of_equal_rows(rows):
             row_at[at] = row
         first[row] = row_at[at]
     return first
+
+
+@inlined
+def fetch_corners(corners, faces, face):
+    """Prefetch the corners of the face `AHEAD` rows after *face*, if there is one."""
+    if face + AHEAD < len(faces):
+        for k in range(3):
+            prefetch(corners, 3 * np.int64(faces[face + AHEAD, k]))
+            prefetch(corners, 3 * np.int64(faces[face + AHEAD, k]) + 2)
 
 
 @kernel

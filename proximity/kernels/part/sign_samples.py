@@ -8,7 +8,7 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.mesh.faces import double_area
-from proximity.kernels.mesh.positions import rows_where
+from proximity.kernels.mesh.positions import fetch_corners, rows_where
 from proximity.native import allocating_kernel, kernel
 
 POINT_SAMPLE_COUNT = 64
@@ -63,6 +63,7 @@ def surface_samples(corners, faces):
     """
     sums, total = np.empty(len(faces)), 0.0
     for face in range(len(faces)):
+        fetch_corners(corners, faces, face)
         total += double_area(corners, faces, face)
         sums[face] = total
     samples, count = np.empty((POINT_SAMPLE_COUNT, 6)), 0

@@ -8,7 +8,7 @@ from math import frexp, ldexp
 import numpy as np
 
 from proximity.kernels.geometry.frames import FARTHEST_LOCAL, direction_to_local, to_local
-from proximity.kernels.geometry.rows import columns
+from proximity.kernels.geometry.rows import eight_rows
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES
 from proximity.kernels.ray.walk import SLAB_MARGIN, aim_and_view, approach, bound_of_parameter, is_from_afar
@@ -39,8 +39,8 @@ VIEW_START = 7  # parameter that bounds are counted from
 VIEW_DIRECTION = 8  # direction, scene's frame, scaled
 VIEW_IS_SOUND = 11  # 0 for an invalid ray
 VIEW_REACH = 12  # longest parameter, m in units of the direction's length
-VIEW_WEIGHTS = VIEW_LINE  # weights of the hit, once the view is not needed
-VIEW_ROWS = 13
+VIEW_WEIGHTS = 13  # weights of the hit, three
+VIEW_ROWS = 16
 
 WIDEST_MARGIN = 2.0**60
 """Largest padding of boxes, local units: it opens all of them, and its product with a reciprocal, at most
@@ -49,14 +49,17 @@ AIM_SIZE, VIEW_SIZE = AIM_ROWS * RAY_CHUNK, VIEW_ROWS * RAY_CHUNK
 
 
 @inlined
-def make_ready(frames, parts, walk_row, drift, origins, directions, offsets, at, aims, views):
+def make_ready(
+    frames, parts, walk_row, drift, origins, directions, offsets, at, are_consecutive, aims, views
+):
     """Fill columns *at* to *at* + 7 of the tables, for rays in the frame of row *walk_row*.
 
-    *origins*, *directions* (N, 3); *offsets* (RAY_CHUNK,): offset of each ray. *drift*: additional padding of
-    boxes per unit of the origin's distance. Row `VIEW_REACH` holds limits, m.
+    *origins*, *directions* (N, 3); *offsets* (RAY_CHUNK,): offset of each ray; *are_consecutive*: whether
+    these eight rows follow one another. *drift*: additional padding of boxes per unit of the origin's
+    distance. Row `VIEW_REACH` holds limits, m.
     """
-    x, y, z = columns(origins, offsets, at)
-    dx, dy, dz = columns(directions, offsets, at)
+    x, y, z = eight_rows(origins, offsets, at, are_consecutive)
+    dx, dy, dz = eight_rows(directions, offsets, at, are_consecutive)
     zero, one = splat(0.0), splat(1.0)
     largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
     # x - x is not zero if x is not finite.
@@ -120,7 +123,13 @@ def load_three(table, row, at):
 @inlined
 def three_of(table, row, k):
     """Return three rows of a table for ray *k*."""
-    return table[RAY_CHUNK * row + k], table[RAY_CHUNK * (row + 1) + k], table[RAY_CHUNK * (row + 2) + k]
+    return number_at(table, row, k), number_at(table, row + 1, k), number_at(table, row + 2, k)
+
+
+@inlined
+def number_at(table, row, k):
+    """Return a number of ray *k*. The position is unsigned: a negative one would cost three instructions."""
+    return table[np.uint64(RAY_CHUNK * row + k)]
 
 
 @inlined
@@ -161,7 +170,7 @@ def view_of(views, k):
     return (
         *three_of(views, VIEW_LINE, k),
         *three_of(views, VIEW_LINE + 3, k),
-        views[RAY_CHUNK * (VIEW_LINE + 6) + k],
+        number_at(views, VIEW_LINE + 6, k),
     )
 
 

@@ -216,7 +216,7 @@ def seen_along(reals, base, view):
     """Compute `ray_triangle_sides` of the eight triangles at *base*, and the mask of hits by the line."""
     axis, px, py, pz, lean_x, lean_y, _ = view
     z = np.int64(axis)
-    a, b, c = turned_corners_of_block(reals, base, (z + 1) % 3, (z + 2) % 3, z)
+    a, b, c = turned_corners_of_block(reals, base, z + 1 if z < 2 else 0, z - 1 if z > 0 else 2, z)
     origin = splat(px), splat(py), splat(pz)
     u, v, w, height = ray_triangle_sides(origin, splat(lean_x), splat(lean_y), a, b, c)
     zero = splat(0.0)

@@ -11,8 +11,10 @@ import numpy as np
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES
 from proximity.kernels.mesh.faces import face_normal, thin_faces
+from proximity.kernels.mesh.positions import AHEAD, fetch_corners
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import allocating_kernel, kernel
+from proximity.native.simd import prefetch
 
 SHARPEST_COSINE = -0.9
 """Cosine between the normals of two faces across an edge below which both faces are tested.
@@ -43,6 +45,13 @@ def folded_faces(corners, faces, neighbors, slot_faces, reals, words, root, mome
     is_over = np.zeros(len(faces), np.bool_)
     looked_at = 0
     for face in range(len(faces)):
+        fetch_corners(corners, faces, face)
+        if face + 2 * AHEAD < len(faces):
+            for k in range(3):
+                prefetch(faces, 3 * max(np.int64(neighbors[face + 2 * AHEAD, k]), 0))
+                other = max(np.int64(neighbors[face + AHEAD, k]), 0)
+                for corner in range(3):
+                    prefetch(corners, 3 * np.int64(faces[other, corner]))
         if not _is_sharp(corners, faces, neighbors, face):
             continue
         looked_at += 1
@@ -108,7 +117,8 @@ def _is_sharp(corners, faces, neighbors, face):
         if other >= 0:
             mx, my, mz = face_normal(corners, faces, other)
             other_sq = dot(mx, my, mz, mx, my, mz)
-            if dot(nx, ny, nz, mx, my, mz) < SHARPEST_COSINE * sqrt(own_sq) * sqrt(other_sq):
+            cosine = dot(nx, ny, nz, mx, my, mz)
+            if cosine < 0.0 and cosine < SHARPEST_COSINE * sqrt(own_sq) * sqrt(other_sq):
                 return True
     return False
 

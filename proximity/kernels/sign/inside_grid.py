@@ -16,6 +16,7 @@ from proximity.kernels.layout import (
     CELLS_PER_WORD,
     NO_GRID,
 )
+from proximity.kernels.mesh.positions import fetch_corners
 from proximity.kernels.sign.winding_number import winding_number
 from proximity.native import entry, inlined, kernel
 from proximity.native.simd import load_int
@@ -84,40 +85,46 @@ def cell_state(words, at, lower, rate, counts, p):
 
 
 @inlined
-def _reach(states, neighbor, state, stack, waiting):
-    """Set the state of a cell and push it on the *stack*, if its state is unknown.
-
-    Return the size of the stack.
-    """
-    if states[neighbor] == CELL_UNKNOWN:
-        states[neighbor] = state
-        stack[waiting] = neighbor
-        waiting += 1
+def _reach(states, first, end, stack, waiting):
+    """Push a cell of each run of unknown cells from *first* to *end* on the *stack*. Return its size."""
+    was_unknown = False
+    for cell in range(first, end):
+        is_unknown = states[cell] == CELL_UNKNOWN
+        if is_unknown and not was_unknown:
+            stack[waiting] = cell
+            waiting += 1
+        was_unknown = is_unknown
     return waiting
 
 
 @kernel
 def _spread(states, seed, state, nx, ny, nz, stack):
-    """Set the state of a cell and of all cells that are connected to it without crossed cells between."""
-    states[seed] = state
+    """Set the state of a cell and of all cells that are connected to it without crossed cells between.
+
+    Whole runs along x are set. Each cell of a run pushes at most four others.
+    """
     stack[0] = seed
     waiting = 1
     while waiting:
         waiting -= 1
-        index = np.int64(stack[waiting])
-        ix, iy, iz = index % nx, (index // nx) % ny, index // (nx * ny)
-        if ix > 0:
-            waiting = _reach(states, index - 1, state, stack, waiting)
-        if ix < nx - 1:
-            waiting = _reach(states, index + 1, state, stack, waiting)
-        if iy > 0:
-            waiting = _reach(states, index - nx, state, stack, waiting)
-        if iy < ny - 1:
-            waiting = _reach(states, index + nx, state, stack, waiting)
-        if iz > 0:
-            waiting = _reach(states, index - nx * ny, state, stack, waiting)
-        if iz < nz - 1:
-            waiting = _reach(states, index + nx * ny, state, stack, waiting)
+        first = np.int64(stack[waiting])
+        if states[first] != CELL_UNKNOWN:
+            continue
+        row, end = first // nx, first + 1
+        while first > nx * row and states[first - 1] == CELL_UNKNOWN:
+            first -= 1
+        while end < nx * (row + 1) and states[end] == CELL_UNKNOWN:
+            end += 1
+        for cell in range(first, end):
+            states[cell] = state
+        if row % ny > 0:
+            waiting = _reach(states, first - nx, end - nx, stack, waiting)
+        if row % ny < ny - 1:
+            waiting = _reach(states, first + nx, end + nx, stack, waiting)
+        if row >= ny:
+            waiting = _reach(states, first - nx * ny, end - nx * ny, stack, waiting)
+        if row < ny * (nz - 1):
+            waiting = _reach(states, first + nx * ny, end + nx * ny, stack, waiting)
 
 
 @entry(
@@ -137,6 +144,7 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
     v = np.empty((3, 3))
     normal = np.empty(3)
     for face in range(len(faces)):
+        fetch_corners(corners, faces, face)
         for corner in range(3):
             for axis in range(3):
                 v[corner, axis] = (corners[faces[face, corner], axis] - lower[axis]) * rate
@@ -162,7 +170,7 @@ def build_grid(corners, faces, lower, rate, nx, ny, nz, reals, words, root, mome
                         states[(iz * ny + iy) * nx + ix] = CELL_CROSSED
 
     # Connected cells that are not crossed are on one side: one winding number classifies all of them.
-    stack = np.empty(nx * ny * nz, np.int32)
+    stack = np.empty(4 * nx * ny * nz + 1, np.int32)
     for seed in range(nx * ny * nz):
         if states[seed] != CELL_UNKNOWN:
             continue
@@ -205,6 +213,7 @@ def uncertain_points(corners, faces, lower, rate, nx, ny, nz, grid):
     v = np.empty((3, 3))
     normal, point = np.empty(3), np.empty(3)
     for face in range(len(faces)):
+        fetch_corners(corners, faces, face)
         for corner in range(3):
             for axis in range(3):
                 v[corner, axis] = (corners[faces[face, corner], axis] - lower[axis]) * rate

@@ -39,7 +39,7 @@ EMPTY = -1
 
 
 @inlined
-def _push(words, base, bounds, which, stacks, at):
+def push(words, base, bounds, which, stacks, at):
     """Push children of the node at *base*; return the new end of the stack."""
     store(stacks, at, compress(bounds, which))
     store(stacks, at + STACK_SIZE, compress(children_of(words, base), which))
@@ -63,7 +63,7 @@ def to_nearest(_, words, base, bounds, __, is_open, stacks, at):
     Returns its reference, and *at*. The others are not sorted: that cost more than it saved.
     """
     nearest, it = lowest_lane(bounds)
-    at = _push(words, base, bounds, is_open & ~it, stacks, at)
+    at = push(words, base, bounds, is_open & ~it, stacks, at)
     return child_at(words, base + nearest), at
 
 
@@ -85,8 +85,8 @@ def in_order(reals, words, base, bounds, leaving, is_open, stacks, at):
     others = is_open & ~it
     next_lane, second = nearest_lane(order, others)
     _fetch_child(reals, words, base, next_lane if bits(others) else nearest)
-    at = _push(words, base, bounds, others & ~second, stacks, at)
-    at = _push(words, base, bounds, others & second, stacks, at)
+    at = push(words, base, bounds, others & ~second, stacks, at)
+    at = push(words, base, bounds, others & second, stacks, at)
     return child_at(words, base + nearest), at
 
 

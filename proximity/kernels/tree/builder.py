@@ -8,10 +8,12 @@ import numpy as np
 
 from proximity.kernels.geometry.box import BOX_MARGIN, round_down, round_up
 from proximity.kernels.layout import BLOCK_STRIDE, BOX_STRIDE, CORNER_STRIDE, ENTRIES_SHIFT, LANES, NO_FACE
+from proximity.kernels.mesh.positions import AHEAD, fetch_corners
 from proximity.kernels.tree.binned_sah import halve
 from proximity.kernels.tree.collapse import widen_tree
 from proximity.kernels.tree.reinsertion import improve
 from proximity.native import entry
+from proximity.native.simd import prefetch
 
 
 @entry("float64[:, 3], int32[:, 3], float32[:]")
@@ -21,6 +23,7 @@ def face_boxes(vertices, faces, boxes):
     See `binned_sah` for the form of a packed box.
     """
     for face in range(len(faces)):
+        fetch_corners(vertices, faces, face)
         at = BOX_STRIDE * face
         boxes[at + 3], boxes[at + 7] = 0.0, 0.0
         for axis in range(3):
@@ -66,6 +69,10 @@ def fill_blocks(vertices, faces, order, block_first, blocks, face_of_slot):
                     blocks[base + LANES * k] = np.nan
                 continue
             face = order[first + lane]
+            if first + lane + 2 * AHEAD < len(order):
+                prefetch(faces, 3 * np.int64(order[first + lane + 2 * AHEAD]))
+                for k in range(3):
+                    prefetch(vertices, 3 * np.int64(faces[order[first + lane + AHEAD], k]))
             face_of_slot[slot] = face
             for corner in range(3):
                 for axis in range(3):

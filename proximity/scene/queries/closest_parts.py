@@ -12,14 +12,16 @@ from proximity.kernels.answers import POINT_ANSWER_WIDTH
 from proximity.kernels.entries import closest_parts_batch
 from proximity.scene.model.assembly import Model
 from proximity.scene.queries.checked_query import CheckedQuery
-from proximity.scene.queries.queries import Ignored, Queries
-from proximity.scene.queries.results import ClosestPoints
+from proximity.scene.queries.queries import Ignored, Queries, _closest
+from proximity.scene.queries.results import ClosestPoints, Reals
 
 
 class ClosestPartQueries(Queries):
     """Queries of points that answer for several parts."""
 
     __slots__ = ()
+
+    _parts: Any
 
     def closest_parts(
         self,
@@ -77,6 +79,51 @@ class ClosestPartQueries(Queries):
         table = _query_of(model, count).ask(model, points, max_distance, workers)
         record._table = table.reshape((*table.shape[:-1], count, POINT_ANSWER_WIDTH))
         return record
+
+    def signed_distance_bounds(
+        self, points: npt.ArrayLike, *, workers: int = 1, ignore: Ignored = None
+    ) -> tuple[Reals, Reals]:
+        """Return bounds of the signed distances to the CAD surfaces of STEP files, negative inside.
+
+        Parameters
+        ----------
+        points : (..., 3) float64, m
+            Points to measure from. A point that is not finite is answered with nan.
+        workers : int
+            Threads; -1 for all cores.
+        ignore : str, int, or several
+            Parts that this query leaves out, by name or index. An unknown one is a `SceneError`.
+
+        Returns
+        -------
+        lower, upper : (...) float64, m
+            Both are the signed distance for parts from files of triangles. They are infinite if the
+            deviation is not known: the lower one of any visible part, the upper one of the nearest part.
+
+        Raises
+        ------
+        ArgumentError
+            If *points* are not numbers of shape (..., 3), or *workers* is not a number of threads.
+
+        Notes
+        -----
+        The signed distance to the triangles of a part differs from that to its CAD surfaces by at most
+        `Part.deviation`, also near the surface, where the sign may differ. The upper bound has the deviation
+        of the nearest part, the lower one the largest of all parts, any of which may be nearest.
+        Cost: that of `closest`.
+        """
+        while True:
+            parts = self._parts
+            model = self.snapshot() if ignore is None else self._ignoring(ignore)
+            if parts is self._parts:
+                break
+        hits = ClosestPoints()
+        hits._table = _closest(model, points, inf, workers)
+        # Read after the search: a part that was deformed in the meantime has an unknown deviation.
+        deviations = np.array([*(part.deviation for part in parts), 0.0])  # the last row: no part
+        largest = deviations[:-1][model.parts["is_hidden"][:-1] == 0].max(initial=0.0)
+        distances = hits.signed_distance
+        return distances - largest, distances + deviations[hits.part]
 
 
 def _query_of(model: Model, most: int) -> CheckedQuery:

@@ -11,14 +11,15 @@ import pytest
 import shapes
 from hypothesis import given
 from hypothesis import strategies as st
-from models import model_of
+from models import arrays_of, model_of
 from part_arrays import part_arrays
 
 from proximity.kernels import answers
 from proximity.kernels.geometry.frames import direction_to_local, to_local
-from proximity.kernels.layout import NO_FACE, NO_PART, NODE_STRIDE
+from proximity.kernels.layout import NO_FACE, NO_PART, NODE_STRIDE, ModelArrays
 from proximity.kernels.ray import ray_lanes, walk
 from proximity.kernels.scene.queries import ray_queries
+from proximity.native import packed
 from proximity.native.simd import bits, lane, splat32
 from proximity.pose import Pose
 
@@ -79,6 +80,35 @@ def test_no_ray_of_a_lattice_slips_between_faces_of_a_lattice():
     ways = ways[np.any(ways != 0.0, axis=1)]
     hits = Hits(model, np.zeros(3), ways)
     np.testing.assert_allclose(hits.distance, np.linalg.norm(ways, axis=1), rtol=1e-15)
+
+
+def test_eight_rows_in_another_order_are_not_taken_for_consecutive_ones():
+    model, origins = model_of(SPHERE), 3.0 * directions_of(8, 4)
+    shuffled = np.array([0, 3, 1, 5, 2, 6, 4, 7])
+    given, shuffled = (Hits(model, origins, -origins, order=order) for order in (ALL_ROWS, shuffled))
+    assert np.array_equal(given.reals, shuffled.reals)
+    assert np.array_equal(given.choices, shuffled.choices)
+
+
+@pytest.mark.parametrize("count", [2, 15, 16, 17, 64, 400])
+@pytest.mark.parametrize("mesh", [shapes.tetrahedron(), FINE_BOX, SPHERE], ids=["one block", "ties", "ball"])
+def test_rays_that_are_walked_in_turns_hit_the_same(mesh, count):
+    """The model is made to look larger than the caches; some rays miss, stop short, or are invalid."""
+    model = model_of(mesh)
+    padding = np.zeros(ray_queries.IN_TURNS_FROM // 8)
+    larger = packed(ModelArrays(np.concatenate([model.reals, padding]), *arrays_of(model)[1:]))
+    origins, directions = (
+        3.0 * directions_of(count, 1),
+        -directions_of(count, 1) + directions_of(count, 2) / 4,
+    )
+    directions[::7], directions[5::13], origins[3::11] = [0.0, 0.0, 1.0], 0.0, np.nan
+    origins[::14], origins[7::14] = [0.25, 0.5, -9.0], [0.5, 0.5, -9.0]
+    for limit in (np.inf, 2.0):
+        tables = [np.full((count, answers.RAY_ANSWER_WIDTH), 7.0) for _ in range(2)]
+        for asked, table in zip((model.packed, larger), tables, strict=True):
+            ray_queries.cast_batch(asked, origins, directions, ALL_ROWS, np.array([limit]), table)
+        assert tables[0].tobytes() == tables[1].tobytes()
+        assert count < 15 or limit < np.inf or np.isfinite(tables[0][:, 0]).any()
 
 
 @pytest.mark.internals
@@ -205,12 +235,14 @@ def test_the_order_changes_no_answer_and_names_the_rows_to_fill():
 
 
 @numba.njit
-def made_ready(frames, parts, drift, origins, directions, offsets, limit, aims, views):
+def made_ready(frames, parts, drift, origins, directions, offsets, are_consecutive, limit, aims, views):
     views[ray_lanes.RAY_CHUNK * ray_lanes.VIEW_REACH : ray_lanes.RAY_CHUNK * (ray_lanes.VIEW_REACH + 1)] = (
         limit
     )
     for at in range(0, ray_lanes.RAY_CHUNK, 8):
-        ray_lanes.make_ready(frames, parts, 0, drift, origins, directions, offsets, at, aims, views)
+        ray_lanes.make_ready(
+            frames, parts, 0, drift, origins, directions, offsets, at, are_consecutive, aims, views
+        )
 
 
 @numba.njit
@@ -231,7 +263,8 @@ def one_made_ready(frames, parts, origin, way, drift):
 @pytest.mark.parametrize("is_turned", [False, True])
 @pytest.mark.parametrize("drift", [0.0, ray_queries.FAR_MARGIN])
 @pytest.mark.parametrize("reach", [0.5, 1e3, 1e90])
-def test_eight_rays_are_made_ready_as_each_is(reach, drift, is_turned):
+@pytest.mark.parametrize("are_consecutive", [False, True])
+def test_eight_rays_are_made_ready_as_each_is(are_consecutive, reach, drift, is_turned):
     rng = np.random.default_rng(7)
     pose = Pose(shapes.rotation(3), np.array([0.3, -0.2, 0.1])) if is_turned else Pose()
     model = model_of(shapes.sphere(subdivisions=1), poses=[pose])
@@ -241,9 +274,11 @@ def test_eight_rays_are_made_ready_as_each_is(reach, drift, is_turned):
     directions[::3] *= 10.0 ** rng.uniform(-300, 300, (len(directions[::3]), 1))
     directions[1::7, 0] = 0.0
     directions[2::7, 1:] = -0.0
-    order = rng.permutation(ray_lanes.RAY_CHUNK)
+    order = np.arange(ray_lanes.RAY_CHUNK) if are_consecutive else rng.permutation(ray_lanes.RAY_CHUNK)
     aims, views = np.empty(ray_lanes.AIM_SIZE, np.float32), np.empty(ray_lanes.VIEW_SIZE)
-    made_ready(model.frames, model.parts, drift, origins, directions, 3 * order, np.inf, aims, views)
+    made_ready(
+        model.frames, model.parts, drift, origins, directions, 3 * order, are_consecutive, np.inf, aims, views
+    )
 
     for k, row in enumerate(order):
         is_near, entry, aim, view = one_made_ready(

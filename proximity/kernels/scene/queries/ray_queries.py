@@ -12,6 +12,7 @@ from proximity.kernels.geometry.frames import ignores_some, is_alone
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES, NO_ROW, NO_SLOT, STACKS_SIZE, ModelArrays
 from proximity.kernels.ray.hit_rows import HIT_OFFSETS_SIZE, HITS_SIZE, fill_hits, write_hit, write_no_hit
+from proximity.kernels.ray.many_rays import first_hits
 from proximity.kernels.ray.ray_lanes import (
     AIM_BOUND,
     AIM_SIZE,
@@ -35,6 +36,8 @@ from proximity.kernels.traverse.depth_first import SCENE_STACKS
 from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel
 from proximity.native.simd import load, splat, square_root, store
 
+IN_TURNS_FROM = 1 << 25
+"""Bytes of blocks and nodes from which rays are walked in turns, see `many_rays`."""
 FAR_MARGIN = 2.0**-46
 """Additional margin of the boxes of parts, relative to the origin's distance from the scene: a distant ray is
 rounded separately for each part."""
@@ -62,6 +65,9 @@ def _hits_of_tree(reals, words, root, scale, count, aims, views, slots, stacks):
     *root*: the reference to start from; *scale*: of the frame. Fills slots, or `NO_SLOT`; the parameters, in
     that frame, replace the longest ones.
     """
+    if count > 1 and 8 * len(reals) + 4 * len(words) >= IN_TURNS_FROM:
+        first_hits(reals, words, root, scale, count, aims, views, slots)
+        return
     for k in range(count):
         query = aim_of(aims, k), view_of(views, k), views[RAY_CHUNK * VIEW_START + k], 0
         best = first_hit((reals, words), root, 0, query, _before_walk(aims, views, k, scale), stacks)
@@ -131,9 +137,11 @@ def cast_batch(model, origins, directions, order, limits, answers):
         for k in range(count, -(-count // LANES) * LANES):
             # Padding lanes have no hit.
             offsets[k], slots[k], views[RAY_CHUNK * VIEW_REACH + k] = offsets[0], NO_SLOT, np.inf
+        drift = 0.0 if is_single else FAR_MARGIN
+        rays = origins, directions, offsets
         for at in range(0, count, LANES):
-            drift = 0.0 if is_single else FAR_MARGIN
-            make_ready(frames, parts, walk_row, drift, origins, directions, offsets, at, aims, views)
+            in_turn = not len(order) and at + LANES <= count
+            make_ready(frames, parts, walk_row, drift, *rays, at, in_turn, aims, views)
         if is_one_tree:
             _hits_of_tree(reals, words, root, scale, count, aims, views, slots, stacks)
         else:
