@@ -50,6 +50,8 @@ MAX_RECORDS = 16
 TICKS_AHEAD = 4
 """Least number of ticks like this one for which the search of a pair is to last; the largest is below twice
 that."""
+PAUSE = 127
+"""Searches without a frontier after it was too small, so that in 99 of 100 ticks none is filled in vain."""
 SEARCH_TOLERANCE = 0.5
 """Share of the tolerance that a search uses: the rest is for the motion until the next one."""
 
@@ -228,16 +230,20 @@ def _look_into(model, held, number, reach):
     # The factor includes a connection of exactly that length.
     limit, tolerance = reach * reach * scale * scale * 1.0000001, SEARCH_TOLERANCE * option.tolerance
     budget = 0 if option.budget == 0 else max(option.budget - option.work, 1)
-    frontier = _frontier_of(held, number)
-    for k in range(9):
-        turned[k], pair.frontier_turn[k] = turn[k] - pair.frontier_turn[k], turn[k]
-    for k in range(3):
-        shifted[k], pair.frontier_offset[k] = offset[k] - pair.frontier_offset[k], offset[k]
-    best, lower_sq, steps, count = nearest_from_frontier(
-        model, pair.own, pair.other, (turn, offset), frontier, pair.frontier_count,
-        (turned, shifted), limit, tolerance, budget, slots,
-    )  # fmt: skip
-    pair.frontier_count = max(count, 0)
+    best, lower_sq, steps, count = 0.0, 0.0, np.int64(0), np.int64(OVERFLOW)
+    if pair.frontier_count < 0:
+        pair.frontier_count += 1
+    else:
+        frontier = _frontier_of(held, number)
+        for k in range(9):
+            turned[k], pair.frontier_turn[k] = turn[k] - pair.frontier_turn[k], turn[k]
+        for k in range(3):
+            shifted[k], pair.frontier_offset[k] = offset[k] - pair.frontier_offset[k], offset[k]
+        best, lower_sq, steps, count = nearest_from_frontier(
+            model, pair.own, pair.other, (turn, offset), frontier, pair.frontier_count,
+            (turned, shifted), limit, tolerance, budget, slots,
+        )  # fmt: skip
+        pair.frontier_count = count if count >= 0 else (-PAUSE if budget == 0 else 0)
     option.work += steps
     if count == OVERFLOW:
         slots[0], slots[1] = pair.slots[0], pair.slots[1]
