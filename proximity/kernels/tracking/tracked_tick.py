@@ -50,7 +50,7 @@ MAX_RECORDS = 16
 TICKS_AHEAD = 4
 """Least number of ticks like this one for which the search of a pair is to last; the largest is below twice
 that."""
-PAUSE = 127
+PAUSED_SEARCHES = 127
 """Searches without a frontier after it was too small, so that in 99 of 100 ticks none is filled in vain."""
 SEARCH_TOLERANCE = 0.5
 """Share of the tolerance that a search uses: the rest is for the motion until the next one."""
@@ -243,7 +243,7 @@ def _look_into(model, held, number, reach):
             model, pair.own, pair.other, (turn, offset), frontier, pair.frontier_count,
             (turned, shifted), limit, tolerance, budget, slots,
         )  # fmt: skip
-        pair.frontier_count = count if count >= 0 else (-PAUSE if budget == 0 else 0)
+        pair.frontier_count = count if count >= 0 else (-PAUSED_SEARCHES if budget == 0 else 0)
     option.work += steps
     if count == OVERFLOW:
         slots[0], slots[1] = pair.slots[0], pair.slots[1]
