@@ -26,7 +26,6 @@ from proximity.native.simd import (
     lane_sums,
     like,
     load,
-    load_consecutive,
     load_each,
     load_int,
     load_rows,
@@ -409,23 +408,6 @@ def test_numbers_are_taken_from_wherever_they_are(shape):
     numbers_at(array, np.array(ROWS), out)
 
     assert out.tolist() == [array.ravel()[row + 2] for row in ROWS[1:]]
-
-
-@compiled
-def consecutive_at(array, offset, out):
-    x, y, z = load_consecutive(array, offset)
-    store(out, 0, x)
-    store(out, 8, y)
-    store(out, 16, z)
-
-
-@pytest.mark.internals
-def test_consecutive_rows_of_three_become_columns():
-    array, out = np.random.default_rng(7).normal(size=(10, 3)), np.empty(24)
-
-    consecutive_at(array, 6, out)
-
-    assert np.array_equal(out.reshape(3, 8).T, array[2:])
 
 
 @compiled

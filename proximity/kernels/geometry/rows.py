@@ -2,7 +2,7 @@
 
 from proximity.kernels.layout import LANES
 from proximity.native import inlined
-from proximity.native.simd import load_consecutive, load_each
+from proximity.native.simd import load_each
 
 
 @inlined
@@ -15,14 +15,6 @@ def vector(values):
 def columns(rows, offsets, at):
     """Load eight rows of three numbers by column. Their offsets are those in *offsets* from *at* on."""
     return load_each(rows, offsets, at, 0), load_each(rows, offsets, at, 1), load_each(rows, offsets, at, 2)
-
-
-@inlined
-def eight_rows(rows, offsets, at, are_consecutive):
-    """Load as `columns` does, faster if the rows follow one another."""
-    if are_consecutive:
-        return load_consecutive(rows, offsets[at])
-    return columns(rows, offsets, at)
 
 
 @inlined

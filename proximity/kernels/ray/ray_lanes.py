@@ -8,7 +8,7 @@ from math import frexp, ldexp
 import numpy as np
 
 from proximity.kernels.geometry.frames import FARTHEST_LOCAL, direction_to_local, to_local
-from proximity.kernels.geometry.rows import eight_rows
+from proximity.kernels.geometry.rows import columns
 from proximity.kernels.geometry.triangle import dot
 from proximity.kernels.layout import LANES
 from proximity.kernels.ray.walk import SLAB_MARGIN, aim_and_view, approach, bound_of_parameter, is_from_afar
@@ -49,17 +49,14 @@ AIM_SIZE, VIEW_SIZE = AIM_ROWS * RAY_CHUNK, VIEW_ROWS * RAY_CHUNK
 
 
 @inlined
-def make_ready(
-    frames, parts, walk_row, drift, origins, directions, offsets, at, are_consecutive, aims, views
-):
+def make_ready(frames, parts, walk_row, drift, origins, directions, offsets, at, aims, views):
     """Fill columns *at* to *at* + 7 of the tables, for rays in the frame of row *walk_row*.
 
-    *origins*, *directions* (N, 3); *offsets* (RAY_CHUNK,): offset of each ray; *are_consecutive*: whether
-    these eight rows follow one another. *drift*: additional padding of boxes per unit of the origin's
-    distance. Row `VIEW_REACH` holds limits, m.
+    *origins*, *directions* (N, 3); *offsets* (RAY_CHUNK,): offset of each ray. *drift*: additional padding of
+    boxes per unit of the origin's distance. Row `VIEW_REACH` holds limits, m.
     """
-    x, y, z = eight_rows(origins, offsets, at, are_consecutive)
-    dx, dy, dz = eight_rows(directions, offsets, at, are_consecutive)
+    x, y, z = columns(origins, offsets, at)
+    dx, dy, dz = columns(directions, offsets, at)
     zero, one = splat(0.0), splat(1.0)
     largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
     # x - x is not zero if x is not finite.

@@ -112,18 +112,6 @@ def load_rows(typingctx, array, offsets, at, shift):
 
 
 @intrinsic
-def load_consecutive(typingctx, array, offset):
-    def codegen(context, builder, sig, args):
-        numbers = ir.VectorType(ir.DoubleType(), 3 * LANES)
-        pointer = _element_pointer(context, builder, sig.args[0], args[0], args[1], numbers)
-        rows = builder.load(pointer, align=8)
-        columns = [builder.shuffle_vector(rows, rows, _order(*range(k, 3 * LANES, 3))) for k in range(3)]
-        return context.make_tuple(builder, sig.return_type, columns)
-
-    return types.UniTuple(f64x8, 3)(array, types.intp), codegen
-
-
-@intrinsic
 def add_rows(typingctx, array, offsets, at, shift, x, y, z):
     def codegen(context, builder, sig, args):
         x, y, z = args[4:]

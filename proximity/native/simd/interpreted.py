@@ -31,10 +31,6 @@ def load_rows(array, offsets, at, shift):
     return tuple(np.ascontiguousarray(column) for column in rows.T)
 
 
-def load_consecutive(array, offset):
-    return tuple(np.ascontiguousarray(array.reshape(-1)[offset : offset + 3 * LANES].reshape(LANES, 3).T))
-
-
 def add_rows(array, offsets, at, shift, x, y, z):
     for i, offset in enumerate(offsets[at : at + LANES] + shift):
         array[offset : offset + 4] += (x[i], y[i], z[i], 0.0)

@@ -82,14 +82,6 @@ def test_no_ray_of_a_lattice_slips_between_faces_of_a_lattice():
     np.testing.assert_allclose(hits.distance, np.linalg.norm(ways, axis=1), rtol=1e-15)
 
 
-def test_eight_rows_in_another_order_are_not_taken_for_consecutive_ones():
-    model, origins = model_of(SPHERE), 3.0 * directions_of(8, 4)
-    shuffled = np.array([0, 3, 1, 5, 2, 6, 4, 7])
-    given, shuffled = (Hits(model, origins, -origins, order=order) for order in (ALL_ROWS, shuffled))
-    assert np.array_equal(given.reals, shuffled.reals)
-    assert np.array_equal(given.choices, shuffled.choices)
-
-
 @pytest.mark.parametrize("count", [2, 15, 16, 17, 64, 400])
 @pytest.mark.parametrize("mesh", [shapes.tetrahedron(), FINE_BOX, SPHERE], ids=["one block", "ties", "ball"])
 def test_rays_that_are_walked_in_turns_hit_the_same(mesh, count):
@@ -235,14 +227,12 @@ def test_the_order_changes_no_answer_and_names_the_rows_to_fill():
 
 
 @numba.njit
-def made_ready(frames, parts, drift, origins, directions, offsets, are_consecutive, limit, aims, views):
+def made_ready(frames, parts, drift, origins, directions, offsets, limit, aims, views):
     views[ray_lanes.RAY_CHUNK * ray_lanes.VIEW_REACH : ray_lanes.RAY_CHUNK * (ray_lanes.VIEW_REACH + 1)] = (
         limit
     )
     for at in range(0, ray_lanes.RAY_CHUNK, 8):
-        ray_lanes.make_ready(
-            frames, parts, 0, drift, origins, directions, offsets, at, are_consecutive, aims, views
-        )
+        ray_lanes.make_ready(frames, parts, 0, drift, origins, directions, offsets, at, aims, views)
 
 
 @numba.njit
@@ -263,8 +253,7 @@ def one_made_ready(frames, parts, origin, way, drift):
 @pytest.mark.parametrize("is_turned", [False, True])
 @pytest.mark.parametrize("drift", [0.0, ray_queries.FAR_MARGIN])
 @pytest.mark.parametrize("reach", [0.5, 1e3, 1e90])
-@pytest.mark.parametrize("are_consecutive", [False, True])
-def test_eight_rays_are_made_ready_as_each_is(are_consecutive, reach, drift, is_turned):
+def test_eight_rays_are_made_ready_as_each_is(reach, drift, is_turned):
     rng = np.random.default_rng(7)
     pose = Pose(shapes.rotation(3), np.array([0.3, -0.2, 0.1])) if is_turned else Pose()
     model = model_of(shapes.sphere(subdivisions=1), poses=[pose])
@@ -274,11 +263,9 @@ def test_eight_rays_are_made_ready_as_each_is(are_consecutive, reach, drift, is_
     directions[::3] *= 10.0 ** rng.uniform(-300, 300, (len(directions[::3]), 1))
     directions[1::7, 0] = 0.0
     directions[2::7, 1:] = -0.0
-    order = np.arange(ray_lanes.RAY_CHUNK) if are_consecutive else rng.permutation(ray_lanes.RAY_CHUNK)
+    order = rng.permutation(ray_lanes.RAY_CHUNK)
     aims, views = np.empty(ray_lanes.AIM_SIZE, np.float32), np.empty(ray_lanes.VIEW_SIZE)
-    made_ready(
-        model.frames, model.parts, drift, origins, directions, 3 * order, are_consecutive, np.inf, aims, views
-    )
+    made_ready(model.frames, model.parts, drift, origins, directions, 3 * order, np.inf, aims, views)
 
     for k, row in enumerate(order):
         is_near, entry, aim, view = one_made_ready(

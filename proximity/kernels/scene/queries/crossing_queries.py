@@ -112,7 +112,7 @@ def crossings_batch(model, origins, directions, limits, nearest, counts, answers
             row = begin + min(k, count - 1)
             offsets[k], views[RAY_CHUNK * VIEW_REACH + k] = 3 * row, limit_of(limits, row)
         for at in range(0, count, LANES):
-            make_ready(frames, parts, walk_row, drift, origins, directions, offsets, at, False, aims, views)
+            make_ready(frames, parts, walk_row, drift, origins, directions, offsets, at, aims, views)
             dx, dy, dz = load_three(views, VIEW_DIRECTION, at)
             store(lengths, at, square_root(dot(dx, dy, dz, dx, dy, dz)))
         for k in range(count):

@@ -137,11 +137,9 @@ def cast_batch(model, origins, directions, order, limits, answers):
         for k in range(count, -(-count // LANES) * LANES):
             # Padding lanes have no hit.
             offsets[k], slots[k], views[RAY_CHUNK * VIEW_REACH + k] = offsets[0], NO_SLOT, np.inf
-        drift = 0.0 if is_single else FAR_MARGIN
-        rays = origins, directions, offsets
         for at in range(0, count, LANES):
-            in_turn = not len(order) and at + LANES <= count
-            make_ready(frames, parts, walk_row, drift, *rays, at, in_turn, aims, views)
+            drift = 0.0 if is_single else FAR_MARGIN
+            make_ready(frames, parts, walk_row, drift, origins, directions, offsets, at, aims, views)
         if is_one_tree:
             _hits_of_tree(reals, words, root, scale, count, aims, views, slots, stacks)
         else:
