@@ -13,6 +13,7 @@ from proximity.kernels import answers
 from proximity.kernels.entries import connect_pairs, connect_parts, decide_inside, list_pairs
 from proximity.scene.model.assembly import Model
 from proximity.scene.queries.html_table import html_table
+from proximity.scene.queries.queries import model_with_parts
 from proximity.scene.solid import Solid
 
 if TYPE_CHECKING:
@@ -75,15 +76,12 @@ class Clearance(NamedTuple):
 class PairQueries:
     """Queries of a scene about pairs of its parts."""
 
-    _parts: Any
     snapshot: Any
 
     def _state_with_rows(self, *names: str | int) -> tuple[Model, Any, list[int]]:
         """Return a model, the `SceneParts` that it is of, and the rows of the named parts."""
-        while True:
-            parts, model = self._parts, self.snapshot()
-            if parts is self._parts:
-                return model, parts, [parts.find(name) for name in names]
+        model, parts = model_with_parts(self, self.snapshot)
+        return model, parts, [parts.find(name) for name in names]
 
     def clearance(
         self,

@@ -12,7 +12,7 @@ from proximity.kernels.answers import POINT_ANSWER_WIDTH
 from proximity.kernels.entries import closest_parts_batch
 from proximity.scene.model.assembly import Model
 from proximity.scene.queries.checked_query import CheckedQuery
-from proximity.scene.queries.queries import Ignored, Queries, _closest
+from proximity.scene.queries.queries import Ignored, Queries, _closest, model_with_parts
 from proximity.scene.queries.results import ClosestPoints, Reals
 
 
@@ -20,8 +20,6 @@ class ClosestPartQueries(Queries):
     """Queries of points that answer for several parts."""
 
     __slots__ = ()
-
-    _parts: Any
 
     def closest_parts(
         self,
@@ -112,11 +110,9 @@ class ClosestPartQueries(Queries):
         of the nearest part, the lower one the largest of all parts, any of which may be nearest.
         Cost: that of `closest`.
         """
-        while True:
-            parts = self._parts
-            model = self.snapshot() if ignore is None else self._ignoring(ignore)
-            if parts is self._parts:
-                break
+        model, parts = model_with_parts(
+            self, lambda: self.snapshot() if ignore is None else self._ignoring(ignore)
+        )
         hits = ClosestPoints()
         hits._table = _closest(model, points, inf, workers)
         # Read after the search: a part that was deformed in the meantime has an unknown deviation.

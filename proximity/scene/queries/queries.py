@@ -77,6 +77,14 @@ Ignored = str | int | Iterable[str | int] | None
 """Parts that a query leaves out: a name or an index, several, or none."""
 
 
+def model_with_parts(scene: Any, read: Callable[[], Model]) -> tuple[Model, Any]:
+    """Return the model of a scene from *read*, and the `SceneParts` that it is of."""
+    while True:
+        parts, model = scene._parts, read()
+        if parts is scene._parts:
+            return model, parts
+
+
 class Queries:
     """Distance, containment, ray and segment queries; a base class of owners of a `Model`."""
 
