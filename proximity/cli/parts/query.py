@@ -2,6 +2,7 @@
 
 from array import array
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -30,6 +31,47 @@ POINTS_AHEAD = 1_000_000  # read before the first answer, to compare the size of
 POINTS_PER_CHUNK = 20_000  # bounds the memory and the delay of the bar and of Ctrl-C
 
 
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """Options for rays and segments instead of points."""
+
+    ray: Annotated[
+        tuple[str, str, str] | None, option("DX DY DZ", "Cast a ray from each point in this direction.")
+    ] = None
+    cast_all: Annotated[
+        bool, flag("--all", "Report every crossing along each ray, not only the first hit.")
+    ] = False
+    min_distance: Annotated[
+        float | None,
+        option("LENGTH", "Skip hits of a ray that are nearer than this.", callback=in_range(0.0)),
+    ] = None
+    segment: Annotated[bool, flag("--segment", "Use the points in pairs: start and end of a segment.")] = (
+        False
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """Options for the form of the answers, and for a verdict."""
+
+    as_json: JSON = False
+    csv: Annotated[Path | None, option("FILE", "Write CSV to this file; - is standard output.")] = None
+    within: Annotated[
+        float | None,
+        option(
+            "LENGTH",
+            "Exit with code 1 if a point is farther than this from the surface.",
+            callback=in_range(0.0),
+        ),
+    ] = None
+    report_page: Annotated[
+        Path | None,
+        option(
+            "FILE", "Write a page (.html) with a verdict by --within, a picture and a histogram.", "--report"
+        ),
+    ] = None
+
+
 @with_option_groups
 def query(
     file: FILE,
@@ -49,40 +91,13 @@ def query(
             callback=in_range(1, MAX_NEAREST),
         ),
     ] = None,
-    ray: Annotated[
-        tuple[str, str, str] | None, option("DX DY DZ", "Cast a ray from each point in this direction.")
-    ] = None,
-    cast_all: Annotated[
-        bool, flag("--all", "Report every crossing along each ray, not only the first hit.")
-    ] = False,
-    min_distance: Annotated[
-        float | None,
-        option("LENGTH", "Skip hits of a ray that are nearer than this.", callback=in_range(0.0)),
-    ] = None,
-    segment: Annotated[
-        bool, flag("--segment", "Use the points in pairs: start and end of a segment.")
-    ] = False,
     cad: Annotated[
         bool, flag("--cad", "Report bounds of the distance to the CAD surfaces of STEP files, too.")
     ] = False,
-    as_json: JSON = False,
-    csv: Annotated[Path | None, option("FILE", "Write CSV to this file; - is standard output.")] = None,
-    within: Annotated[
-        float | None,
-        option(
-            "LENGTH",
-            "Exit with code 1 if a point is farther than this from the surface.",
-            callback=in_range(0.0),
-        ),
-    ] = None,
-    report_page: Annotated[
-        Path | None,
-        option(
-            "FILE", "Write a page (.html) with a verdict by --within, a picture and a histogram.", "--report"
-        ),
-    ] = None,
-    workers: Annotated[int, option("N", "Number of threads for many queries; -1 uses all cores.")] = 1,
     *,
+    along: Lines,
+    output: Output,
+    workers: Annotated[int, option("N", "Number of threads for many queries; -1 uses all cores.")] = 1,
     reading: Reading,
 ) -> None:
     """Measure from points, rays or segments to the nearest part of FILE.
@@ -127,27 +142,35 @@ def query(
       shuf points.txt | proximity query bracket.stl --points - --workers -1
     """
     refuse(
-        (ray and segment, "--ray and --segment", "give one of them, not both"),
-        (as_json and csv, "--json and --csv", "give one of them, not both"),
+        (along.ray and along.segment, "--ray and --segment", "give one of them, not both"),
+        (output.as_json and output.csv, "--json and --csv", "give one of them, not both"),
         (workers == 0 or workers < -1, "--workers", f"{workers} threads: expected 1 or more, or -1"),
-        (within is not None and (ray or segment), "--within", "is for points, not for rays or segments"),
-        (nearest and (ray or segment), "--nearest", "is for points, not for rays or segments"),
-        (cad and (ray or segment or nearest), "--cad", "is for points, without --nearest"),
-        (cad and within is not None, "--cad and --within", "give one of them, not both"),
-        (nearest and within is not None, "--nearest and --within", "give one of them, not both"),
-        (cast_all and not ray, "--all", "is for --ray"),
-        (min_distance is not None and not ray, "--min-distance", "is for --ray"),
+        (
+            output.within is not None and (along.ray or along.segment),
+            "--within",
+            "is for points, not for rays or segments",
+        ),
+        (nearest and (along.ray or along.segment), "--nearest", "is for points, not for rays or segments"),
+        (cad and (along.ray or along.segment or nearest), "--cad", "is for points, without --nearest"),
+        (cad and output.within is not None, "--cad and --within", "give one of them, not both"),
+        (nearest and output.within is not None, "--nearest and --within", "give one of them, not both"),
+        (along.cast_all and not along.ray, "--all", "is for --ray"),
+        (along.min_distance is not None and not along.ray, "--min-distance", "is for --ray"),
         (points_units and points is None, "--points-units", "is for --points"),
-        (report_page and (points is None or within is None), "--report", "requires --points and --within"),
+        (
+            output.report_page and (points is None or output.within is None),
+            "--report",
+            "requires --points and --within",
+        ),
     )
-    if report_page is not None:
+    if output.report_page is not None:
         from proximity.cli.parts.scan_report import check_libraries, write_report
 
         check_libraries()
-    direction = None if ray is None else _numbers(ray, "--ray")
-    asked = _points(coordinates, points, reading.units, points_units, is_segment=segment)
+    direction = None if along.ray is None else _numbers(along.ray, "--ray")
+    asked = _points(coordinates, points, reading.units, points_units, is_segment=along.segment)
     asked, sides = read_ahead(asked, 1 if points in (None, STANDARD_INPUT) else POINTS_AHEAD)
-    if points is not None and within is not None and not sides:
+    if points is not None and output.within is not None and not sides:
         raise ArgumentError(f"{points} contains no finite point to compare with --within")
     # Objects of imports and kernels are permanent: scanning them repeatedly takes 4 % of a query.
     with collector_paused():
@@ -162,39 +185,39 @@ def query(
             metres,
             direction,
             workers,
-            is_segment=segment,
-            is_all=cast_all,
-            min_distance=min_distance or 0.0,
+            is_segment=along.segment,
+            is_all=along.cast_all,
+            min_distance=along.min_distance or 0.0,
             nearest=nearest,
             is_cad=cad,
         )
     for note in notes_on_sizes(scene):
         report(f"note: {note}")
     collected = summary = None
-    if points is not None or within is not None:
+    if points is not None or output.within is not None:
         from proximity.cli.parts.deviations import Deviations, check_unit
 
         if points is not None and points_units is None:
-            check_unit(sides, scene, reading.units, is_gate=within is not None)
-        collected = Deviations(reading.units, metres, within) if question.mode == "closest" else None
+            check_unit(sides, scene, reading.units, is_gate=output.within is not None)
+        collected = Deviations(reading.units, metres, output.within) if question.mode == "closest" else None
         summary = None if points is None else collected
     try:
         answered = question.answers(asked)
         if collected is not None:
             answered = collected.collected(answered)
-        if as_json:
+        if output.as_json:
             answers.write_json(question, str(file), answered, None if summary is None else summary.values)
-        elif csv is not None:
-            with text_output(csv) as stream:
+        elif output.csv is not None:
+            with text_output(output.csv) as stream:
                 answers.write_csv(question, stream, answered)
         else:
             answer_text.write_text(question, answered, is_whole=summary is not None)
-        if summary is not None and summary.count > 1 and not as_json and csv != STDOUT:
+        if summary is not None and summary.count > 1 and not output.as_json and output.csv != STDOUT:
             typer.echo(summary.sentence())
     finally:
         question.note_far_points()
-    if report_page is not None and collected is not None:
-        write_report(report_page, scene, file.name, Path(points or "").name, collected)
+    if output.report_page is not None and collected is not None:
+        write_report(output.report_page, scene, file.name, Path(points or "").name, collected)
     if collected is not None and collected.farther_count:
         raise typer.Exit(EXIT_FARTHER)
 
