@@ -46,11 +46,11 @@ def check(
     alone = f"{', '.join(map(str, folders))} is a folder, which must be the only argument"
     refuse((folders and len(files) > 1, "FILE", alone))
     if folders:
-        from proximity.cli.parts.folder_report import check_folder
+        from proximity.cli.parts.reports.folder import check_folder
 
         is_bad = check_folder(folders[0], reading, limit, as_json=as_json, is_strict=strict)
     else:
-        from proximity.cli.parts.check_report import print_report, report_of
+        from proximity.cli.parts.reports.check import print_report, report_of
         from proximity.formats import metres_per_unit
 
         metres, name = metres_per_unit(reading.units), " + ".join(map(str, files))

@@ -164,7 +164,7 @@ def query(
         ),
     )
     if output.report_page is not None:
-        from proximity.cli.parts.scan_report import check_libraries, write_report
+        from proximity.cli.parts.reports.scan import check_libraries, write_report
 
         check_libraries()
     direction = None if along.ray is None else _numbers(along.ray, "--ray")

@@ -93,7 +93,7 @@ def thickness(
         ),
     )
     if report is not None:
-        from proximity.cli.parts.scan_report import check_libraries
+        from proximity.cli.parts.reports.scan import check_libraries
 
         check_libraries()
     from proximity.cli.parts.measured_pairs import matching
@@ -184,7 +184,7 @@ def _write_report(
     below: float,
     units: str,
 ) -> None:
-    from proximity.cli.parts.thickness_report import Page, write_report
+    from proximity.cli.parts.reports.thickness import Page, write_report
     from proximity.formats import metres_per_unit
     from proximity.scene.picture.thickness_map import draw_thickness
 

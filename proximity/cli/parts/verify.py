@@ -47,7 +47,7 @@ def verify(
       proximity verify --receipt fit.json
     """
     refuse((file is None and receipt is None, "FILE", "give a file of requirements, or --receipt FILE"))
-    from proximity.cli.parts import verify_report
+    from proximity.cli.parts.reports import verify as verify_report
     from proximity.requirements import receipts
     from proximity.requirements.records import Verdict
     from proximity.requirements.verification import verify as verify_file

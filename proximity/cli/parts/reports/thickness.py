@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import proximity
-from proximity.cli.parts.scan_report import TEMPLATE
+from proximity.cli.parts.reports.scan import TEMPLATE
 from proximity.lab.figures import pages
 from proximity.system.whole_file import whole_file
 

@@ -11,6 +11,7 @@ import typer
 
 import proximity
 from proximity.cli.output import counted, in_unit, length, printable, text_output
+from proximity.cli.parts.reports.scan import TEMPLATE
 from proximity.cli.tables import Column, print_fitting, results_console
 from proximity.formats import metres_per_unit
 from proximity.requirements.measurements import KINDS
@@ -25,7 +26,6 @@ DISPENSABLE = ("to", "from", "pairs", "position", "second", "first")
 STYLES = {Verdict.HOLDS: "green", Verdict.VIOLATED: "red", Verdict.UNDECIDED: "yellow"}
 OUTCOMES = {Verdict.HOLDS: "Passed", Verdict.VIOLATED: "Failed", Verdict.UNDECIDED: "Undecided"}
 MANY = {Verdict.HOLDS: "hold", Verdict.VIOLATED: "are violated", Verdict.UNDECIDED: "cannot be decided"}
-_TEMPLATE = Path(__file__).parent.parent / "report_page.html.j2"
 Pair = tuple[VerifiedRequirement, VerifiedPair]
 
 
@@ -204,7 +204,7 @@ def write_page(path: Path, found: Verification) -> None:
     from proximity.lab.figures import pages
 
     open_pairs = [pair for pair in _all_pairs(found) if pair[1].verdict is not Verdict.HOLDS]
-    page = pages.render_page(_TEMPLATE, {
+    page = pages.render_page(TEMPLATE, {
         "title": f"Requirements of {Path(found.path).name}",
         "is_good": found.holds,
         "outcome": OUTCOMES[found.verdict],

@@ -18,7 +18,7 @@ from proximity.scene.picture import Picture, load_renderer, sheet
 from proximity.system.extras import needed
 from proximity.system.whole_file import whole_file
 
-TEMPLATE = Path(__file__).parent.parent / "report_page.html.j2"
+TEMPLATE = Path(__file__).with_name("page.html.j2")
 _BINS = 61  # odd, so that one bin is around zero
 _HEAD = ("point", "x", "y", "z", "signed distance", "nearest part")
 
