@@ -81,6 +81,23 @@ class Clashes:
 
 
 @dataclass(frozen=True)
+class Hands:
+    """Options of the hand at the beginning, and of its fingertips."""
+
+    replay: Annotated[Path | None, option("HAND", "Start with this recorded hand (CSV).")] = None
+    hand: Annotated[bool, flag("--hand", "Start with a hand that follows the mouse.")] = False
+    fit: Annotated[bool, flag("--fit", "Move the recorded hand so that it touches the parts.")] = False
+    radius: Annotated[
+        float | None,
+        option(
+            "MM",
+            "Radius of the fingertips; 7 mm if not given.",
+            callback=within(0.0, 1e3, "mm", is_open=True),
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
 class Program:
     """Options for a program that starts this one."""
 
@@ -96,25 +113,15 @@ def view(
     listening: Listening,
     program: Program,
     clashes: Clashes,
-    replay: Annotated[Path | None, option("HAND", "Start with this recorded hand (CSV).")] = None,
-    hand: Annotated[bool, flag("--hand", "Start with a hand that follows the mouse.")] = False,
+    hands: Hands,
     points: Annotated[
         str | None,
         option("FILE", "Show points (text, PLY, STL, OBJ) in colours of their distance; - is stdin."),
     ] = None,
     points_units: POINTS_UNITS = None,
-    fit: Annotated[bool, flag("--fit", "Move the recorded hand so that it touches the parts.")] = False,
     browser: Annotated[
         bool, flag("--browser/--no-browser", "Whether to open a browser.", show_default=False)
     ] = True,
-    radius: Annotated[
-        float | None,
-        option(
-            "MM",
-            "Radius of the fingertips; 7 mm if not given.",
-            callback=within(0.0, 1e3, "mm", is_open=True),
-        ),
-    ] = None,
     out: Annotated[
         Path | None,
         option(
@@ -149,7 +156,7 @@ def view(
     """
     is_scene_file = any(file.suffix.lower() == SCENE_FILE for file in files)
     refuse((is_scene_file and reading.scale != 1.0, "--scale", "files of a scene file are not scaled"))
-    refuse((hand and replay, "--hand and --replay", "give one of them, not both"))
+    refuse((hands.hand and hands.replay, "--hand and --replay", "give one of them, not both"))
     refuse((out and out.suffix != ".html", "--save", f"{out} does not end in .html"))
     from proximity.web.page_process import PageSettings
 
@@ -157,13 +164,13 @@ def view(
         files=tuple(map(str, files)),
         units=reading.units,
         reading=tuple(reading.options().items()),
-        recording=str(sample("hand.csv") if replay is None else replay),
-        is_recording_fitted=fit or replay is None,
-        first_input="mouse" if hand else "" if replay is None else "replay",
+        recording=str(sample("hand.csv") if hands.replay is None else hands.replay),
+        is_recording_fitted=hands.fit or hands.replay is None,
+        first_input="mouse" if hands.hand else "" if hands.replay is None else "replay",
         points_name=Path(points or "").name,
         points=b"" if points is None else _coordinates(points, points_units or reading.units),
         find_clashes=clashes.finder(reading.units),
-        radius=None if radius is None else radius / 1e3,
+        radius=None if hands.radius is None else hands.radius / 1e3,
         port=listening.port,
         bind=listening.bind,
         names=tuple(listening.name or ()),
