@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from proximity.scene.motion import Motion
+from proximity.scene.queries.html_table import html_table
 
 ROUNDING = 1e-9
 """Allowance of a comparison with a limit, as a share of the longest side of the model's box."""
@@ -155,3 +156,11 @@ class Verification:
     def __repr__(self) -> str:
         counts = ", ".join(f"{count} {verdict}" for verdict, count in self.counts().items() if count)
         return f"Verification({self.path!r}, {counts})"
+
+    def _repr_html_(self) -> str:
+        names = "first", "second", "lower", "upper"
+        rows = (
+            [each.name, each.kind, each.verdict, *(getattr(each.pairs[0], name) for name in names)]
+            for each in self.requirements
+        )
+        return html_table(repr(self), ("name", "kind", "verdict", *names), rows, len(self.requirements))

@@ -59,7 +59,8 @@ class Motion:
     """
 
     def __init__(self, first: float, last: float, spans: Callable[[Pose, np.ndarray], list[Span]]) -> None:
-        self.first, self.last = first, last
+        self.first: float = first
+        self.last: float = last
         self.spans = spans
 
     @classmethod

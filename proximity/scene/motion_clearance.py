@@ -18,6 +18,7 @@ from proximity.kernels.entries import move_parts
 from proximity.pose import Pose
 from proximity.scene.model.assembly import EXACT_ENOUGH, Model, finished
 from proximity.scene.pairs import SHARING, Clearance, PairQueries, Relation, connect, nearest_pairs
+from proximity.scene.queries.html_table import html_table
 from proximity.scene.solid import Solid
 
 if TYPE_CHECKING:
@@ -57,6 +58,11 @@ class MotionClearance(NamedTuple):
     bounds: np.ndarray
     is_complete: bool
 
+    def _repr_html_(self) -> str:
+        names = "position", "distance", "lower", "first_touch", "is_complete"
+        row = [*self.nearest[:2], *(getattr(self, name) for name in names)]
+        return html_table("MotionClearance", ("first", "second", *names), [row])
+
 
 class Gap(NamedTuple):
     """The distance that one part can move along a direction before it touches another.
@@ -71,6 +77,9 @@ class Gap(NamedTuple):
     direction: np.ndarray
     distance: float
     lower: float
+
+    def _repr_html_(self) -> str:
+        return html_table("Gap", self._fields, [self])
 
 
 class _Interval(NamedTuple):

@@ -5,6 +5,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import shapes
+from project import MESHES
 from scene_parts import part_of
 
 import proximity
@@ -59,6 +60,23 @@ def test_rays_segments_pairs_and_overlaps_are_shown(scene):
         scene.closest_to_segments([[5.0, 0.0, 0.0]], [[5.0, 1.0, 0.0]]),
         scene.clearance(0, 1),
         proximity.Overlap(1.0, np.zeros(3), np.ones(3)),
+        scene.gap(0, 1, [1.0, 0.0, 0.0]),
+        scene.clearance_along(0, proximity.Motion.slide([1.0, 0.0, 0.0], 0.0, 0.1)),
     ]
 
-    assert [len(cells(answer)) for answer in answers] == [2, 2, 2, 2]
+    assert [len(cells(answer)) for answer in answers] == [2] * len(answers)
+
+
+def test_verification_has_a_row_for_each_requirement(tmp_path):
+    file = tmp_path / "fit.toml"
+    model = (MESHES / "assembly.glb").as_posix()
+    file.write_text(
+        f'model = "{model}"\n'
+        '[[require]]\nname = "apart"\nbetween = ["pin_left", "pin_right"]\ngap = { least = 40 }\n'
+        '[[require]]\nname = "free"\nclash = { deepest = 0.05 }\n'
+    )
+
+    head, *rows = cells(proximity.verify(file))
+
+    assert head[:3] == ["name", "kind", "verdict"]
+    assert [row[0] for row in rows] == ["apart", "free"]
