@@ -149,12 +149,14 @@ def test_first_tick_is_that_of_a_scene_in_which_they_are_hidden(make):
         found, expected = (each.tick(where, START, START, velocities=velocities) for each in trackers)
         for name in EQUAL_FIELDS:
             assert found[name][::2].tobytes() == expected[name][::2].tobytes(), (seed, name)
-        free = [each["time_to_contact_lower"][::2] for each in (found, expected)]
-        assert np.allclose(*free, rtol=LOOK_AHEAD), seed
         whole = Tracker(scene, fingers=6, working_range=10.0, max_speed=100.0)
         expected = whole.tick(where, START, START, velocities=velocities)
         for name in EQUAL_FIELDS:
             assert found[name][1::2].tobytes() == expected[name][1::2].tobytes(), (seed, name)
+        for later in (START + k * MS for k in range(1, 5)):  # a path is followed over several ticks
+            found, expected = (each.tick(where, later, later, velocities=velocities) for each in trackers)
+        free = [each["time_to_contact_lower"][::2] for each in (found, expected)]
+        assert np.allclose(*free, rtol=LOOK_AHEAD), seed
 
 
 @pytest.mark.parametrize(

@@ -141,14 +141,15 @@ def _free_until(parameter, clearance, rate, faster):
 
 @inlined
 def advance_conservatively(
-    model, path, sphere, drift, start, clearance, part, slot, tolerance, budget, scratch
+    model, path, sphere, drift, start, clearance, part, slot, tolerance, stride, budget, scratch
 ):
     """Advance a sphere along its path from the parameter *start*; return an `Advance`.
 
     At *start* every surface is at least *clearance* m away. *drift*: a `Drift`, of surfaces toward the
     sphere. *part*, *slot*: a face to start from. *tolerance*: the share of a clearance by which a query may
-    fall short. Fills the first six of the scratch vectors as `point_on_path` does, and the last three with
-    the outward direction of the last face found.
+    fall short. No query begins after *stride* steps; all together take at most *budget*. Fills the first six
+    of the scratch vectors as `point_on_path` does, and the last three with the outward direction of the last
+    face found.
     """
     end, speed, vectors = path.parameters[len(path.parameters) - 1], sphere.speed, scratch.vectors
     work = np.int64(0)
@@ -162,8 +163,6 @@ def advance_conservatively(
     for _ in range(MAX_STEPS):
         if not free < end:
             return Advance(end, np.inf, part, slot, work)
-        if work >= budget:
-            break
         current = free
         point_on_path(path, current, vectors)
         x, y, z = vectors[0], vectors[1], vectors[2]
@@ -174,6 +173,8 @@ def advance_conservatively(
         if known > NEAR * speed * elapsed and known > TOUCH:
             free = _free_until(current, known, rate, start + faster)
             continue
+        if work >= stride:
+            break
         # Surfaces beyond this distance now are not reached before the end.
         limit = ((speed + drift_at_end) * (end - current) + sphere.radius + drift_at_end * elapsed) * scale
         best_sq, part, slot, lower_sq, steps = nearest_from_face(

@@ -138,7 +138,7 @@ def _advance_on_path(model, settings, finger, path, drift, start, clearance, par
     sphere = Sphere(finger.track.radius, 1.0, finger.balls, settings.displacement)
     budget = steps_left(settings, finger.record)
     advance = advance_conservatively(
-        model, path, sphere, drift, start, clearance, part, slot, 0.0, budget, scratch
+        model, path, sphere, drift, start, clearance, part, slot, 0.0, budget, budget, scratch
     )
     count_steps(settings, finger.record, advance.steps)
     return advance

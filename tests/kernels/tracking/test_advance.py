@@ -68,8 +68,8 @@ class Way:
         return max(float(unsigned(self.scene, self.at(parameter))) - self.radius, 0.0)
 
     def go(
-        self, *, start=0.0, speed=1.0, drift=0.0, tolerance=0.0, budget=PLENTY, clearance=None,
-        displacement_of_parts=0.0,
+        self, *, start=0.0, speed=1.0, drift=0.0, tolerance=0.0, stride=PLENTY, budget=PLENTY,
+        clearance=None, displacement_of_parts=0.0,
     ):  # fmt: skip
         """Return free parameter, expected contact, part, slot, steps."""
         clearance = self.clearance(start) if clearance is None else clearance
@@ -78,7 +78,7 @@ class Way:
         return advance_conservatively(
             self.model, Path(self.corners, self.parameters), sphere, nothing_near, start, clearance, 0,
             NO_SLOT,
-            float(tolerance), budget, self.scratch,
+            float(tolerance), min(stride, budget), budget, self.scratch,
         )  # fmt: skip
 
     def is_free(self, start, end, count=200):
@@ -206,6 +206,16 @@ def test_with_a_budget_of_one_step_something_is_certified():
     free, *_, steps = way.go(budget=1)
     assert way.clearance(0.0) * (1 - 1e-9) <= free <= 0.043
     assert steps <= 24
+
+
+def test_no_query_begins_after_the_stride_and_the_next_advance_continues_from_the_balls():
+    way = Way([solid(shapes.sphere(0.05, 4), "ball")], line((-0.2, 0, 0.04), (0.2, 0, 0.04)))
+    whole, way.balls = way.go(), no_balls()
+    strides = [way.go(stride=1) for _ in range(BALL_COUNT)]
+    ends = [each[FREE] for each in strides]
+    assert ends == sorted(ends) and ends[0] < whole[FREE] and strides[0][STEPS] < whole[STEPS]
+    assert ends[-1] == pytest.approx(whole[FREE], rel=0.05)
+    assert way.is_free(0.0, ends[-1])
 
 
 def test_second_time_balls_answer_and_certify_no_less_than_is_true():
