@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import shapes
 from odd_arrays import unaligned
-from scene_parts import some_parts
+from scene_parts import part_of, some_parts
 
 from proximity.errors import ArgumentError, NotWatertightError
+from proximity.pose import Pose
 from proximity.scene.queries.results import NO_FACE, NO_PART, ClosestPoints, Feature
 from proximity.scene.scene import Scene
 from proximity.scene.solid import Solid
@@ -292,6 +293,32 @@ def test_batch_is_its_rows_one_by_one(asked, ask, count):
     for row in range(0, count, 1 + count // 20):
         one = columns(question(*rows[:, row]))
         assert all(judging.same_bits(many[row], own) for many, own in zip(answers, one, strict=True))
+
+
+def test_features_of_all_parts_are_the_same_in_a_batch_and_one_by_one():
+    turned = part_of(shapes.octahedron(), "turned", Pose(shapes.rotation(3), (3.0, 0.5, 0.5)))
+    sheet = part_of(shapes.moved(shapes.grid(), (0.0, 0.0, 3.0)), "sheet")
+    scene = Scene([part_of(shapes.cube(), "cube"), turned, sheet])
+    axis = np.linspace(-0.5, 4.5, 11)  # on corners, edges and faces, and off them
+    points = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
+    hits = scene.closest(points)
+    assert set(hits.feature) == {Feature.FACE, Feature.EDGE, Feature.VERTEX}
+    assert set(hits.part) == {0, 1, 2}
+    for row, point in enumerate(points):
+        one = columns(scene.closest(point))
+        assert all(judging.same_bits(many[row], own) for many, own in zip(columns(hits), one, strict=True))
+
+
+@pytest.mark.parametrize("count", [3, 8, 13, 70])
+def test_body_of_a_mesh_with_several_answers_for_any_number_of_points(count):
+    scene = Scene.from_mesh(*shapes.join(shapes.torus(), shapes.moved(shapes.cube(), (5.0, 0.0, 0.0))))
+    body = next(part.solid for part in scene.parts if part.solid.mesh.face_count == 12)
+    points = np.random.default_rng(count).uniform(4.0, 7.0, (count, 3))
+    points[count // 2] = np.nan
+    hits = columns(body.closest(points))
+    for row, point in enumerate(points):
+        one = columns(body.closest(point))
+        assert all(judging.same_bits(many[row], own) for many, own in zip(hits, one, strict=True))
 
 
 @EACH_OF_MANY

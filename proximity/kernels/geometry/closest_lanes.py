@@ -6,18 +6,15 @@ a point gets the same answer alone or in a batch.
 
 import numpy as np
 
-from proximity.kernels.geometry.closest_feature import (
-    closest_on_triangle,
-)
 from proximity.kernels.geometry.triangle import TINY, cross, dot, height_over
 from proximity.kernels.layout import ALL_LANES, FEATURE_EDGE, FEATURE_FACE, FEATURE_VERTEX, LANES
-from proximity.kernels.nodes import corner_at
 from proximity.native import inlined, kernel
 from proximity.native.simd import absolute, bits, load, load_each, select, splat, square_root, store
 
-LANES_LENGTH, LANES_ARM, LANES_WEIGHTS, LANES_POINT, LANES_NORMAL = 0, 1, 4, 7, 10
+LANES_LENGTH, LANES_POINT, LANES_NORMAL, LANES_WEIGHTS, LANES_ARM = 0, 1, 4, 7, 10
 LANES_FEATURE, LANES_WHICH, LANES_HEIGHT, LANES_COLUMNS = 13, 14, 15, 16
-"""Columns of a table: those of `closest_feature.CLOSEST`, then the feature and its number.
+"""Columns of a table: the numbers of `closest_feature.CLOSEST`, first those of an answer in the order of
+`answers`, then the feature and its number.
 
 The last column, the height over the plane of the face, is filled only by `sides_of_lanes`.
 """
@@ -64,8 +61,11 @@ def _length_sq(vector):
 @inlined
 def _back_onto(third, tip, along, longest_sq, height_sq):
     """Move a foot back onto a shorter side, if rounding has put it outside a needle."""
+    is_outside = third * tip > along
+    if not bits(is_outside):
+        return third
     back = (along * tip * longest_sq + third * height_sq) / (tip * tip * longest_sq + height_sq)
-    return select(third * tip > along, back, third)
+    return select(is_outside, back, third)
 
 
 @inlined
@@ -150,21 +150,21 @@ def _closest_on_edges(p, a, b, c):
     other_feature, other_which = _feature_of(is_start, is_end, 1.0, 2.0)
     is_nearer = other_sq < best_sq
     best_sq = select(is_nearer, other_sq, best_sq)
-    arm = _chosen(is_nearer, other, arm)
-    weights = _chosen(is_nearer, (zero, one - t, t), weights)
+    arm = chosen(is_nearer, other, arm)
+    weights = chosen(is_nearer, (zero, one - t, t), weights)
     feature, which = select(is_nearer, other_feature, feature), select(is_nearer, other_which, which)
     t, other, other_sq, is_start, is_end = _on_edge(p, c, a)
     other_feature, other_which = _feature_of(is_start, is_end, 2.0, 0.0)
     is_nearer = other_sq < best_sq
     best_sq = select(is_nearer, other_sq, best_sq)
-    arm = _chosen(is_nearer, other, arm)
-    weights = _chosen(is_nearer, (t, zero, one - t), weights)
+    arm = chosen(is_nearer, other, arm)
+    weights = chosen(is_nearer, (t, zero, one - t), weights)
     feature, which = select(is_nearer, other_feature, feature), select(is_nearer, other_which, which)
     return best_sq, arm, weights, feature, which
 
 
 @inlined
-def _chosen(is_first, one, other):
+def chosen(is_first, one, other):
     """Select one of two points in each lane."""
     return (
         select(is_first, one[0], other[0]),
@@ -191,7 +191,15 @@ def _weighted(a, b, c, weights):
 
 
 @inlined
-def _store_point(table, chunk, at, column, point):
+def load_point(table, chunk, at, column):
+    """Load eight points from three rows of a table, *column* and the two that follow."""
+    base = column * chunk + at
+    return load(table, base), load(table, base + chunk), load(table, base + 2 * chunk)
+
+
+@inlined
+def store_point(table, chunk, at, column, point):
+    """Store eight points in the order of `load_point`."""
     store(table, column * chunk + at, point[0])
     store(table, (column + 1) * chunk + at, point[1])
     store(table, (column + 2) * chunk + at, point[2])
@@ -231,20 +239,20 @@ def _features(p, triangle):
     if bits(is_over) != ALL_LANES:
         best_sq, edge_arm, weights, edge_feature, which = _closest_on_edges(p, a, b, c)
         length = select(is_over, length, square_root(best_sq))
-        arm, feature = _chosen(is_over, arm, edge_arm), select(is_over, feature, edge_feature)
+        arm, feature = chosen(is_over, arm, edge_arm), select(is_over, feature, edge_feature)
     return is_over, height, (nx, ny, nz), length, arm, feature, which, weights
 
 
 @inlined
 def _store_feature(table, chunk, at, length, arm, normal, feature, which):
     store(table, LANES_LENGTH * chunk + at, length)
-    _store_point(table, chunk, at, LANES_ARM, arm)
-    _store_point(table, chunk, at, LANES_NORMAL, normal)
+    store_point(table, chunk, at, LANES_ARM, arm)
+    store_point(table, chunk, at, LANES_NORMAL, normal)
     store(table, LANES_FEATURE * chunk + at, feature)
     store(table, LANES_WHICH * chunk + at, which)
 
 
-@kernel
+@inlined
 def closest_of_lanes(reals, offsets, at, local_points, table):
     """Write the closest points of eight triangles to one point each, in local frames.
 
@@ -253,42 +261,22 @@ def closest_of_lanes(reals, offsets, at, local_points, table):
     `LANES_COLUMNS` rows of N, receive the fields of `closest_feature` and the normal of the face.
     """
     chunk = len(offsets)
-    p = load(local_points, at), load(local_points, chunk + at), load(local_points, 2 * chunk + at)
+    p = load_point(local_points, chunk, at, 0)
     a, b, c = _triangles(reals, offsets, at)
     is_over, height, normal, length, arm, feature, which, edge_weights = _features(p, (a, b, c))
     foot = p[0] - normal[0] * height, p[1] - normal[1] * height, p[2] - normal[2] * height
-    weights = _chosen(is_over, _weights_on_face(a, b, c, normal, foot), edge_weights)
+    weights = chosen(is_over, _weights_on_face(a, b, c, normal, foot), edge_weights)
     _store_feature(table, chunk, at, length, arm, normal, feature, which)
-    _store_point(table, chunk, at, LANES_WEIGHTS, weights)
-    _store_point(table, chunk, at, LANES_POINT, _weighted(a, b, c, weights))
-
-
-@kernel
-def closest_of_row(reals, offsets, k, local_points, table, closest):
-    """Write one column of *table* with the result of `closest_of_lanes`. *closest*: scratch memory."""
-    chunk, corners = len(offsets), closest.corners
-    for j in range(3):
-        corners[j, 0], corners[j, 1], corners[j, 2] = corner_at(reals, offsets[k], j)
-    feature, which = closest_on_triangle(
-        local_points[k], local_points[chunk + k], local_points[2 * chunk + k], closest
-    )
-    table[LANES_LENGTH * chunk + k] = closest.length
-    for axis in range(3):
-        table[(LANES_ARM + axis) * chunk + k] = closest.arm[axis]
-        table[(LANES_WEIGHTS + axis) * chunk + k] = closest.weights[axis]
-        table[(LANES_POINT + axis) * chunk + k] = closest.point[axis]
-        table[(LANES_NORMAL + axis) * chunk + k] = closest.normal[axis]
-    table[LANES_FEATURE * chunk + k], table[LANES_WHICH * chunk + k] = feature, which
+    store_point(table, chunk, at, LANES_WEIGHTS, weights)
+    store_point(table, chunk, at, LANES_POINT, _weighted(a, b, c, weights))
 
 
 @inlined
 def read_row(table, chunk, k, closest):
-    """Copy one column of a table with *chunk* columns to *closest*. Return the feature and its number."""
+    """Copy what decides the side in a column of a table to *closest*. Return the feature and its number."""
     closest.length = table[LANES_LENGTH * chunk + k]
     for axis in range(3):
         closest.arm[axis] = table[(LANES_ARM + axis) * chunk + k]
-        closest.weights[axis] = table[(LANES_WEIGHTS + axis) * chunk + k]
-        closest.point[axis] = table[(LANES_POINT + axis) * chunk + k]
         closest.normal[axis] = table[(LANES_NORMAL + axis) * chunk + k]
     return np.int64(table[LANES_FEATURE * chunk + k]), np.int64(table[LANES_WHICH * chunk + k])
 
@@ -300,7 +288,7 @@ def sides_of_lanes(reals, offsets, at, local_points, table):
     The arguments are those of `closest_of_lanes`. Weights and points are not written.
     """
     chunk = len(offsets)
-    p = load(local_points, at), load(local_points, chunk + at), load(local_points, 2 * chunk + at)
+    p = load_point(local_points, chunk, at, 0)
     _, height, normal, length, arm, feature, which, _ = _features(p, _triangles(reals, offsets, at))
     _store_feature(table, chunk, at, length, arm, normal, feature, which)
     store(table, LANES_HEIGHT * chunk + at, height)

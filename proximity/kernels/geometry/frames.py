@@ -2,11 +2,13 @@
 
 import numpy as np
 
-from proximity.kernels.layout import FOLDED_AT, LANES
+from proximity.kernels.layout import FOLDED_AT, FRAME, LANES, field_at
 from proximity.kernels.thresholds import MILLIMETRES_FROM, MILLIMETRES_TO
 from proximity.native import inlined
-from proximity.native.simd import like, load_int, maximum, minimum
+from proximity.native.simd import like, load_each, load_int, maximum, minimum
 
+ROTATION_AT, TRANSLATION_AT = field_at(FRAME, "rotation"), field_at(FRAME, "translation")
+CENTRE_AT, SCALE_AT = field_at(FRAME, "centre"), field_at(FRAME, "scale")
 ROUNDED_UP = 1.0 + 1e-12
 ROUNDED_DOWN = 1.0 - 1e-12
 """Factors that cover the rounding of lengths, times and speeds."""
@@ -84,6 +86,25 @@ def direction_to_scene(frames, parts, part, x, y, z):
             turn[6] * x + turn[7] * y + turn[8] * z,
         )
     return x, y, z
+
+
+@inlined
+def turned_by_frames(frame_reals, offsets, at, x, y, z):
+    """Rotate eight directions from the parts' frames to the scene's, as `direction_to_scene`."""
+    return (
+        _along_row(frame_reals, offsets, at, 0, x, y, z),
+        _along_row(frame_reals, offsets, at, 3, x, y, z),
+        _along_row(frame_reals, offsets, at, 6, x, y, z),
+    )
+
+
+@inlined
+def _along_row(frame_reals, offsets, at, row, x, y, z):
+    return (
+        load_each(frame_reals, offsets, at, ROTATION_AT + row) * x
+        + load_each(frame_reals, offsets, at, ROTATION_AT + row + 1) * y
+        + load_each(frame_reals, offsets, at, ROTATION_AT + row + 2) * z
+    )
 
 
 @inlined

@@ -12,17 +12,20 @@ from proximity.kernels.answers import (
     RAY_ANSWER_POINT,
     RAY_ANSWER_REALS,
 )
-from proximity.kernels.geometry.frames import part_of_slot
+from proximity.kernels.geometry.frames import (
+    CENTRE_AT,
+    SCALE_AT,
+    TRANSLATION_AT,
+    part_of_slot,
+    turned_by_frames,
+)
 from proximity.kernels.geometry.triangle import cross, dot
-from proximity.kernels.layout import CORNER_STRIDE, FRAME, FRAME_COLUMNS, LANES, NO_FACE, NO_PART, field_at
+from proximity.kernels.layout import CORNER_STRIDE, FRAME_COLUMNS, LANES, NO_FACE, NO_PART
 from proximity.kernels.nodes import offset_of
 from proximity.kernels.ray.ray_lanes import RAY_CHUNK, VIEW_DIRECTION, VIEW_WEIGHTS, load_three, store_three
 from proximity.kernels.stack_arrays import reals_of
 from proximity.native import inlined
 from proximity.native.simd import load_each, load_int, maximum, select, splat, square_root
-
-ROTATION_AT, TRANSLATION_AT = field_at(FRAME, "rotation"), field_at(FRAME, "translation")
-CENTRE_AT, SCALE_AT = field_at(FRAME, "centre"), field_at(FRAME, "scale")
 
 HITS_SIZE = RAY_ANSWER_REALS * RAY_CHUNK
 """float64 of a table of answers by column."""
@@ -86,8 +89,8 @@ def fill_hits(reals, words, frames, parts, slots, at, views, owners, hit_offsets
     pz = pz + load_each(frame_reals, hit_offsets, frames_at, CENTRE_AT + 2)
     nx, ny, nz = cross(bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az)
     if is_turned:
-        px, py, pz = _turned(frame_reals, hit_offsets, frames_at, px, py, pz)
-        nx, ny, nz = _turned(frame_reals, hit_offsets, frames_at, nx, ny, nz)
+        px, py, pz = turned_by_frames(frame_reals, hit_offsets, frames_at, px, py, pz)
+        nx, ny, nz = turned_by_frames(frame_reals, hit_offsets, frames_at, nx, ny, nz)
     store_three(
         hits, RAY_ANSWER_POINT, at,
         px + load_each(frame_reals, hit_offsets, frames_at, TRANSLATION_AT),
@@ -124,22 +127,3 @@ def _weighted(is_b, is_c, a, b, c, second, third):
     heaviest = select(is_c, c, select(is_b, b, a))
     one, other = _after(is_b, is_c, a, b, c)
     return heaviest + second * (one - heaviest) + third * (other - heaviest)
-
-
-@inlined
-def _turned(frame_reals, hit_offsets, at, x, y, z):
-    """Rotate eight directions from the parts' frames to the scene's, as `frames.direction_to_scene`."""
-    return (
-        _along(frame_reals, hit_offsets, at, 0, x, y, z),
-        _along(frame_reals, hit_offsets, at, 3, x, y, z),
-        _along(frame_reals, hit_offsets, at, 6, x, y, z),
-    )
-
-
-@inlined
-def _along(frame_reals, hit_offsets, at, row, x, y, z):
-    return (
-        load_each(frame_reals, hit_offsets, at, ROTATION_AT + row) * x
-        + load_each(frame_reals, hit_offsets, at, ROTATION_AT + row + 1) * y
-        + load_each(frame_reals, hit_offsets, at, ROTATION_AT + row + 2) * z
-    )

@@ -118,7 +118,7 @@ def closest_of_slot(model, part, slot, p, closest):
 def closest_of_lane(model, part, slot, p, table, k, closest):
     """Return the results of `closest_of_slot`, taken from column *k* of a *table*.
 
-    `closest_lanes.closest_of_lanes` has filled the table.
+    `closest_lanes.sides_of_lanes` has filled the table. Weights and the point are not computed.
     """
     feature, which = read_row(table, len(table) // LANES_COLUMNS, k, closest)
     face = load_int(model.words, model.parts[part].slot_faces + slot)

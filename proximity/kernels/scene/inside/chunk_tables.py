@@ -50,6 +50,10 @@ class Features(NamedTuple):
 
     offsets: np.ndarray  # (POINT_CHUNK,) int64, see `offset_of`
     local_points: np.ndarray  # (3 * POINT_CHUNK,) float64, local frame, coordinate by coordinate
+    parts: np.ndarray  # (POINT_CHUNK,) int64, of the triangles, or NO_PART
+    slots: np.ndarray  # (POINT_CHUNK,) int64
+    faces: np.ndarray  # (POINT_CHUNK,) int64
+    are_inside: np.ndarray  # (POINT_CHUNK,) int64, 1 if the point is certainly inside the part
     table: np.ndarray  # (LANES_COLUMNS * POINT_CHUNK,) float64, see `closest_lanes`
 
 
@@ -76,7 +80,14 @@ new_found = stack_bundle(
     ("float64", POINT_CHUNK),
 )
 new_features = stack_bundle(
-    Features, ("int64", POINT_CHUNK), ("float64", 3 * POINT_CHUNK), ("float64", LANES_COLUMNS * POINT_CHUNK)
+    Features,
+    ("int64", POINT_CHUNK),
+    ("float64", 3 * POINT_CHUNK),
+    ("int64", POINT_CHUNK),
+    ("int64", POINT_CHUNK),
+    ("int64", POINT_CHUNK),
+    ("int64", POINT_CHUNK),
+    ("float64", LANES_COLUMNS * POINT_CHUNK),
 )
 new_workspace = stack_bundle(Workspace, ("float32", STACKS_SIZE), (CLOSEST, 1), ("int64", RECENT_PARTS, 2))
 

@@ -22,13 +22,12 @@ from proximity.kernels.answers import (
     POINT_ANSWER_POINT,
     POINT_ANSWER_REALS,
     POINT_ANSWER_SIGNED_DISTANCE,
+    POINT_ANSWER_WIDTH,
 )
 from proximity.kernels.geometry.closest_feature import stack_closest
 from proximity.kernels.geometry.closest_lanes import (
     LANES_FEATURE,
     LANES_HEIGHT,
-    closest_of_lanes,
-    closest_of_row,
     sides_of_lanes,
 )
 from proximity.kernels.geometry.frames import (
@@ -54,6 +53,7 @@ from proximity.kernels.layout import (
     ModelArrays,
 )
 from proximity.kernels.nodes import offset_of
+from proximity.kernels.point.answer_rows import SHORTEST_ARM, answers_of_chunk
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part, nearest_from_block
 from proximity.kernels.scene.inside.chunk_tables import (
     POINT_CHUNK,
@@ -71,13 +71,16 @@ from proximity.kernels.scene.inside.containment import (
     is_contained,
     note_candidates,
 )
-from proximity.kernels.sign.side import closest_of_lane, has_normals, is_beyond, signed_of_slot
+from proximity.kernels.sign.side import (
+    closest_of_lane,
+    closest_of_slot,
+    has_normals,
+    is_beyond,
+    signed_of_slot,
+)
 from proximity.kernels.stack_arrays import stack_f32, stack_f64, stack_i64
 from proximity.native import ROWS_WITH_GIL, entry, inlined, kernel
 from proximity.native.simd import prefetch
-
-SHORTEST_ARM = 1e-150
-"""Local units; the square of a shorter arm underflows."""
 
 NO_INSIDE = 0
 """Returned by `contains_batch` if no part has an inside."""
@@ -176,30 +179,52 @@ def closest_batch(model, points, order, limits, answers):
     rows, reaches = stack_i64(POINT_CHUNK), stack_f64(POINT_CHUNK)
     candidates, found, features, workspace = (new_candidates(), new_found(), new_features(), new_workspace())
     reset_found(found, workspace)
-    closest, local, table = workspace.closest[0], features.local_points, features.table
+    closest, local = workspace.closest[0], features.local_points
     total = len(order) if len(order) else len(points)
     for first in range(0, total, POINT_CHUNK):
         chunk = Chunk(points, rows, min(POINT_CHUNK, total - first))
         pair_count = begin_chunk(model, chunk, order, first, limits, reaches, candidates, found, workspace)
         nearest_of_chunk(model, chunk, order, reaches, candidates, found, workspace)
+        for k in range(chunk.point_count):
+            prefetch(answers, POINT_ANSWER_WIDTH * rows[k])
+            prefetch(answers, POINT_ANSWER_WIDTH * rows[k] + POINT_ANSWER_WIDTH - 1)
         if len(parts) > 2:
             signs_of_chunk(model, chunk, candidates, found, features, workspace)
             deepest_of_chunk(model, chunk, candidates, pair_count, found, workspace)
-        closest_of_chunk(model, chunk, found, features, workspace)
+        _gather(model, chunk, found, features, len(parts) > 2)
+        are_many = chunk.point_count >= MIN_IN_LANES
+        if are_many:
+            answers_of_chunk(model, features, chunk.point_count)
         for k in range(chunk.point_count):
-            row, part, slot = rows[k], found.nearest[k, 0], found.nearest[k, 1]
+            row, part, slot = rows[k], features.parts[k], features.slots[k]
+            limit = limit_of(limits, row)
             if part == NO_PART:
                 write_nothing(answers, choices, row, found.distances[k])
-                continue
-            is_deeper = len(parts) > 2 and found.deeper[k, 0] != NO_PART
-            if is_deeper:
-                part, slot = found.deeper[k, 0], found.deeper[k, 1]
-            p = local[k], local[POINT_CHUNK + k], local[2 * POINT_CHUNK + k]
-            face, feature, inside = closest_of_lane(model, part, slot, p, table, k, closest)
-            inside = inside or is_deeper
-            limit = limit_of(limits, row)
-            write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row)
+            elif are_many:
+                _write_column(parts, features, k, limit, answers, choices, row)
+            else:
+                p = local[k], local[POINT_CHUNK + k], local[2 * POINT_CHUNK + k]
+                face, feature, inside = closest_of_slot(model, part, slot, p, closest)
+                inside = inside or features.are_inside[k] != 0
+                write_answer(
+                    frames, parts, part, face, feature, inside, closest, limit, answers, choices, row
+                )
     return _units_code(frames, order, answers)
+
+
+@inlined
+def _write_column(parts, features, k, limit, answers, choices, row):
+    """Write the answer of the *k*-th point, which `answers_of_chunk` has computed."""
+    table, part = features.table, features.parts[k]
+    if not abs(table[POINT_CHUNK * POINT_ANSWER_SIGNED_DISTANCE + k]) <= limit:
+        write_nothing(answers, choices, row, np.inf)
+        return
+    for column in range(POINT_ANSWER_REALS):
+        answers[row, column] = table[POINT_CHUNK * column + k]
+    choices[row, POINT_ANSWER_PART] = part
+    choices[row, POINT_ANSWER_FACE] = features.faces[k]
+    choices[row, POINT_ANSWER_FEATURE] = np.int64(table[POINT_CHUNK * LANES_FEATURE + k])
+    choices[row, POINT_ANSWER_IS_SIGNED] = parts[part].sign != SIGN_NONE
 
 
 @inlined
@@ -351,7 +376,7 @@ def signs_of_chunk(model, chunk, candidates, found, features, workspace):
     """
     reals, words, frames, parts = model
     nearest, depths, _, distances = found
-    offsets, local_points, table = features
+    offsets, local_points, table = features.offsets, features.local_points, features.table
     _gather(model, chunk, found, features, False)
     for at in range(0, chunk.point_count, LANES):
         sides_of_lanes(reals, offsets, at, local_points, table)
@@ -373,34 +398,21 @@ def signs_of_chunk(model, chunk, candidates, found, features, workspace):
 
 
 @inlined
-def closest_of_chunk(model, chunk, found, features, workspace):
-    """Fill the closest feature of each point of a chunk, see `closest_of_lanes`.
-
-    It belongs to the part with the largest depth, if any contains the point, otherwise to the nearest part.
-    """
-    offsets, local_points, table = features
-    _gather(model, chunk, found, features, len(model.parts) > 2)
-    if chunk.point_count < MIN_IN_LANES:
-        for k in range(chunk.point_count):
-            closest_of_row(model.reals, offsets, k, local_points, table, workspace.closest[0])
-        return
-    for at in range(0, chunk.point_count, LANES):
-        closest_of_lanes(model.reals, offsets, at, local_points, table)
-
-
-@inlined
 def _gather(model, chunk, found, features, are_deeper):
-    """Fill the offsets of the nearest triangles, or those of deeper parts, and the points in their frames."""
+    """Fill the nearest triangle of each point, or that of a deeper part, and the points in their frames.
+
+    *are_deeper*: whether deeper parts are known.
+    """
     _, _, frames, parts = model
     points, rows, count = chunk
-    offsets, local_points, _ = features
+    offsets, local_points = features.offsets, features.local_points
     for k in range(-(-count // LANES) * LANES):
-        offsets[k] = 0
+        offsets[k], features.parts[k], features.slots[k], features.are_inside[k] = 0, NO_PART, 0, 0
         if k < count and found.nearest[k, 0] != NO_PART:
             row, part, slot = rows[k], found.nearest[k, 0], found.nearest[k, 1]
             if are_deeper and found.deeper[k, 0] != NO_PART:
-                part, slot = found.deeper[k, 0], found.deeper[k, 1]
-            offsets[k] = offset_of(slot)
+                part, slot, features.are_inside[k] = found.deeper[k, 0], found.deeper[k, 1], 1
+            offsets[k], features.parts[k], features.slots[k] = offset_of(slot), part, slot
             local_points[k], local_points[POINT_CHUNK + k], local_points[2 * POINT_CHUNK + k] = to_local(
                 frames, parts, part, points[row, 0], points[row, 1], points[row, 2]
             )
