@@ -9,17 +9,24 @@ import numpy as np
 
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import BLOCK_STRIDE, LANES, NODE_STRIDE, STACK_SIZE
-from proximity.kernels.nodes import boxes_of, child_at, corners_of_block, is_used, lower_at, upper_at
+from proximity.kernels.nodes import (
+    boxes_of,
+    child_at,
+    corner_at,
+    corners_of_block,
+    is_used,
+    lower_at,
+    upper_at,
+)
 from proximity.kernels.ray.edge_contact import EDGE_CREASED, edge_ray, has_corner, kind_of_edge, lies_on
 from proximity.kernels.ray.walk import hits_in_block, look_along
-from proximity.kernels.stack_arrays import stack_f32, stack_i64
+from proximity.kernels.stack_arrays import stack_i64
 from proximity.native import inlined, kernel
-from proximity.native.simd import bits, maximum, minimum, splat, splat32, trailing_zeros
+from proximity.native.simd import bits, maximum, minimum, narrow, prefetch, splat, splat32, trailing_zeros
 
 MAX_NEAR = 32
 """Maximum blocks listed for one. With more, such as next to long faces, marking all edges as candidates is
 faster."""
-NEAR_BOXES = 6 * MAX_NEAR
 SURELY_DEEP_SQ, SURELY_FLAT_SQ = 0.25, 4.0
 """Squared depths between which a corner counts as both in a plane and beyond it. The heights here differ by
 rounding from those that decide, by a millionth of the depth."""
@@ -29,72 +36,70 @@ UNKNOWN = -1
 
 
 @kernel
-def _list_near(words, root, position, stack, near, near_boxes):
-    """List the blocks whose boxes overlap that of the child at a position; return their number, or too many.
+def _list_near(words, root, position, stack, near):
+    """List the positions of blocks whose boxes overlap that of the child at a position.
 
-    *near_boxes*: the sides of eight boxes at a time, as in nodes.
+    Returns their number, or one more than `MAX_NEAR`.
     """
-    low_x, high_x = splat32(lower_at(words, position, 0)), splat32(upper_at(words, position, 0))
-    low_y, high_y = splat32(lower_at(words, position, 1)), splat32(upper_at(words, position, 1))
-    low_z, high_z = splat32(lower_at(words, position, 2)), splat32(upper_at(words, position, 2))
+    low, high = _splat_box(words, position)
     stack[0] = root
     count, waiting = 0, 1
     while waiting:
         waiting -= 1
         node = NODE_STRIDE * stack[waiting]
-        met = _overlapping(words, node, low_x, low_y, low_z, high_x, high_y, high_z)
+        met = _overlapping(boxes_of(words, node), low, high)
         while met:
-            child = trailing_zeros(met)
+            child = node + trailing_zeros(met)
             met &= met - 1
-            reference = child_at(words, node + child)
+            reference = child_at(words, child)
             if reference >= 0:
                 stack[waiting] = reference
                 waiting += 1
                 continue
             if count == MAX_NEAR:
                 return MAX_NEAR + 1
-            near[count] = ~reference
-            at = 6 * LANES * (count // LANES) + count % LANES
-            for side in range(6):
-                near_boxes[at + LANES * side] = words[node + LANES * side + child]
+            near[count] = child
             count += 1
     return count
 
 
 @inlined
-def _overlapping(words, at, low_x, low_y, low_z, high_x, high_y, high_z):
-    """Return the mask of the eight boxes at *at* that overlap a box."""
-    (lx, ly, lz), (ux, uy, uz) = boxes_of(words, at)
+def _splat_box(words, position):
+    """Return the corners of the box at a position, in all lanes."""
+    return (
+        (splat32(lower_at(words, position, 0)), splat32(lower_at(words, position, 1)),
+         splat32(lower_at(words, position, 2))),
+        (splat32(upper_at(words, position, 0)), splat32(upper_at(words, position, 1)),
+         splat32(upper_at(words, position, 2))),
+    )  # fmt: skip
+
+
+@inlined
+def _overlapping(boxes, low, high):
+    """Return the mask of eight boxes that overlap another."""
+    (lx, ly, lz), (ux, uy, uz) = boxes
     return bits(
-        (lx <= high_x) & (ux >= low_x) & (ly <= high_y) & (uy >= low_y) & (lz <= high_z) & (uz >= low_z)
+        (lx <= high[0]) & (ux >= low[0]) & (ly <= high[1]) & (uy >= low[1]) & (lz <= high[2]) & (uz >= low[2])
     )
 
 
 @inlined
-def _reached(corners, a, b, c, near_boxes, at):
-    """Return the mask of eight boxes that a face overlaps.
-
-    Their padding exceeds the rounding of the face's box.
-    """
-    low_x = min(corners[a, 0], corners[b, 0], corners[c, 0])
-    low_y = min(corners[a, 1], corners[b, 1], corners[c, 1])
-    low_z = min(corners[a, 2], corners[b, 2], corners[c, 2])
-    high_x = max(corners[a, 0], corners[b, 0], corners[c, 0])
-    high_y = max(corners[a, 1], corners[b, 1], corners[c, 1])
-    high_z = max(corners[a, 2], corners[b, 2], corners[c, 2])
-    return _overlapping(
-        near_boxes, at, splat32(np.float32(low_x)), splat32(np.float32(low_y)), splat32(np.float32(low_z)),
-        splat32(np.float32(high_x)), splat32(np.float32(high_y)), splat32(np.float32(high_z)),
+def _boxes_of_faces(reals, base):
+    """Return the corners of the boxes of eight faces: the padding of other boxes exceeds their rounding."""
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners_of_block(reals, base)
+    return (
+        (narrow(minimum(minimum(ax, bx), cx)), narrow(minimum(minimum(ay, by), cy)),
+         narrow(minimum(minimum(az, bz), cz))),
+        (narrow(maximum(maximum(ax, bx), cx)), narrow(maximum(maximum(ay, by), cy)),
+         narrow(maximum(maximum(az, bz), cz))),
     )  # fmt: skip
 
 
 @inlined
-def _height_over(nx, ny, nz, ax, ay, az, corners, corner):
+def _height_over(nx, ny, nz, ax, ay, az, corner):
     """Return the heights of a corner above eight planes, times the lengths of their normals."""
-    return dot(
-        nx, ny, nz, splat(corners[corner, 0]) - ax, splat(corners[corner, 1]) - ay,
-        splat(corners[corner, 2]) - az,
-    )  # fmt: skip
+    x, y, z = corner
+    return dot(nx, ny, nz, splat(x) - ax, splat(y) - ay, splat(z) - az)
 
 
 @inlined
@@ -169,12 +174,12 @@ def planes_of_block(reals, base):
 
 
 @inlined
-def _meeting(corners, faces, face, planes, deep, flat):
+def _meeting(reals, position, planes, deep, flat):
     """Return the mask of triangles that a face may cross, and for each corner that of coplanar triangles."""
     (ax, ay, az), (nx, ny, nz) = planes
-    h0 = _height_over(nx, ny, nz, ax, ay, az, corners, faces[face, 0])
-    h1 = _height_over(nx, ny, nz, ax, ay, az, corners, faces[face, 1])
-    h2 = _height_over(nx, ny, nz, ax, ay, az, corners, faces[face, 2])
+    h0 = _height_over(nx, ny, nz, ax, ay, az, corner_at(reals, position, 0))
+    h1 = _height_over(nx, ny, nz, ax, ay, az, corner_at(reals, position, 1))
+    h2 = _height_over(nx, ny, nz, ax, ay, az, corner_at(reals, position, 2))
     lowest, highest, zero = minimum(minimum(h0, h1), h2), maximum(maximum(h0, h1), h2), splat(0.0)
     passed = bits(
         (lowest <= zero) & (lowest * lowest >= deep) & (highest >= zero) & (highest * highest >= deep)
@@ -239,7 +244,7 @@ def _compare_blocks(
         met &= met - 1
         face = np.int64(slot_faces[LANES * block + slot])
         owned = _owned_edges(neighbors, face)
-        passed, flats = _meeting(corners, faces, face, planes, deep, flat)
+        passed, flats = _meeting(reals, BLOCK_STRIDE * block + slot, planes, deep, flat)
         if passed:
             candidates[face] |= np.uint8(
                 _edges_through(corners, faces, slot_faces, reals, face, other, passed, owned, depth)
@@ -254,32 +259,23 @@ def _compare_blocks(
 
 @kernel
 def _compare_block(
-    corners, faces, neighbors, slot_faces, reals, block, near, near_boxes, count, depth, candidates
+    corners, faces, neighbors, slot_faces, reals, words, block, near, count, depth, candidates
 ):
     """Mark edges of a block's faces that may meet a face in the *count* nearby blocks."""
-    met, creased = stack_i64(MAX_NEAR), stack_i64(LANES)
-    for number in range(min(count, MAX_NEAR)):
-        met[number] = 0
+    creased = stack_i64(LANES)
     for slot in range(LANES):
         face = np.int64(slot_faces[LANES * block + slot])
-        if face < 0:
-            continue
-        creased[slot], candidates[face] = UNKNOWN, 0
-        if count > MAX_NEAR:
-            candidates[face] = _owned_edges(neighbors, face)
-            continue
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        for first in range(0, count, LANES):
-            reached = _reached(corners, a, b, c, near_boxes, 6 * first)
-            reached &= (1 << min(LANES, count - first)) - 1
-            while reached:
-                met[first + trailing_zeros(reached)] |= 1 << slot
-                reached &= reached - 1
+        creased[slot] = UNKNOWN
+        if face >= 0:
+            candidates[face] = 0 if count <= MAX_NEAR else _owned_edges(neighbors, face)
+    boxes = _boxes_of_faces(reals, BLOCK_STRIDE * block)
     for number in range(count if count <= MAX_NEAR else 0):
-        _compare_blocks(
-            corners, faces, neighbors, slot_faces, reals, block, near[number], met[number], creased, depth,
-            candidates,
-        )  # fmt: skip
+        low, high = _splat_box(words, near[number])
+        met, other = _overlapping(boxes, low, high), ~child_at(words, near[number])
+        if met:
+            _compare_blocks(
+                corners, faces, neighbors, slot_faces, reals, block, other, met, creased, depth, candidates
+            )
 
 
 @kernel
@@ -289,7 +285,7 @@ def note_candidates(corners, faces, neighbors, slot_faces, reals, words, root, d
     The other arguments are those of `self_intersections.passing_faces`.
     """
     stack, inner = stack_i64(STACK_SIZE), stack_i64(STACK_SIZE)
-    near, near_boxes = stack_i64(MAX_NEAR), stack_f32(NEAR_BOXES)
+    near = stack_i64(MAX_NEAR)
     inner[0] = root
     waiting = 1
     while waiting:
@@ -303,8 +299,10 @@ def note_candidates(corners, faces, neighbors, slot_faces, reals, words, root, d
                 inner[waiting] = reference
                 waiting += 1
                 continue
-            count = _list_near(words, root, base + lane, stack, near, near_boxes)
+            for slot in range(LANES * ~reference, LANES * ~reference + LANES):
+                prefetch(neighbors, 3 * max(np.int64(slot_faces[slot]), 0))
+            count = _list_near(words, root, base + lane, stack, near)
             _compare_block(
-                corners, faces, neighbors, slot_faces, reals, ~reference, near, near_boxes, count, depth,
+                corners, faces, neighbors, slot_faces, reals, words, ~reference, near, count, depth,
                 candidates,
             )  # fmt: skip

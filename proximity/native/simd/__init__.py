@@ -37,7 +37,6 @@ if IS_JIT:
         maximum,
         minimum,
         narrow,
-        nearest_lane,
         prefetch,
         select,
         splat,
@@ -45,6 +44,7 @@ if IS_JIT:
         square_root,
         store,
         trailing_zeros,
+        two_nearest,
         widen,
     )
 else:  # on NumPy arrays of eight
@@ -69,7 +69,6 @@ else:  # on NumPy arrays of eight
         maximum,
         minimum,
         narrow,
-        nearest_lane,
         prefetch,
         select,
         splat,
@@ -77,6 +76,7 @@ else:  # on NumPy arrays of eight
         square_root,
         store,
         trailing_zeros,
+        two_nearest,
         widen,
     )
 
@@ -102,7 +102,6 @@ __all__ = [
     "maximum",
     "minimum",
     "narrow",
-    "nearest_lane",
     "prefetch",
     "select",
     "splat",
@@ -110,5 +109,6 @@ __all__ = [
     "square_root",
     "store",
     "trailing_zeros",
+    "two_nearest",
     "widen",
 ]

@@ -165,7 +165,9 @@ def compress(typingctx, vector, mask):
         # instructions a node, a quarter of the time of a ray. With AVX-512 the two are equally fast.
         i32, i64 = ir.IntType(32), ir.IntType(64)
         table = _constant(builder, "lanes_of_bits", _lanes_of_bits())
-        which = builder.zext(builder.bitcast(args[1], ir.IntType(LANES)), i64)
+        which = args[1]
+        if mask == mask8:
+            which = builder.zext(builder.bitcast(which, ir.IntType(LANES)), i64)
         lanes = builder.load(builder.gep(table, [ir.Constant(i64, 0), which]))
         lanes = builder.zext(
             builder.bitcast(lanes, ir.VectorType(ir.IntType(8), LANES)), ir.VectorType(i32, LANES)
@@ -176,7 +178,7 @@ def compress(typingctx, vector, mask):
             made = builder.insert_element(made, value, ir.Constant(i32, k))
         return made
 
-    return vector(vector, mask8), codegen
+    return vector(vector, mask8 if mask == mask8 else types.int64), codegen
 
 
 @intrinsic
@@ -327,24 +329,23 @@ def horizontal_min(typingctx, vector):
     return vector.element(vector), codegen
 
 
-def _lowest(context, builder, bounds, result_type):
+def _keys_of(builder, bounds):
     # Non-negative numbers order like their bits; the three lowest bits are replaced by the lane.
-    i32 = ir.IntType(32)
-    vector = ir.VectorType(i32, LANES)
+    vector = ir.VectorType(ir.IntType(32), LANES)
     keys = builder.and_(builder.bitcast(bounds, vector), ir.Constant(vector, [~7] * LANES))
-    keys = builder.or_(keys, ir.Constant(vector, list(range(LANES))))
+    return builder.or_(keys, ir.Constant(vector, list(range(LANES))))
+
+
+def _lowest_of(builder, keys):
+    """Return the lane of the lowest key, and a mask of it."""
     # In all lanes, so that the mask is computed without leaving the vectors.
-    lowest = keys
+    i32, lowest = ir.IntType(32), keys
     for step in (4, 2, 1):
-        order = ir.Constant(vector, [i ^ step for i in range(LANES)])
-        other = builder.shuffle_vector(lowest, ir.Constant(vector, ir.Undefined), order)
+        order = ir.Constant(keys.type, [i ^ step for i in range(LANES)])
+        other = builder.shuffle_vector(lowest, ir.Constant(keys.type, ir.Undefined), order)
         lowest = builder.select(builder.icmp_unsigned("<", lowest, other), lowest, other)
     first = builder.and_(builder.extract_element(lowest, ir.Constant(i32, 0)), ir.Constant(i32, 7))
-    it = builder.icmp_unsigned("==", keys, lowest)
-    return context.make_tuple(builder, result_type, [builder.zext(first, ir.IntType(64)), it])
-
-
-_LANE_AND_MASK = types.Tuple([types.int64, mask8])
+    return builder.zext(first, ir.IntType(64)), builder.icmp_unsigned("==", keys, lowest)
 
 
 @intrinsic
@@ -360,19 +361,21 @@ def halves_swapped(typingctx, vector):
 @intrinsic
 def lowest_lane(typingctx, bounds):
     def codegen(context, builder, sig, args):
-        return _lowest(context, builder, args[0], sig.return_type)
+        return context.make_tuple(builder, sig.return_type, _lowest_of(builder, _keys_of(builder, args[0])))
 
-    return _LANE_AND_MASK(f32x8), codegen
+    return types.Tuple([types.int64, mask8])(f32x8), codegen
 
 
 @intrinsic
-def nearest_lane(typingctx, bounds, mask):
+def two_nearest(typingctx, bounds, mask):
     def codegen(context, builder, sig, args):
         infinite = ir.Constant(LLVM[f32x8], [float("inf")] * LANES)
-        chosen = builder.select(args[1], args[0], infinite)
-        return _lowest(context, builder, chosen, sig.return_type)
+        keys = _keys_of(builder, builder.select(args[1], args[0], infinite))
+        nearest, it = _lowest_of(builder, keys)
+        second, _ = _lowest_of(builder, builder.select(it, ir.Constant(keys.type, [-1] * LANES), keys))
+        return context.make_tuple(builder, sig.return_type, [nearest, second])
 
-    return _LANE_AND_MASK(f32x8, mask8), codegen
+    return types.UniTuple(types.int64, 2)(f32x8, mask8), codegen
 
 
 @intrinsic
