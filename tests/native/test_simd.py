@@ -32,6 +32,7 @@ from proximity.native.simd import (
     maximum,
     minimum,
     narrow,
+    nearest_lane,
     prefetch,
     select,
     splat,
@@ -39,7 +40,6 @@ from proximity.native.simd import (
     square_root,
     store,
     trailing_zeros,
-    two_nearest,
     widen,
 )
 
@@ -307,11 +307,6 @@ def compressed(values, limits, out):
     store(out, 0, compress(load(values, 0), load(limits, 0) > load(limits, LANES)))
 
 
-@compiled
-def compressed_by_bits(values, pattern, out):
-    store(out, 0, compress(load(values, 0), pattern))
-
-
 @pytest.mark.internals
 @pytest.mark.parametrize("dtype", FLOATS)
 def test_compress_moves_chosen_lanes_to_the_front_in_order(dtype):
@@ -321,10 +316,6 @@ def test_compress_moves_chosen_lanes_to_the_front_in_order(dtype):
         out = np.empty(8, dtype)
 
         compressed(values, np.concatenate([chosen, np.zeros(8)]).astype(dtype), out)
-
-        assert_same_bits(out[: chosen.sum()], values[chosen])
-
-        compressed_by_bits(values, pattern, out)
 
         assert_same_bits(out[: chosen.sum()], values[chosen])
 
@@ -458,11 +449,12 @@ def test_adding_to_rows_is_done_lane_by_lane():
 @compiled
 def nearest_of(bounds, limit):
     x = load(bounds, 0)
-    return two_nearest(x, x <= splat32(limit))
+    nearest, it = nearest_lane(x, x <= splat32(limit))
+    return nearest, bits(it)
 
 
 @pytest.mark.internals
-def test_two_nearest_are_the_smallest_chosen_ones_but_for_three_bits():
+def test_nearest_lane_is_the_smallest_chosen_one_but_for_three_bits():
     rng = np.random.default_rng(7)
     for _ in range(200):
         bounds = (10.0 ** rng.uniform(-40, 38, 8)).astype(np.float32)
@@ -472,18 +464,19 @@ def test_two_nearest_are_the_smallest_chosen_ones_but_for_three_bits():
         if not chosen.any():
             continue
 
-        for k in nearest_of(bounds, limit)[: chosen.sum()]:
-            assert chosen[k]
-            # The three lowest bits contain the lane.
-            assert bounds[k].view(np.int32) & ~7 == bounds[chosen].min().view(np.int32) & ~7
-            chosen[k] = False
+        nearest, it = nearest_of(bounds, limit)
+
+        assert chosen[nearest]
+        assert it == 1 << nearest
+        # The three lowest bits contain the lane.
+        assert bounds[nearest].view(np.int32) & ~7 == bounds[chosen].min().view(np.int32) & ~7
 
 
 @pytest.mark.internals
-def test_two_nearest_takes_the_lowest_of_equals():
+def test_nearest_lane_takes_the_lowest_of_equals():
     bounds = np.array([9, 4, 4, 8, 4, 9, 9, 9], np.float32)
 
-    assert nearest_of(bounds, np.float32(np.inf)) == (1, 2)
+    assert nearest_of(bounds, np.float32(np.inf)) == (1, 1 << 1)
 
 
 @compiled

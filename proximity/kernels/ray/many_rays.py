@@ -21,9 +21,9 @@ from proximity.kernels.ray.ray_lanes import (
 )
 from proximity.kernels.ray.walk import bound_of_parameter, first_in_block, open_children
 from proximity.kernels.stack_arrays import stack_f32, stack_i64
-from proximity.kernels.traverse.depth_first import EXIT_WEIGHT, push, write_child
+from proximity.kernels.traverse.depth_first import EXIT_WEIGHT, push
 from proximity.native import inlined, kernel
-from proximity.native.simd import bits, fma, load_int, splat32, two_nearest
+from proximity.native.simd import fma, load_int, nearest_lane, splat32
 
 TURNS = 16
 """Rays that are walked in turns."""
@@ -101,14 +101,12 @@ def _push_children(words, base, aims, k, stacks, end):
     query = (aim_of(aims, k),)
     bounds, leaving, is_open = open_children(words, base, query, number_at(aims, AIM_BOUND, k))
     order = fma(leaving, splat32(EXIT_WEIGHT), bounds)
-    nearest, second = two_nearest(order, is_open)
-    opened = bits(is_open)
-    others = opened & ~(1 << nearest)
-    end = push(words, base, bounds, others & ~(1 << second), stacks, end)
-    write_child(words, base, bounds, second, stacks, end)
-    end += others >> second & 1
-    write_child(words, base, bounds, nearest, stacks, end)
-    return end + (opened >> nearest & 1)
+    _, nearest = nearest_lane(order, is_open)
+    others = is_open & ~nearest
+    _, second = nearest_lane(order, others)
+    end = push(words, base, bounds, others & ~second, stacks, end)
+    end = push(words, base, bounds, others & second, stacks, end)
+    return push(words, base, bounds, is_open & nearest, stacks, end)
 
 
 @inlined

@@ -220,8 +220,7 @@ def seen_along(reals, base, view):
     origin = splat(px), splat(py), splat(pz)
     u, v, w, height = ray_triangle_sides(origin, splat(lean_x), splat(lean_y), a, b, c)
     zero = splat(0.0)
-    # One comparison, as AVX2 has no cheap operations between masks of eight float64; so in `first_in_block`.
-    is_hit = maximum(minimum(u, minimum(v, w)), -maximum(u, maximum(v, w))) >= zero
+    is_hit = (minimum(u, minimum(v, w)) >= zero) | (maximum(u, maximum(v, w)) <= zero)
     return u, v, w, height, is_hit
 
 
@@ -252,12 +251,11 @@ def first_in_block(reals, base, view, entry, best):
     if bits(is_hit):
         # Without area: 0/0, which fails every comparison.
         parameters = splat(entry) + height / (u + v + w) * splat(pace)
-        endless = splat(np.inf)
-        parameters = select(parameters >= splat(-START_SLACK), maximum(parameters, zero), endless)
-        parameters = select(is_hit, parameters, endless)
-        nearest = horizontal_min(parameters)
-        if nearest <= best and nearest < np.inf:
-            found, first = nearest, trailing_zeros(bits(parameters <= splat(nearest)))
+        is_better = is_hit & (parameters >= splat(-START_SLACK)) & (parameters <= splat(best))
+        if bits(is_better):
+            parameters = select(is_better, maximum(parameters, zero), splat(np.inf))
+            found = horizontal_min(parameters)
+            first = trailing_zeros(bits(parameters <= splat(found)))
             weight_a, weight_b, weight_c = lane(u, first), lane(v, first), lane(w, first)
     return found, first, weight_a, weight_b, weight_c
 

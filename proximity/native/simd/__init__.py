@@ -37,6 +37,7 @@ if IS_JIT:
         maximum,
         minimum,
         narrow,
+        nearest_lane,
         prefetch,
         select,
         splat,
@@ -44,7 +45,6 @@ if IS_JIT:
         square_root,
         store,
         trailing_zeros,
-        two_nearest,
         widen,
     )
 else:  # on NumPy arrays of eight
@@ -69,6 +69,7 @@ else:  # on NumPy arrays of eight
         maximum,
         minimum,
         narrow,
+        nearest_lane,
         prefetch,
         select,
         splat,
@@ -76,7 +77,6 @@ else:  # on NumPy arrays of eight
         square_root,
         store,
         trailing_zeros,
-        two_nearest,
         widen,
     )
 
@@ -102,6 +102,7 @@ __all__ = [
     "maximum",
     "minimum",
     "narrow",
+    "nearest_lane",
     "prefetch",
     "select",
     "splat",
@@ -109,6 +110,5 @@ __all__ = [
     "square_root",
     "store",
     "trailing_zeros",
-    "two_nearest",
     "widen",
 ]

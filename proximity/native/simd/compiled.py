@@ -165,9 +165,7 @@ def compress(typingctx, vector, mask):
         # instructions a node, a quarter of the time of a ray. With AVX-512 the two are equally fast.
         i32, i64 = ir.IntType(32), ir.IntType(64)
         table = _constant(builder, "lanes_of_bits", _lanes_of_bits())
-        which = args[1]
-        if mask == mask8:
-            which = builder.zext(builder.bitcast(which, ir.IntType(LANES)), i64)
+        which = builder.zext(builder.bitcast(args[1], ir.IntType(LANES)), i64)
         lanes = builder.load(builder.gep(table, [ir.Constant(i64, 0), which]))
         lanes = builder.zext(
             builder.bitcast(lanes, ir.VectorType(ir.IntType(8), LANES)), ir.VectorType(i32, LANES)
@@ -178,7 +176,7 @@ def compress(typingctx, vector, mask):
             made = builder.insert_element(made, value, ir.Constant(i32, k))
         return made
 
-    return vector(vector, mask8 if mask == mask8 else types.int64), codegen
+    return vector(vector, mask8), codegen
 
 
 @intrinsic
@@ -329,23 +327,24 @@ def horizontal_min(typingctx, vector):
     return vector.element(vector), codegen
 
 
-def _keys_of(builder, bounds):
+def _lowest(context, builder, bounds, result_type):
     # Non-negative numbers order like their bits; the three lowest bits are replaced by the lane.
-    vector = ir.VectorType(ir.IntType(32), LANES)
+    i32 = ir.IntType(32)
+    vector = ir.VectorType(i32, LANES)
     keys = builder.and_(builder.bitcast(bounds, vector), ir.Constant(vector, [~7] * LANES))
-    return builder.or_(keys, ir.Constant(vector, list(range(LANES))))
-
-
-def _lowest_of(builder, keys):
-    """Return the lane of the lowest key, and a mask of it."""
+    keys = builder.or_(keys, ir.Constant(vector, list(range(LANES))))
     # In all lanes, so that the mask is computed without leaving the vectors.
-    i32, lowest = ir.IntType(32), keys
+    lowest = keys
     for step in (4, 2, 1):
-        order = ir.Constant(keys.type, [i ^ step for i in range(LANES)])
-        other = builder.shuffle_vector(lowest, ir.Constant(keys.type, ir.Undefined), order)
+        order = ir.Constant(vector, [i ^ step for i in range(LANES)])
+        other = builder.shuffle_vector(lowest, ir.Constant(vector, ir.Undefined), order)
         lowest = builder.select(builder.icmp_unsigned("<", lowest, other), lowest, other)
     first = builder.and_(builder.extract_element(lowest, ir.Constant(i32, 0)), ir.Constant(i32, 7))
-    return builder.zext(first, ir.IntType(64)), builder.icmp_unsigned("==", keys, lowest)
+    it = builder.icmp_unsigned("==", keys, lowest)
+    return context.make_tuple(builder, result_type, [builder.zext(first, ir.IntType(64)), it])
+
+
+_LANE_AND_MASK = types.Tuple([types.int64, mask8])
 
 
 @intrinsic
@@ -361,21 +360,19 @@ def halves_swapped(typingctx, vector):
 @intrinsic
 def lowest_lane(typingctx, bounds):
     def codegen(context, builder, sig, args):
-        return context.make_tuple(builder, sig.return_type, _lowest_of(builder, _keys_of(builder, args[0])))
+        return _lowest(context, builder, args[0], sig.return_type)
 
-    return types.Tuple([types.int64, mask8])(f32x8), codegen
+    return _LANE_AND_MASK(f32x8), codegen
 
 
 @intrinsic
-def two_nearest(typingctx, bounds, mask):
+def nearest_lane(typingctx, bounds, mask):
     def codegen(context, builder, sig, args):
         infinite = ir.Constant(LLVM[f32x8], [float("inf")] * LANES)
-        keys = _keys_of(builder, builder.select(args[1], args[0], infinite))
-        nearest, it = _lowest_of(builder, keys)
-        second, _ = _lowest_of(builder, builder.select(it, ir.Constant(keys.type, [-1] * LANES), keys))
-        return context.make_tuple(builder, sig.return_type, [nearest, second])
+        chosen = builder.select(args[1], args[0], infinite)
+        return _lowest(context, builder, chosen, sig.return_type)
 
-    return types.UniTuple(types.int64, 2)(f32x8, mask8), codegen
+    return _LANE_AND_MASK(f32x8, mask8), codegen
 
 
 @intrinsic

@@ -41,14 +41,11 @@ def prefetch(array, offset):
 
 
 def compress(vector, mask):
-    if np.ndim(mask) == 0:
-        mask = np.array([mask >> k & 1 for k in range(LANES)], bool)
     return np.concatenate([vector[mask], vector[~mask]])
 
 
-def two_nearest(bounds, mask):
-    nearest, it = lowest_lane(np.where(mask, bounds, np.float32(np.inf)))
-    return nearest, lowest_lane(np.where(mask & ~it, bounds, np.float32(np.inf)))[0]
+def nearest_lane(bounds, mask):
+    return lowest_lane(np.where(mask, bounds, np.float32(np.inf)))
 
 
 def lowest_lane(bounds):
