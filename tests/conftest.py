@@ -70,7 +70,7 @@ LATER_TESTS = {
 """Files in these folders that start processes, take minutes, or need the group ``test-all``."""
 LONG_TESTS = {
     "test_decaff_calibration_tasks.py", "test_documentation.py", "test_kernel_build.py",
-    "test_measurements.py", "test_modes.py", "test_study.py",
+    "test_kernels_uncompiled.py", "test_measurements.py", "test_modes.py", "test_study.py",
 }  # fmt: skip
 """Files of a few tests that take minutes: they run first, so that all workers finish together."""
 LATER_MARKS = ("browser", "processes", "slow")

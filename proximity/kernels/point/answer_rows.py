@@ -18,7 +18,7 @@ from proximity.kernels.geometry.closest_lanes import (
     load_point,
     store_point,
 )
-from proximity.kernels.geometry.frames import CENTRE_AT, SCALE_AT, TRANSLATION_AT, turned_by_frames
+from proximity.kernels.geometry.frames import CENTRE_AT, SCALE_AT, TRANSLATION_AT, direction_to_scene
 from proximity.kernels.geometry.rows import columns
 from proximity.kernels.geometry.triangle import cross, dot
 from proximity.kernels.layout import (
@@ -60,28 +60,26 @@ def answers_of_chunk(model, features, count):
 
     They are meaningless for points without a part.
     """
-    frames_at, corners = stack_i64(LANES), stack_i64(CORNERS_OF_LANES)
-    turned, turns = stack_f64(LANES), stack_f64(LANES)
+    frames_at, corners, turns = stack_i64(LANES), stack_i64(CORNERS_OF_LANES), stack_f64(LANES)
     for at in range(0, count, LANES):
         closest_of_lanes(model.reals, features.offsets, at, features.local_points, features.table)
-        _answers_of_lanes(model, features, at, frames_at, corners, turned, turns)
+        _answers_of_lanes(model, features, at, frames_at, corners, turns)
 
 
 @inlined
-def _answers_of_lanes(model, features, at, frames_at, corners, turned, turns):
+def _answers_of_lanes(model, features, at, frames_at, corners, turns):
     """Turn columns *at* to *at* + 7 of the table of `closest_of_lanes` into answers.
 
-    The last four arguments are scratch memory.
+    The last three arguments are scratch memory.
     """
     _, words, frames, parts = model
     table, local, chunk = features.table, features.local_points, len(features.slots)
-    is_turned, by_winding, known, missing = False, 0, 0, 0
+    turned, by_winding, known, missing = 0, 0, 0, 0
     for k in range(LANES):
         part, slot = max(features.parts[at + k], 0), features.slots[at + k]
         features.faces[at + k] = load_int(words, parts[part].slot_faces + slot)
         frames_at[k] = FRAME_COLUMNS * part
-        turned[k] = parts[part].is_turned
-        is_turned |= parts[part].is_turned != 0
+        turned |= np.int64(parts[part].is_turned != 0) << k
         folded = (load_int(words, parts[part].block_notes + slot // LANES) >> (FOLDED_AT + slot % LANES)) & 1
         by_winding |= (folded | (parts[part].sign != SIGN_PSEUDONORMAL)) << k
         missing |= np.int64(features.parts[at + k] == NO_PART) << k
@@ -112,16 +110,28 @@ def _answers_of_lanes(model, features, at, frames_at, corners, turned, turns):
     # A shorter connection has no usable direction; the pseudo-normal stays, as on the surface.
     is_long, factor = length > splat(SHORTEST_ARM), turn / length
     nx, ny, nz = chosen(is_long, (arm[0] * factor, arm[1] * factor, arm[2] * factor), normal)
-    if is_turned:
-        has_turn = load(turned, 0) > zero  # a rotation by the identity would change the sign of zeros
-        x, y, z = chosen(has_turn, turned_by_frames(frame_reals, frames_at, 0, x, y, z), (x, y, z))
-        nx, ny, nz = chosen(has_turn, turned_by_frames(frame_reals, frames_at, 0, nx, ny, nz), (nx, ny, nz))
+    store_point(table, chunk, at, LANES_POINT, (x, y, z))
+    store_point(table, chunk, at, LANES_NORMAL, (nx, ny, nz))
+    turned &= ~missing
+    while turned:  # a rotation by the identity would change the sign of zeros
+        k = at + trailing_zeros(turned)
+        turned &= turned - 1
+        _turn(model, features.parts[k], table, LANES_POINT * chunk + k, chunk)
+        _turn(model, features.parts[k], table, LANES_NORMAL * chunk + k, chunk)
+    x, y, z = load_point(table, chunk, at, LANES_POINT)
     x = x + load_each(frame_reals, frames_at, 0, TRANSLATION_AT)
     y = y + load_each(frame_reals, frames_at, 0, TRANSLATION_AT + 1)
     z = z + load_each(frame_reals, frames_at, 0, TRANSLATION_AT + 2)
     store(table, LANES_LENGTH * chunk + at, turn * (length * metres))
     store_point(table, chunk, at, LANES_POINT, (x, y, z))
-    store_point(table, chunk, at, LANES_NORMAL, (nx, ny, nz))
+
+
+@kernel
+def _turn(model, part, table, at, chunk):
+    """Rotate the direction at positions *at*, *at* + chunk and *at* + 2 chunk from its part to the scene."""
+    x, y, z = table[at], table[at + chunk], table[at + 2 * chunk]
+    x, y, z = direction_to_scene(model.frames, model.parts, part, x, y, z)
+    table[at], table[at + chunk], table[at + 2 * chunk] = x, y, z
 
 
 @inlined

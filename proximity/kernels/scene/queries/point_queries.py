@@ -73,7 +73,6 @@ from proximity.kernels.scene.inside.containment import (
 )
 from proximity.kernels.sign.side import (
     closest_of_lane,
-    closest_of_slot,
     has_normals,
     is_beyond,
     signed_of_slot,
@@ -84,9 +83,6 @@ from proximity.native.simd import prefetch
 
 NO_INSIDE = 0
 """Returned by `contains_batch` if no part has an inside."""
-
-MIN_IN_LANES = 3
-"""Number of points from which closest features are computed faster in eight lanes."""
 
 
 @entry(ModelArrays, "float64[:, 3], int64[:], float64[:], float64[:, 1] -> int", rows_with_gil=ROWS_WITH_GIL)
@@ -179,7 +175,6 @@ def closest_batch(model, points, order, limits, answers):
     rows, reaches = stack_i64(POINT_CHUNK), stack_f64(POINT_CHUNK)
     candidates, found, features, workspace = (new_candidates(), new_found(), new_features(), new_workspace())
     reset_found(found, workspace)
-    closest, local = workspace.closest[0], features.local_points
     total = len(order) if len(order) else len(points)
     for first in range(0, total, POINT_CHUNK):
         chunk = Chunk(points, rows, min(POINT_CHUNK, total - first))
@@ -192,23 +187,13 @@ def closest_batch(model, points, order, limits, answers):
             signs_of_chunk(model, chunk, candidates, found, features, workspace)
             deepest_of_chunk(model, chunk, candidates, pair_count, found, workspace)
         _gather(model, chunk, found, features, len(parts) > 2)
-        are_many = chunk.point_count >= MIN_IN_LANES
-        if are_many:
-            answers_of_chunk(model, features, chunk.point_count)
+        answers_of_chunk(model, features, chunk.point_count)
         for k in range(chunk.point_count):
-            row, part, slot = rows[k], features.parts[k], features.slots[k]
-            limit = limit_of(limits, row)
-            if part == NO_PART:
+            row = rows[k]
+            if features.parts[k] == NO_PART:
                 write_nothing(answers, choices, row, found.distances[k])
-            elif are_many:
-                _write_column(parts, features, k, limit, answers, choices, row)
             else:
-                p = local[k], local[POINT_CHUNK + k], local[2 * POINT_CHUNK + k]
-                face, feature, inside = closest_of_slot(model, part, slot, p, closest)
-                inside = inside or features.are_inside[k] != 0
-                write_answer(
-                    frames, parts, part, face, feature, inside, closest, limit, answers, choices, row
-                )
+                _write_column(parts, features, k, limit_of(limits, row), answers, choices, row)
     return _units_code(frames, order, answers)
 
 
