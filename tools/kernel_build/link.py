@@ -27,7 +27,7 @@ LIBRARY = [CORE / name for name in ("library", "loop", "mailbox")]
 _BIONIC = ["-D__errno_location=__errno", "-U__linux__", "-fno-builtin", "-mno-outline-atomics", "-fPIC"]
 """Options for Android: names in its C library that differ from the headers here. There is no shared memory
 and no loop, as on other systems without Linux."""
-_COMPILE = ["-O2", "-std=c11", "-Wall", "-Wextra", "-fvisibility=hidden", "-fno-sanitize=all", "-g0"]
+_COMPILE = ["-std=c11", "-Wall", "-Wextra", "-fvisibility=hidden", "-fno-sanitize=all", "-g0"]
 
 
 def link(target: Target, objects: list[Path], table: Path, folder: Path) -> Path:
@@ -103,7 +103,8 @@ def _named_libraries(target: Target, folder: Path) -> list[Path]:
 
 def _compiled(target: Target, source: Path, folder: Path, *options: str) -> Path:
     made = folder / f"{source.stem}.o"
-    zig(target, folder, *_COMPILE, *options, f"-I{folder}", "-c", str(source), "-o", str(made))
+    level = "-Os" if target.is_web else "-O2"  # a module for browsers is loaded over a network
+    zig(target, folder, level, *_COMPILE, *options, f"-I{folder}", "-c", str(source), "-o", str(made))
     return made
 
 
