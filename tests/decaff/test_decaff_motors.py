@@ -28,7 +28,7 @@ PATH = FingerPath(Glove())
 KINDS = {"odrive-can": ODriveMotor, "canopen": Cia402Motor, "simplefoc": SimpleFocMotor}
 CHANNELS = itertools.count()
 PERIOD = 0.004
-PATIENT = "&watchdog=150"  # ms: a loaded machine may delay a simulated motor
+PATIENT = "&watchdog=400"  # ms: a loaded machine may delay a simulated motor
 
 
 def simulated(kind, **shaft):

@@ -162,6 +162,21 @@ def test_nothing_is_computed_where_nothing_happens(page):
     page.ask("delete page.local.scene.clearance")
 
 
+def test_a_picture_that_is_not_ready_is_awaited(page):
+    """Regression: pictures were begun while those before were being drawn, which took all processors."""
+    page.ask(
+        "{ const gl = page.stage.renderer.getContext(); window.known = gl.getSyncParameter; "
+        "gl.getSyncParameter = () => gl.UNSIGNALED; }"
+    )
+    page.until("page.stage.fence && performance.now() - page.stage.fenceMs > 200")
+    drawn = page.ask("page.stage.renderer.info.render.frame")
+    page.page.wait_for_timeout(600)
+    assert page.ask("page.stage.renderer.info.render.frame") == drawn
+
+    page.ask("void (page.stage.renderer.getContext().getSyncParameter = window.known)")
+    page.until(f"page.stage.renderer.info.render.frame > {drawn}")
+
+
 def test_points_are_shown_with_their_distances_and_saved(page, scene, tmp_path):
     rng = np.random.default_rng(48)
     points = rng.uniform(*scene.bounds, (5000, 3)).round(6)

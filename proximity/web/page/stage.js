@@ -9,8 +9,8 @@ const BACKGROUND = 0x252c36;
 const FOV = 38;
 const BEFORE = 0.3; // m from the eyes to the nearest side of the parts, in a headset
 const BELOW = 0.3; // m from the eyes down to the bottom of the parts
-const SLOW_MS = 50; // between two pictures; from here on fewer pixels are drawn
-const FAST_MS = 22;
+const SLOW_MS = 50; // to draw a picture; from here on fewer pixels are drawn
+const FAST_MS = 34;
 const REST = 3;
 const MAX_REST_MS = 1500;
 const AWAKE_MS = 600; // of consecutive pictures after a change
@@ -46,8 +46,9 @@ export class Stage {
     this.root.add(this.grid);
     this.ratio = Math.min(devicePixelRatio, 2);
     this.drawMs = 16; // duration of a picture
-    this.lastMs = 0;
-    this.isDrawn = false;
+    this.lastMs = 0; // beginning of the last picture
+    this.fence = null; // of the picture that is timed, since fenceMs
+    this.fenceMs = 0;
     this.awakeMs = 0; // end of consecutive pictures
     this.updates = new Set(); // called before each picture
     this.takers = new Set(); // called with each frame of a headset, drawn or not
@@ -86,18 +87,33 @@ export class Stage {
       separate(this.camera, innerWidth, innerHeight);
     }
     this.renderer.render(this.scene, this.camera);
+    if (xrFrame || this.fence) return;
+    const gl = this.renderer.getContext();
+    this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    this.fenceMs = time;
   }
 
   /**
    * Whether to skip a picture now: slow pictures, without a graphics card, leave two thirds of the time to the service;
-   * and without changes few are drawn. The first call after a picture returns its duration.
+   * and without changes few are drawn.
    */
   rests(time) {
-    if (this.isDrawn) this.drawMs += 0.3 * (Math.min(time - this.lastMs, 1000) - this.drawMs);
+    if (this.isBusy(time)) return true;
     const pause = this.drawMs < SLOW_MS ? 0 : Math.min(REST * this.drawMs, MAX_REST_MS);
-    this.isDrawn = time - this.lastMs >= Math.max(pause, time < this.awakeMs ? 0 : IDLE_MS);
-    if (this.isDrawn) this.lastMs = time;
-    return !this.isDrawn;
+    if (time - this.lastMs < Math.max(pause, time < this.awakeMs ? 0 : IDLE_MS)) return true;
+    this.lastMs = time;
+    return false;
+  }
+
+  /** Whether a slow picture is still being drawn, which happens beside this program; times those that have ended. */
+  isBusy(time) {
+    if (!this.fence) return false;
+    const gl = this.renderer.getContext(), tookMs = time - this.fenceMs;
+    if (gl.getSyncParameter(this.fence, gl.SYNC_STATUS) !== gl.SIGNALED && !gl.isContextLost()) return tookMs > SLOW_MS;
+    gl.deleteSync(this.fence);
+    this.fence = null;
+    this.drawMs += 0.3 * (Math.min(tookMs, 1000) - this.drawMs);
+    return false;
   }
 
   /** A visible change has happened. */
