@@ -34,7 +34,6 @@ def main() -> None:
         "--every-set", action="store_true", default=every_set_is_wanted(), help="all instructions"
     )
     parser.add_argument("--state", action="store_true", help="print the state of the builds only")
-    parser.add_argument("--anew", action="store_true", help="make the code of kernels again")
     parser.add_argument(
         "--isolated", action="store_true", help="install what compiling takes into a temporary folder first"
     )
@@ -49,7 +48,7 @@ def main() -> None:
         if options.isolated and not all(map(find_spec, ("numba", "numpy", "scipy", "ziglang"))):
             _begin_with_requirements()
         _fix_order()
-        _build(targets, options.out, every_set=options.every_set, is_anew=options.anew)
+        _build(targets, options.out, every_set=options.every_set)
 
 
 def _begin_with_requirements() -> None:
@@ -73,17 +72,14 @@ def _fix_order() -> None:
         raise SystemExit(again.returncode)
 
 
-def _build(targets: list[Target], folder: Path, *, every_set: bool, is_anew: bool) -> None:
+def _build(targets: list[Target], folder: Path, *, every_set: bool) -> None:
     os.environ["PROXIMITY_ISA"] = "jit"  # kernels are declared to numba in this process
     os.environ["NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING"] = "1"  # of each type that does not fit
     from proximity.native import jit
 
     jit.is_kept = False
-    from kernel_build import kept_code
     from kernel_build.build import build
 
-    if is_anew:
-        kept_code.remove()
     for path in build(targets, folder, every_set=every_set):
         print(path)
 

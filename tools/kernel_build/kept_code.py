@@ -30,12 +30,6 @@ def write(groups: tuple[int, ...], entries: list[str], code: str) -> None:
     _write(_path(groups), zlib.compress(f"{TAB.join(entries)}\n{code}".encode("ascii"), 1))
 
 
-def remove() -> None:
-    """Remove all kept code; objects stay, as they are used only if the new code is the same."""
-    for path in FOLDER.glob("*.z"):
-        path.unlink(missing_ok=True)
-
-
 def read_object(code: str, target: Target, instructions: Instructions) -> bytes | None:
     """Return the kept object of this code for a set of instructions, if any."""
     with suppress(OSError):

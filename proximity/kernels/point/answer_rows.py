@@ -1,6 +1,6 @@
 """Answers for closest points, computed for eight points at a time in the scene's frame.
 
-The formulas and their order are those of `side.closest_of_slot` and `point_queries.write_answer`, so that a
+The formulas and their order are those of `side.closest_of_slot` and `nearest_parts`, so that a
 point gets the same answer alone or in a batch.
 """
 
@@ -25,14 +25,12 @@ from proximity.kernels.layout import (
     ALL_LANES,
     FEATURE_EDGE,
     FEATURE_VERTEX,
-    FOLDED_AT,
     FRAME_COLUMNS,
     LANES,
     NO_PART,
     SIGN_NONE,
-    SIGN_PSEUDONORMAL,
 )
-from proximity.kernels.sign.side import MIN_SIDE_SINE, is_inside_by_winding
+from proximity.kernels.sign.side import MIN_SIDE_SINE, has_normals, is_inside_by_winding
 from proximity.kernels.stack_arrays import reals_of, stack_f64, stack_i64
 from proximity.native import inlined, kernel
 from proximity.native.simd import (
@@ -80,8 +78,7 @@ def _answers_of_lanes(model, features, at, frames_at, corners, turns):
         features.faces[at + k] = load_int(words, parts[part].slot_faces + slot)
         frames_at[k] = FRAME_COLUMNS * part
         turned |= np.int64(parts[part].is_turned != 0) << k
-        folded = (load_int(words, parts[part].block_notes + slot // LANES) >> (FOLDED_AT + slot % LANES)) & 1
-        by_winding |= (folded | (parts[part].sign != SIGN_PSEUDONORMAL)) << k
+        by_winding |= np.int64(not has_normals(words, parts, part, slot)) << k
         missing |= np.int64(features.parts[at + k] == NO_PART) << k
         known |= np.int64((features.are_inside[at + k] != 0) | (parts[part].sign == SIGN_NONE)) << k
     length, arm = load(table, LANES_LENGTH * chunk + at), load_point(table, chunk, at, LANES_ARM)

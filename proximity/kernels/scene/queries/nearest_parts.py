@@ -9,18 +9,30 @@ from typing import NamedTuple
 
 import numpy as np
 
-from proximity.kernels.answers import POINT_ANSWER_PART, POINT_ANSWER_SIGNED_DISTANCE, POINT_ANSWER_WIDTH
+from proximity.kernels.answers import (
+    POINT_ANSWER_BARYCENTRIC,
+    POINT_ANSWER_FACE,
+    POINT_ANSWER_FEATURE,
+    POINT_ANSWER_GRADIENT,
+    POINT_ANSWER_IS_SIGNED,
+    POINT_ANSWER_PART,
+    POINT_ANSWER_POINT,
+    POINT_ANSWER_SIGNED_DISTANCE,
+    POINT_ANSWER_WIDTH,
+)
 from proximity.kernels.geometry.box import bound_of, lanes_of_point, node_bounds_sq
-from proximity.kernels.geometry.frames import can_be_asked, is_alone, to_local
+from proximity.kernels.geometry.frames import can_be_asked, is_alone, to_local, to_scene, turn_to_scene
 from proximity.kernels.layout import (
     CELL_OUTSIDE,
     ENTRY,
     NO_ROW,
     NO_SLOT,
     NODE_STRIDE,
+    SIGN_NONE,
     STACK_SIZE,
     ModelArrays,
 )
+from proximity.kernels.point.answer_rows import SHORTEST_ARM
 from proximity.kernels.point.walk import NOTHING_SEEN, best_of_block, closest_in_part
 from proximity.kernels.scene.inside.chunk_tables import POINT_CHUNK, new_workspace, reset_recent
 from proximity.kernels.scene.inside.containment import depth_in_part, state_in_part
@@ -30,7 +42,6 @@ from proximity.kernels.scene.queries.point_queries import (
     limit_of,
     reach_sq,
     row_of,
-    write_answer,
     write_nothing,
 )
 from proximity.kernels.sign.side import closest_of_slot, signed_of_slot
@@ -208,6 +219,34 @@ def _search_subtree(model, part, start, point, limit_sq, nearest, count, stacks)
 
 
 @kernel
+def _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row):
+    """Write the result for a closest feature, in the scene's frame."""
+    length = closest.length
+    distance = length / frames[part].scale
+    if not distance <= limit:
+        write_nothing(answers, choices, row, np.inf)
+        return
+    answers[row, POINT_ANSWER_SIGNED_DISTANCE] = -distance if inside else distance
+    for k in range(3):
+        answers[row, POINT_ANSWER_BARYCENTRIC + k] = closest.weights[k]
+    to_scene(frames, parts, part, closest.point, 0, closest.point, 0)
+    for axis in range(3):
+        answers[row, POINT_ANSWER_POINT + axis] = closest.point[axis]
+    # A shorter connection has no usable direction; the pseudo-normal stays, as on the surface.
+    if length > SHORTEST_ARM:
+        factor = -1.0 / length if inside else 1.0 / length
+        for axis in range(3):
+            closest.normal[axis] = closest.arm[axis] * factor
+    turn_to_scene(frames, parts, part, closest.normal, 0, closest.normal, 0)
+    for axis in range(3):
+        answers[row, POINT_ANSWER_GRADIENT + axis] = closest.normal[axis]
+    choices[row, POINT_ANSWER_PART] = part
+    choices[row, POINT_ANSWER_FACE] = face
+    choices[row, POINT_ANSWER_FEATURE] = feature
+    choices[row, POINT_ANSWER_IS_SIGNED] = parts[part].sign != SIGN_NONE
+
+
+@kernel
 def _write_part(model, point, limit, nearest, k, closest, answers, first):
     """Write the answer of the *k*-th part, and sort it into the rows from *first* on, by signed distance.
 
@@ -219,7 +258,7 @@ def _write_part(model, point, limit, nearest, k, closest, answers, first):
     p = to_local(frames, parts, part, point[0], point[1], point[2])
     face, feature, inside = closest_of_slot(model, part, slot, p, closest)
     inside = inside or nearest.keys[k] < 0.0
-    write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row)
+    _write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row)
     while row > first and _is_before(
         answers[row, POINT_ANSWER_SIGNED_DISTANCE],
         choices[row, POINT_ANSWER_PART],

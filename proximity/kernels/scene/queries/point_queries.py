@@ -13,13 +13,10 @@ from math import sqrt
 import numpy as np
 
 from proximity.kernels.answers import (
-    POINT_ANSWER_BARYCENTRIC,
     POINT_ANSWER_FACE,
     POINT_ANSWER_FEATURE,
-    POINT_ANSWER_GRADIENT,
     POINT_ANSWER_IS_SIGNED,
     POINT_ANSWER_PART,
-    POINT_ANSWER_POINT,
     POINT_ANSWER_REALS,
     POINT_ANSWER_SIGNED_DISTANCE,
     POINT_ANSWER_WIDTH,
@@ -36,8 +33,6 @@ from proximity.kernels.geometry.frames import (
     is_alone,
     looks_like_millimetres,
     to_local,
-    to_scene,
-    turn_to_scene,
 )
 from proximity.kernels.layout import (
     FEATURE_FACE,
@@ -53,7 +48,7 @@ from proximity.kernels.layout import (
     ModelArrays,
 )
 from proximity.kernels.nodes import offset_of
-from proximity.kernels.point.answer_rows import SHORTEST_ARM, answers_of_chunk
+from proximity.kernels.point.answer_rows import answers_of_chunk
 from proximity.kernels.point.walk import NOTHING_SEEN, closest_in_part, nearest_from_block
 from proximity.kernels.scene.inside.chunk_tables import (
     POINT_CHUNK,
@@ -221,34 +216,6 @@ def write_nothing(answers, choices, row, distance):
     choices[row, POINT_ANSWER_FACE] = NO_FACE
     choices[row, POINT_ANSWER_FEATURE] = FEATURE_NONE
     choices[row, POINT_ANSWER_IS_SIGNED] = 0
-
-
-@kernel
-def write_answer(frames, parts, part, face, feature, inside, closest, limit, answers, choices, row):
-    """Write the result for a closest feature, in the scene's frame."""
-    length = closest.length
-    distance = length / frames[part].scale
-    if not distance <= limit:
-        write_nothing(answers, choices, row, np.inf)
-        return
-    answers[row, POINT_ANSWER_SIGNED_DISTANCE] = -distance if inside else distance
-    for k in range(3):
-        answers[row, POINT_ANSWER_BARYCENTRIC + k] = closest.weights[k]
-    to_scene(frames, parts, part, closest.point, 0, closest.point, 0)
-    for axis in range(3):
-        answers[row, POINT_ANSWER_POINT + axis] = closest.point[axis]
-    # A shorter connection has no usable direction; the pseudo-normal stays, as on the surface.
-    if length > SHORTEST_ARM:
-        factor = -1.0 / length if inside else 1.0 / length
-        for axis in range(3):
-            closest.normal[axis] = closest.arm[axis] * factor
-    turn_to_scene(frames, parts, part, closest.normal, 0, closest.normal, 0)
-    for axis in range(3):
-        answers[row, POINT_ANSWER_GRADIENT + axis] = closest.normal[axis]
-    choices[row, POINT_ANSWER_PART] = part
-    choices[row, POINT_ANSWER_FACE] = face
-    choices[row, POINT_ANSWER_FEATURE] = feature
-    choices[row, POINT_ANSWER_IS_SIGNED] = parts[part].sign != SIGN_NONE
 
 
 @entry(ModelArrays, "float64[:, 3], int64[:], float64[:], bool[:, 1] -> int", rows_with_gil=ROWS_WITH_GIL)
