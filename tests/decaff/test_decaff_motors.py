@@ -28,7 +28,7 @@ PATH = FingerPath(Glove())
 KINDS = {"odrive-can": ODriveMotor, "canopen": Cia402Motor, "simplefoc": SimpleFocMotor}
 CHANNELS = itertools.count()
 PERIOD = 0.004
-PATIENT = "&watchdog=400"  # ms: a loaded machine may delay a simulated motor
+PATIENT = "&watchdog=250"  # ms: a loaded machine may delay a simulated motor; a stalled shaft is told after 300 ms
 
 
 def simulated(kind, **shaft):

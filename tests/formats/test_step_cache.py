@@ -13,7 +13,7 @@ from proximity.formats import libraries
 from proximity.formats.step import conversion
 from proximity.system.file_cache import FOLDER_VARIABLE
 
-BALL = step_text.ball_step(50.0)
+BALL = step_text.ball_step(5.0)
 
 
 @pytest.fixture
