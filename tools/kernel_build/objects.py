@@ -52,6 +52,7 @@ def emit_object(code: str, target: Target, instructions: Instructions) -> bytes:
         name = function.name.removeprefix(WRAPPER_PREFIX)
         if name != function.name and name not in ENTRIES:  # only Python calls it
             function.linkage = "internal"
+    _remove_counting(module, machine)
     builder = binding.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
     for function in module.functions:
@@ -60,6 +61,17 @@ def emit_object(code: str, target: Target, instructions: Instructions) -> bytes:
             function.visibility = "hidden"  # called only by the objects linked with them
     _refuse_undefined(module)
     return machine.emit_object(module)
+
+
+def _remove_counting(module: binding.ModuleRef, machine: binding.TargetMachine) -> None:
+    """Remove pairs that count the references of an array up and down: as calls they keep loops from vectors.
+
+    As in numba, after passes that bring the two of a pair into one function.
+    """
+    builder = binding.create_pass_builder(machine, binding.create_pipeline_tuning_options(1))
+    passes = builder.getModulePassManager()
+    passes.add_refprune_pass()
+    passes.run(module, builder)
 
 
 def _refuse_undefined(module: binding.ModuleRef) -> None:
