@@ -28,7 +28,8 @@ PATH = FingerPath(Glove())
 KINDS = {"odrive-can": ODriveMotor, "canopen": Cia402Motor, "simplefoc": SimpleFocMotor}
 CHANNELS = itertools.count()
 PERIOD = 0.004
-PATIENT = "&watchdog=250"  # ms: a loaded machine may delay a simulated motor; a stalled shaft is told after 300 ms
+# ms: a loaded machine may delay a simulated motor; that a shaft is stalled is told after 300 ms
+PATIENT = "&watchdog=250"
 
 
 def simulated(kind, **shaft):
