@@ -4,6 +4,7 @@ import io
 import itertools
 import math
 import time
+from dataclasses import replace
 from runpy import run_path
 
 import glove_files
@@ -28,8 +29,7 @@ PATH = FingerPath(Glove())
 KINDS = {"odrive-can": ODriveMotor, "canopen": Cia402Motor, "simplefoc": SimpleFocMotor}
 CHANNELS = itertools.count()
 PERIOD = 0.004
-# ms: a loaded machine may delay a simulated motor; that a shaft is stalled is told after 300 ms
-PATIENT = "&watchdog=250"
+PATIENT = "&watchdog=500"  # ms: a loaded machine may delay a simulated motor
 
 
 def simulated(kind, **shaft):
@@ -102,6 +102,7 @@ def test_lost_frames_are_borne(motor, drum):
 )
 def test_uncertainty_switches_the_motor_off_and_says_why(motor, drum, trouble, sentence):
     drum.home()
+    drum.settings = replace(drum.settings, watchdog=0.15)  # s: a stall is told after 0.3
     setattr(motor, trouble, True)
     with pytest.raises(MotorError, match=sentence) as raised:
         serve(drum, action(angle=PATH.drum_angles[0] + 0.3), 2.0)
