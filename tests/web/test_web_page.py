@@ -354,7 +354,8 @@ def test_keys_move_a_picked_part(page):
 
 def test_nearest_parts_of_the_picked_one_are_shown(page, scene):
     page.page.locator("#parts .name").get_by_text("lid", exact=True).click()
-    page.until("page.tools.nearest.found.length >= 3")
+    tight = "page.tools.nearest.found.every((each) => each.distance <= 1.01 * each.lower + 1e-9)"
+    page.until(f"page.tools.nearest.found.length >= 3 && {tight}")
 
     found = page.ask(
         "page.tools.nearest.found.map((each) => [each.part.name, each.lower, each.distance, each.relation])"
