@@ -5,7 +5,6 @@ while one of its ends is open or referenced.
 """
 
 import threading
-from operator import attrgetter
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -18,24 +17,17 @@ KINDS_BEGIN = b"DEC"
 """First bytes of a message that has a kind. All messages with other first bytes count as one kind."""
 
 
-class _Latest:
-    """The latest message of one kind, and the number of messages in the box when it was written."""
-
-    def __init__(self) -> None:
-        self.data = np.zeros(0, np.uint8)
-        self.size = 0
-        self.count = 0
-
-
 class _Box:
-    """The latest message of each kind, and the number of all messages.
+    """The latest message of each kind with its number, and the number of all messages.
 
     The first four bytes of a message identify its kind.
     """
 
     def __init__(self) -> None:
-        self.changed = threading.Condition()
-        self.latest: dict[bytes, _Latest] = {}
+        self.lock = threading.Lock()
+        self.changed = threading.Condition(self.lock)
+        self.waiting = 0  # number of inlets that wait for a change
+        self.latest: dict[bytes, tuple[int, bytes]] = {}
         self.count = 0
 
 
@@ -51,9 +43,6 @@ def _box(name: str) -> _Box:
         return box
 
 
-_count_of = attrgetter("count")
-
-
 class MailboxOutlet:
     """Puts messages into the box of a given name."""
 
@@ -63,19 +52,13 @@ class MailboxOutlet:
 
     def send(self, data: np.ndarray) -> None:
         """Replace the message of the same kind in the box."""
-        box, magic = self._box, bytes(data[:KIND_BYTES])
-        kind = magic if magic.startswith(KINDS_BEGIN) else b""
-        with box.changed:
-            latest = box.latest.get(kind)
-            if latest is None:
-                latest = box.latest[kind] = _Latest()
-            if len(latest.data) < len(data):
-                latest.data = np.empty(len(data), np.uint8)
-            latest.data[: len(data)] = data
-            latest.size = len(data)
+        box, message = self._box, data.tobytes()
+        kind = message[:KIND_BYTES] if message.startswith(KINDS_BEGIN) else b""
+        with box.lock:
             box.count += 1
-            latest.count = box.count
-            box.changed.notify_all()
+            box.latest[kind] = box.count, message
+            if box.waiting:
+                box.changed.notify_all()
 
     def close(self) -> None:
         """Return without an effect, so that the last messages stay for later readers."""
@@ -98,21 +81,25 @@ class MailboxInlet:
         box = self._box
         if box.count == self._seen:  # an atomic read, since the lock would double the cost
             return NOTHING
-        with box.changed:
-            new = [latest for latest in box.latest.values() if latest.count > self._seen]
+        with box.lock:
+            new = [latest for latest in box.latest.values() if latest[0] > self._seen]
             if not new:
                 self._seen = box.count
                 return NOTHING
-            oldest = min(new, key=_count_of)
-            self._seen = oldest.count
-            size = min(oldest.size, len(buffer))
-            buffer[:size] = oldest.data[:size]
-            return oldest.size
+            self._seen, message = min(new)
+        size = min(len(message), len(buffer))
+        buffer[:size] = np.frombuffer(message, np.uint8, size)
+        return len(message)
 
     def wait(self, timeout: float) -> bool:
         """Wait for a message that this inlet has not received yet."""
-        with self._box.changed:
-            return self._box.changed.wait_for(lambda: self._box.count != self._seen, timeout)
+        box = self._box
+        with box.lock:
+            box.waiting += 1
+            try:
+                return box.changed.wait_for(lambda: box.count != self._seen, timeout)
+            finally:
+                box.waiting -= 1
 
     def close(self) -> None:
         """Return without an effect, because an inlet has no resources."""
