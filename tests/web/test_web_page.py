@@ -355,7 +355,7 @@ def test_keys_move_a_picked_part(page):
 def test_nearest_parts_of_the_picked_one_are_shown(page, scene):
     page.page.locator("#parts .name").get_by_text("lid", exact=True).click()
     tight = "page.tools.nearest.found.every((each) => each.distance <= 1.01 * each.lower + 1e-9)"
-    shown = "document.getElementById('tool-hint').textContent.startsWith('lid: ')"  # no longer of another part
+    shown = "document.getElementById('tool-hint').textContent.startsWith('lid: ')"  # not of another part
     page.until(f"{shown} && page.tools.nearest.found.length >= 3 && {tight}")
 
     found = page.ask(
